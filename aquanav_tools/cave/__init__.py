@@ -1,0 +1,1 @@
+"""The water volume of a passage and everything measured in it."""

@@ -1,0 +1,124 @@
+"""The guide: panels across the passage that measure progress along it (the original's DistanceRewarder).
+
+The original adds the distance to the next panel's centre to the chain of centres behind it. That jumps when a panel
+is crossed off its centre, and its nearest-panel rule jumps at loops. Here progress between two panels is interpolated
+by the distances to their planes, so that it is continuous at every panel, and a vehicle only changes its gate (the
+stretch between two panels) by passing through a panel, forwards or backwards.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from aquanav_tools.types import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A flat gate across the passage."""
+
+    centre: Array
+    """(3,) point of the centreline, m."""
+    normal: Array
+    """(3,) unit vector along the direction of travel."""
+    polygon: Array
+    """(K, 3) outline of the cross-section, m."""
+    arc_length: float
+    """Distance along the centreline from the first panel, m."""
+    clearance: float
+    """Clearance at the centre, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Guide:
+    """The route from the entrance to the goal: a centreline and the panels across it.
+
+    Gate g in 0 .. P - 2 is the stretch of passage between panels g and g + 1.
+    """
+
+    centreline: Array
+    """(C, 3) from the entrance to the goal, m."""
+    panels: tuple[Panel, ...]
+    """At least two, with rising arc length; the first has arc length 0, the last is the goal."""
+
+    def __post_init__(self) -> None:
+        if len(self.panels) < 2:
+            raise ValueError(f"A guide needs at least 2 panels, got {len(self.panels)}.")
+        if self.panels[0].arc_length != 0.0 or np.any(np.diff(self.arc_lengths) <= 0):
+            raise ValueError("The panels' arc lengths must start at 0 and rise.")
+
+    @property
+    def length(self) -> float:
+        """Metres from the first panel to the last."""
+        return self.panels[-1].arc_length
+
+    @cached_property
+    def centres(self) -> Array:
+        """(P, 3) panel centres, m."""
+        return np.array([panel.centre for panel in self.panels])
+
+    @cached_property
+    def normals(self) -> Array:
+        """(P, 3) panel normals."""
+        return np.array([panel.normal for panel in self.panels])
+
+    @cached_property
+    def arc_lengths(self) -> Array:
+        """(P,) arc length of the panels, m."""
+        return np.array([panel.arc_length for panel in self.panels])
+
+    @cached_property
+    def radii(self) -> Array:
+        """(P,) distance from a panel's centre to the farthest point of its outline, m."""
+        return np.array([np.linalg.norm(panel.polygon - panel.centre, axis=1).max() for panel in self.panels])
+
+    @property
+    def num_gates(self) -> int:
+        """Number of stretches between panels."""
+        return len(self.panels) - 1
+
+    def locate(self, position: Array) -> int:
+        """Return the gate of a (3,) world position that was not tracked before, by the nearest centreline point."""
+        nearest = self.centreline[np.argmin(np.linalg.norm(self.centreline - position, axis=1))]
+        ahead = np.einsum("pi,pi->p", nearest - self.centres, self.normals) >= 0.0
+        # Of the panels behind the point, the last within reach of it: planes of far panels mean nothing here.
+        reach = np.linalg.norm(self.centres - nearest, axis=1) <= self._spacing_at_panels + self.radii
+        passed = np.flatnonzero(ahead & reach)
+        return int(np.clip(passed[-1] if len(passed) else 0, 0, self.num_gates - 1))
+
+    def track(self, position: Array, gate: int) -> int:
+        """Return the gate after a small move to a (3,) world position from somewhere in `gate`.
+
+        A panel counts as crossed where its outline is: within its radius of its centre.
+        """
+        while gate < self.num_gates - 1 and self._has_crossed(position, gate + 1, forward=True):
+            gate += 1
+        while gate > 0 and self._has_crossed(position, gate, forward=False):
+            gate -= 1
+        return gate
+
+    def progress(self, position: Array, gate: int) -> float:
+        """Return the metres along the guide, in [0, length], of a (3,) world position in `gate`."""
+        behind = max(float((position - self.centres[gate]) @ self.normals[gate]), 0.0)
+        ahead = max(float((self.centres[gate + 1] - position) @ self.normals[gate + 1]), 0.0)
+        share = behind / (behind + ahead) if behind + ahead > 0.0 else 1.0
+        return float(self.arc_lengths[gate] + share * (self.arc_lengths[gate + 1] - self.arc_lengths[gate]))
+
+    def remaining(self, position: Array, gate: int) -> float:
+        """Return the metres still to go to the last panel, in [0, length]."""
+        return self.length - self.progress(position, gate)
+
+    @cached_property
+    def _spacing_at_panels(self) -> Array:
+        """(P,) distance along the guide to the next panel, m; the last panel repeats its predecessor's."""
+        spacing = np.diff(self.arc_lengths)
+        return np.append(spacing, spacing[-1])
+
+    def _has_crossed(self, position: Array, panel: int, *, forward: bool) -> bool:
+        offset = position - self.centres[panel]
+        along = float(offset @ self.normals[panel])
+        is_past = along >= 0.0 if forward else along < 0.0
+        return is_past and float(np.linalg.norm(offset)) <= self.radii[panel] + self._spacing_at_panels[panel]

@@ -1,0 +1,1 @@
+"""The benchmark task as a Gymnasium environment."""

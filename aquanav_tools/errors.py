@@ -1,0 +1,54 @@
+"""The errors a user can meet. Each class carries the exit code its command ends with.
+
+A message says what happened with numbers, the likely cause, and what to do next.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class AquanavError(Exception):
+    """Base of every error that commands print as a sentence instead of a traceback."""
+
+    exit_code = 1
+
+
+class InputError(AquanavError):
+    """What the user handed over cannot be read or makes no sense."""
+
+    exit_code = 2
+
+
+class ReconstructionError(AquanavError):
+    """Photos could not be turned into cameras and points."""
+
+    exit_code = 3
+
+
+class MeshError(AquanavError):
+    """A surface could not be turned into a watertight, navigable cavity."""
+
+    exit_code = 4
+
+
+class ScenarioError(AquanavError):
+    """A scenario folder is missing, damaged or inconsistent."""
+
+    exit_code = 5
+
+
+class ResourceError(AquanavError):
+    """The work needs more memory, disk or time than there is."""
+
+    exit_code = 6
+
+
+def did_you_mean(name: str, known: Iterable[str]) -> str:
+    """Return " Did you mean 'x'?" for the closest known name, else the list of known names."""
+    known = list(known)
+    closest = difflib.get_close_matches(name, known, n=1)
+    if closest:
+        return f" Did you mean '{closest[0]}'?"
+    return f" Known: {', '.join(sorted(known))}."

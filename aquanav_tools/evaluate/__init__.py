@@ -1,0 +1,1 @@
+"""Scoring a policy: loading, rollouts, metrics, statistics."""

@@ -1,0 +1,1 @@
+"""Pictures, plots, HTML pages and recordings."""

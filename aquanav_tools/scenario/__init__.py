@@ -1,0 +1,1 @@
+"""The scenario folder: its schema, reading, writing and hashing."""

@@ -1,0 +1,1 @@
+"""Vehicle, water, sensors and the physics backends."""

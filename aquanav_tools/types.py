@@ -1,0 +1,99 @@
+"""Plain values shared by all rooms: arrays, poses, capsules, meshes and point clouds.
+
+World frame: metres, right-handed, z up. Body frame: x ahead, y left, z up. Quaternions are (w, x, y, z).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    import trimesh
+
+Array = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A cylinder with two half spheres, its axis along body x: the shape a vehicle collides with."""
+
+    radius: float
+    """Radius of the cylinder and of the caps, m."""
+    axis_length: float
+    """Length of the cylinder alone, m; the whole capsule is axis_length + 2 * radius long."""
+
+    def __post_init__(self) -> None:
+        if not self.radius > 0 or not self.axis_length >= 0:
+            raise ValueError(f"A capsule needs radius > 0 and axis_length >= 0, got {self.radius} and {self.axis_length}.")
+
+    @property
+    def length(self) -> float:
+        """Overall length, m."""
+        return self.axis_length + 2.0 * self.radius
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a body is: `world_from_body`."""
+
+    position: Array
+    """(3,) world, m."""
+    orientation: Array
+    """(4,) unit quaternion (w, x, y, z), body to world."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Triangles without any promise about their topology."""
+
+    vertices: Array
+    """(V, 3) world, m."""
+    faces: IntArray
+    """(F, 3) vertex indices, counter-clockwise seen from outside."""
+
+    @property
+    def triangles(self) -> Array:
+        """(F, 3, 3) corner positions."""
+        corners: Array = self.vertices[self.faces]
+        return corners
+
+    def to_trimesh(self) -> trimesh.Trimesh:
+        """Return the same triangles, in the same order, as a trimesh object."""
+        import trimesh
+
+        return trimesh.Trimesh(self.vertices, self.faces, process=False)
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points on a surface, with unit normals towards the side they were seen from where known."""
+
+    points: Array
+    """(N, 3), m."""
+    normals: Array | None = None
+    """(N, 3) unit vectors, or None when unknown."""
+    colours: npt.NDArray[np.uint8] | None = None
+    """(N, 3) RGB, or None when unknown."""
+
+
+def yaw_quaternion(yaw: float) -> Array:
+    """Return the (4,) quaternion (w, x, y, z) of a turn by `yaw` radians about world z."""
+    return np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)])
+
+
+def rotation_matrix(quaternion: Array) -> Array:
+    """Return the (3, 3) matrix `world_from_body` of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )

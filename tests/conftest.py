@@ -1,0 +1,37 @@
+"""Fixtures shared by all tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquanav_tools.scenario.schema import Scenario
+from tests.caves import tube_scenario
+
+REPOSITORY = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """A generator seeded by AQUANAV_TEST_SEED (default 0); the seed is printed with a failure."""
+    seed = int(os.environ.get("AQUANAV_TEST_SEED", "0"))
+    print(f"rng seed {seed} in {request.node.name}")
+    return np.random.default_rng(seed)
+
+
+@pytest.fixture(scope="session")
+def tube() -> Scenario:
+    """A straight tube of radius 2 m and length 20 m, kept in memory."""
+    return tube_scenario()
+
+
+@pytest.fixture(scope="session")
+def data_dir() -> Path:
+    """The folder of real scans and photos, named by AQUANAV_DATA; tests that need it skip where it is absent."""
+    folder = Path(os.environ.get("AQUANAV_DATA", REPOSITORY.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"No real data: {folder} does not exist (set AQUANAV_DATA to its place).")
+    return folder
