@@ -5,6 +5,7 @@ World frame: metres, right-handed, z up. Body frame: x ahead, y left, z up. Quat
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,6 +18,9 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
+
+Progress = Callable[[int, int], None]
+"""Called with (units done, units in all) by work that takes long; whoever shows it decides how."""
 
 
 @dataclass(frozen=True)
