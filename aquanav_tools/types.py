@@ -34,7 +34,9 @@ class Capsule:
 
     def __post_init__(self) -> None:
         if not self.radius > 0 or not self.axis_length >= 0:
-            raise ValueError(f"A capsule needs radius > 0 and axis_length >= 0, got {self.radius} and {self.axis_length}.")
+            raise ValueError(
+                f"A capsule needs radius > 0 and axis_length >= 0, got {self.radius} and {self.axis_length}."
+            )
 
     @property
     def length(self) -> float:

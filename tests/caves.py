@@ -27,7 +27,9 @@ def tube_cavity() -> Cavity:
     labels[solid.face_normals[:, 0] < -0.9] = 1
     labels[solid.face_normals[:, 0] > 0.9] = 2
     portals = tuple(
-        Portal(label, np.array([x, 0.0, 0.0]), np.array([sign, 0.0, 0.0]), float(solid.area_faces[labels == label].sum()))
+        Portal(
+            label, np.array([x, 0.0, 0.0]), np.array([sign, 0.0, 0.0]), float(solid.area_faces[labels == label].sum())
+        )
         for label, x, sign in ((1, 0.0, -1.0), (2, TUBE_LENGTH, 1.0))
     )
     mesh = Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
@@ -70,7 +72,12 @@ def tube_scenario(**overrides: object) -> Scenario:
     guide = tube_guide()
     goal = tuple(float(c) for c in guide.centres[-1])
     starts = tuple(
-        Start(Pose(np.array([x, y, 0.0]), yaw_quaternion(0.0)), TUBE_RADIUS - abs(y), TUBE_LENGTH - 1.0 - x, (19.0 - x) / 18.0)
+        Start(
+            Pose(np.array([x, y, 0.0]), yaw_quaternion(0.0)),
+            TUBE_RADIUS - abs(y),
+            TUBE_LENGTH - 1.0 - x,
+            (19.0 - x) / 18.0,
+        )
         for x in np.linspace(1.5, 8.0, 10)
         for y in (-0.5, 0.5)
     )
