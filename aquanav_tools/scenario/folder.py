@@ -1,0 +1,117 @@
+"""Reading and writing scenario folders (format 1). Nobody else knows their file names.
+
+Every file but scenario.toml is listed there with its SHA-256, so that a changed or missing file is noticed before any
+of it is used. scenario.toml is written last: a folder without it is not a scenario.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario import geometry
+from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
+from aquanav_tools.tables import from_table, read_toml
+
+SETTINGS_FILE = "scenario.toml"
+GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
+MAX_FILE_BYTES = 4 << 30
+
+
+def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
+    """Write a scenario into `folder` (made when absent) and return it as it reads back.
+
+    Other files already there (pictures, reports) stay. Until the last step the folder has no scenario.toml.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SETTINGS_FILE).unlink(missing_ok=True)
+    geometry.write_cavity(scenario.cavity, folder / "cave.ply")
+    geometry.write_collision(scenario.collision, folder / "collision.obj")
+    geometry.write_field(scenario.field, folder / "field.npz")
+    geometry.write_guide(scenario.guide, scenario.cavity.portals, folder / "guide.json")
+    geometry.write_starts(scenario.starts, folder / "starts.json")
+    _write_settings(scenario.settings, folder)
+    return read_scenario(folder)
+
+
+def read_scenario(folder: str | Path) -> Scenario:
+    """Return the scenario in a folder after checking all of it.
+
+    Raises:
+        ScenarioError: no such folder, an unknown or missing key, a value out of range, a file that is missing,
+            outside the folder, changed since it was written, or inconsistent with the others.
+    """
+    folder = Path(folder)
+    if not (folder / SETTINGS_FILE).is_file():
+        raise ScenarioError(
+            f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished."
+        )
+    table = read_toml(folder / SETTINGS_FILE, ScenarioError)
+    if table.pop("format", None) != FORMAT:
+        raise ScenarioError(
+            f"{folder / SETTINGS_FILE} is not of format {FORMAT}. Another version of aquanav wrote it; build it again."
+        )
+    hashes = _check_files(folder, table.pop("files", None))
+    settings = from_table(ScenarioSettings, table, SETTINGS_FILE, ScenarioError)
+    guide, portals = geometry.read_guide(folder / "guide.json")
+    return Scenario(
+        settings=settings,
+        cavity=geometry.read_cavity(folder / "cave.ply", portals),
+        collision=geometry.read_collision(folder / "collision.obj"),
+        field=geometry.read_field(folder / "field.npz"),
+        guide=guide,
+        starts=geometry.read_starts(folder / "starts.json"),
+        content_hash=_content_hash(folder, hashes),
+        folder=folder.resolve(),
+    )
+
+
+def file_hash(path: Path) -> str:
+    """Return the SHA-256 of a file as hex digits."""
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while block := stream.read(1 << 20):
+            digest.update(block)
+    return digest.hexdigest()
+
+
+def _write_settings(settings: ScenarioSettings, folder: Path) -> None:
+    import tomli_w
+
+    table: dict[str, Any] = {"format": FORMAT, **dataclasses.asdict(settings)}
+    table["files"] = {name: file_hash(folder / name) for name in GEOMETRY_FILES}
+    partial = folder / (SETTINGS_FILE + ".partial")
+    partial.write_text(tomli_w.dumps(table), encoding="utf-8")
+    os.replace(partial, folder / SETTINGS_FILE)
+
+
+def _check_files(folder: Path, files: object) -> dict[str, str]:
+    if not isinstance(files, dict) or set(files) != set(GEOMETRY_FILES):
+        listed = sorted(files) if isinstance(files, dict) else files
+        raise ScenarioError(
+            f"{SETTINGS_FILE} must list exactly the files {', '.join(GEOMETRY_FILES)}, not {listed}. Build it again."
+        )
+    for name, expected in files.items():
+        path = folder / name
+        if not path.is_file() or not path.resolve().is_relative_to(folder.resolve()):
+            raise ScenarioError(f"{folder} lacks its file {name}. Copy the whole folder, or build it again.")
+        if path.stat().st_size > MAX_FILE_BYTES:
+            raise ScenarioError(f"{path} has {path.stat().st_size} bytes, more than {MAX_FILE_BYTES}. Build it again.")
+        actual = file_hash(path)
+        if actual != expected:
+            raise ScenarioError(
+                f"{path} has changed since the scenario was written "
+                f"(SHA-256 {actual[:12]}, listed {str(expected)[:12]}). Restore the file, or build the scenario again."
+            )
+    return files
+
+
+def _content_hash(folder: Path, hashes: dict[str, str]) -> str:
+    digest = hashlib.sha256((folder / SETTINGS_FILE).read_bytes())
+    for name in sorted(hashes):
+        digest.update(hashes[name].encode())
+    return digest.hexdigest()

@@ -1,0 +1,209 @@
+"""The scenario's geometry files: cave.ply, collision.obj, field.npz, guide.json, starts.json."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.guide import Guide, Panel
+from aquanav_tools.cave.starts import Start
+from aquanav_tools.errors import ScenarioError
+from aquanav_tools.types import Array, Mesh, Pose
+
+MAX_SAMPLES = 500_000_000
+"""Bound on the distance field's samples: 2 GB in memory."""
+
+
+def write_cavity(cavity: Cavity, path: Path) -> None:
+    """Write a binary PLY: float32 vertices, faces with the properties `label` and `observed` (uchar)."""
+    solid = cavity.mesh.to_trimesh()
+    solid.face_attributes["label"] = cavity.labels.astype(np.uint8)
+    solid.face_attributes["observed"] = cavity.observed.astype(np.uint8)
+    path.write_bytes(solid.export(file_type="ply", vertex_normal=False))
+
+
+def read_cavity(path: Path, portals: tuple[Portal, ...]) -> Cavity:
+    """Return the cavity in a PLY that `write_cavity` wrote."""
+    import trimesh
+
+    try:
+        solid = trimesh.load(path, file_type="ply", process=False)
+        faces = solid.metadata["_ply_raw"]["face"]["data"]
+        labels, observed = faces["label"].astype(np.int64), faces["observed"].astype(bool)
+    except Exception as cause:  # whatever a damaged file makes the parser raise
+        raise ScenarioError(f"{path} is not a cavity with face labels: {cause!r}. Build the scenario again.") from cause
+    mesh = Mesh(np.array(solid.vertices, dtype=np.float64), np.array(solid.faces, dtype=np.int64))
+    _check_mesh(mesh, path)
+    known = {0, *(portal.label for portal in portals)}
+    if not set(np.unique(labels)) <= known:
+        raise ScenarioError(f"{path} has face labels {np.unique(labels)}, the guide knows {known}. Build it again.")
+    return Cavity(mesh, labels, observed, portals)
+
+
+def write_collision(mesh: Mesh, path: Path) -> None:
+    """Write a Wavefront OBJ with 9 significant digits, enough for float32."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in mesh.vertices]
+    lines += [f"f {a} {b} {c}\n" for a, b, c in mesh.faces + 1]
+    path.write_text("".join(lines), encoding="ascii")
+
+
+def read_collision(path: Path) -> Mesh:
+    """Return the mesh in an OBJ that `write_collision` wrote: lines `v x y z`, then `f a b c`, nothing else."""
+    try:
+        text = path.read_text(encoding="ascii")
+        first_face = text.index("f ")
+        vertices = np.loadtxt(io.StringIO(text[:first_face].replace("v ", "")), ndmin=2)
+        faces = np.loadtxt(io.StringIO(text[first_face:].replace("f ", "")), dtype=np.int64, ndmin=2) - 1
+    except ValueError as cause:
+        raise ScenarioError(f"{path} is not a triangle mesh: {cause}. Build the scenario again.") from cause
+    mesh = Mesh(vertices, faces)
+    _check_mesh(mesh, path)
+    return mesh
+
+
+def write_field(field: DistanceField, path: Path) -> None:
+    """Write the arrays `origin`, `spacing` and `clearance`, compressed."""
+    with path.open("wb") as stream:
+        np.savez_compressed(stream, origin=field.origin, spacing=field.spacing, clearance=field.values)
+
+
+def read_field(path: Path) -> DistanceField:
+    """Return the distance field in an NPZ that `write_field` wrote; nothing in it is unpickled."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > 4 * MAX_SAMPLES + 10_000:
+            raise ScenarioError(f"{path} unpacks to {size} bytes, more than {4 * MAX_SAMPLES}. Build a coarser field.")
+        with np.load(path, allow_pickle=False) as arrays:
+            origin, spacing, values = arrays["origin"], float(arrays["spacing"]), arrays["clearance"]
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as cause:
+        raise ScenarioError(f"{path} is not a distance field: {cause!r}. Build the scenario again.") from cause
+    if (
+        origin.shape != (3,)
+        or values.ndim != 3
+        or min(values.shape) < 2
+        or values.dtype != np.float32
+        or not spacing > 0
+    ):
+        raise ScenarioError(
+            f"{path} has a field of shape {values.shape}, type {values.dtype}, spacing {spacing}. Build it again."
+        )
+    if not (np.isfinite(origin).all() and np.isfinite(values).all()):
+        raise ScenarioError(f"{path} has values that are not finite. Build the scenario again.")
+    return DistanceField(origin.astype(np.float64), spacing, values)
+
+
+def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path) -> None:
+    """Write the centreline, panels and portals as JSON."""
+    panels = [
+        {
+            "centre": panel.centre.tolist(),
+            "normal": panel.normal.tolist(),
+            "polygon": panel.polygon.tolist(),
+            "arc_length": panel.arc_length,
+            "clearance": panel.clearance,
+        }
+        for panel in guide.panels
+    ]
+    lids = [
+        {"label": lid.label, "centre": lid.centre.tolist(), "normal": lid.normal.tolist(), "area": lid.area}
+        for lid in portals
+    ]
+    _write_json({"centreline": guide.centreline.tolist(), "panels": panels, "portals": lids}, path)
+
+
+def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
+    """Return the guide and the portals in a JSON that `write_guide` wrote."""
+    table = _read_json(path)
+    try:
+        panels = tuple(
+            Panel(
+                _array(panel["centre"], (3,)),
+                _array(panel["normal"], (3,)),
+                _array(panel["polygon"], (-1, 3)),
+                float(panel["arc_length"]),
+                float(panel["clearance"]),
+            )
+            for panel in table["panels"]
+        )
+        portals = tuple(
+            Portal(int(lid["label"]), _array(lid["centre"], (3,)), _array(lid["normal"], (3,)), float(lid["area"]))
+            for lid in table["portals"]
+        )
+        return Guide(_array(table["centreline"], (-1, 3)), panels), portals
+    except (KeyError, TypeError, ValueError) as cause:
+        raise ScenarioError(f"{path} is not a guide: {cause!r}. Build the scenario again.") from cause
+
+
+def write_starts(starts: tuple[Start, ...], path: Path) -> None:
+    """Write the start poses as JSON."""
+    rows = [
+        {
+            "position": start.pose.position.tolist(),
+            "orientation": start.pose.orientation.tolist(),
+            "clearance": start.clearance,
+            "geodesic_to_goal": start.geodesic_to_goal,
+            "difficulty": start.difficulty,
+        }
+        for start in starts
+    ]
+    _write_json({"starts": rows}, path)
+
+
+def read_starts(path: Path) -> tuple[Start, ...]:
+    """Return the start poses in a JSON that `write_starts` wrote; at least one."""
+    try:
+        starts = tuple(
+            Start(
+                Pose(_array(row["position"], (3,)), _array(row["orientation"], (4,))),
+                float(row["clearance"]),
+                float(row["geodesic_to_goal"]),
+                float(row["difficulty"]),
+            )
+            for row in _read_json(path)["starts"]
+        )
+    except (KeyError, TypeError, ValueError) as cause:
+        raise ScenarioError(f"{path} has no valid start poses: {cause!r}. Build the scenario again.") from cause
+    if not starts:
+        raise ScenarioError(f"{path} lists no start pose. Build the scenario again.")
+    return starts
+
+
+def _write_json(table: dict[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _read_json(path: Path) -> dict[str, Any]:
+    try:
+        table = json.loads(path.read_text(encoding="utf-8"))
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as cause:
+        raise ScenarioError(f"{path} is not valid JSON: {cause}. Build the scenario again.") from cause
+    if not isinstance(table, dict):
+        raise ScenarioError(f"{path} must hold a table. Build the scenario again.")
+    return table
+
+
+def _array(value: object, shape: tuple[int, ...]) -> Array:
+    array = np.array(value, dtype=np.float64)
+    if array.ndim != len(shape) or any(want not in (-1, have) for want, have in zip(shape, array.shape, strict=True)):
+        raise ValueError(f"expected shape {shape}, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError("a value is not finite")
+    return array
+
+
+def _check_mesh(mesh: Mesh, path: Path) -> None:
+    in_range = mesh.faces.size and mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
+    if mesh.vertices.shape[1:] != (3,) or mesh.faces.shape[1:] != (3,) or not in_range:
+        raise ScenarioError(
+            f"{path} has vertices {mesh.vertices.shape} and faces {mesh.faces.shape} that do not fit. Build it again."
+        )
+    if not np.isfinite(mesh.vertices).all():
+        raise ScenarioError(f"{path} has vertices that are not finite. Build the scenario again.")

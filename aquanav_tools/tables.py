@@ -1,0 +1,104 @@
+"""Reading tables (TOML, JSON) into frozen dataclasses, strictly: unknown, missing and mistyped keys are refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import types
+import typing
+from pathlib import Path
+from typing import Any, TypeVar
+
+from aquanav_tools.errors import AquanavError, InputError, did_you_mean
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+T = TypeVar("T")
+
+
+def read_toml(path: Path, error: type[AquanavError] = InputError) -> dict[str, Any]:
+    """Return the table in a TOML file.
+
+    Raises:
+        error: the file is missing, too large to be settings, or not TOML; the message names the place.
+    """
+    if not path.is_file():
+        raise error(f"There is no file {path}. Check the path.")
+    if path.stat().st_size > 1_000_000:
+        raise error(f"{path} has {path.stat().st_size} bytes; a settings file has at most 1,000,000. Check the path.")
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise error(f"{path} is not valid TOML: {cause}. Correct the file there.") from cause
+
+
+def from_table(cls: type[T], table: object, where: str, error: type[AquanavError] = InputError) -> T:
+    """Return `cls(**table)` with nested dataclasses filled in, every name and type checked.
+
+    Args:
+        cls: a dataclass.
+        table: what a TOML or JSON reader returned.
+        where: what the messages call the table, for example the file's name.
+        error: class to raise.
+
+    Raises:
+        error: an unknown key (with the closest match), a missing one, a wrong type, or a value that the dataclass
+            itself refuses.
+    """
+    if not isinstance(table, dict):
+        raise error(f"{where} must be a table, not {type(table).__name__}. Correct it there.")
+    fields = {field.name: field for field in dataclasses.fields(cls) if field.init}  # type: ignore[arg-type]
+    for key in table:
+        if key not in fields:
+            raise error(f"{where} has the unknown key '{key}'.{did_you_mean(str(key), fields)}")
+    hints = typing.get_type_hints(cls)
+    values = {}
+    for name, field in fields.items():
+        if name in table:
+            values[name] = _convert(hints[name], table[name], f"{where}: {name}", error)
+        elif field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING:
+            raise error(f"{where} lacks the key '{name}'. Add it there.")
+    try:
+        return cls(**values)
+    except ValueError as cause:
+        raise error(f"{where}: {cause} Correct the value there.") from cause
+
+
+def _convert(hint: Any, value: object, where: str, error: type[AquanavError]) -> Any:
+    if dataclasses.is_dataclass(hint):
+        return from_table(typing.cast(type, hint), value, where, error)
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is tuple:
+        return _convert_tuple(arguments, value, where, error)
+    if origin is typing.Literal:
+        if value not in arguments:
+            raise error(f"{where} is {value!r}.{did_you_mean(str(value), map(str, arguments))}")
+        return value
+    if origin in (typing.Union, types.UnionType):
+        return (
+            None if value is None else _convert(next(a for a in arguments if a is not type(None)), value, where, error)
+        )
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if hint is Path and isinstance(value, str):
+        return Path(value)
+    if type(value) is not hint:
+        raise error(
+            f"{where} must be of type {hint.__name__}, not {type(value).__name__} ({value!r}). Correct it there."
+        )
+    return value
+
+
+def _convert_tuple(arguments: tuple[Any, ...], value: object, where: str, error: type[AquanavError]) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise error(f"{where} must be a list, not {type(value).__name__}. Correct it there.")
+    is_open = len(arguments) == 2 and arguments[1] is Ellipsis
+    if not is_open and len(value) != len(arguments):
+        raise error(f"{where} must have {len(arguments)} values, not {len(value)}. Correct it there.")
+    hints = [arguments[0]] * len(value) if is_open else arguments
+    return tuple(
+        _convert(hint, item, f"{where}[{n}]", error) for n, (hint, item) in enumerate(zip(hints, value, strict=True))
+    )
