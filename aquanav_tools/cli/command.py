@@ -1,0 +1,65 @@
+"""What every command shares: parse the options, run, turn errors into a sentence and an exit code."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import TypeVar
+
+from aquanav_tools.errors import AquanavError
+
+Options = TypeVar("Options")
+
+DEBUG_FLAG = "--debug"
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+
+
+def run_command(
+    options_type: type[Options],
+    function: Callable[[Options], None],
+    prog: str,
+    description: str,
+    *,
+    defaults: Callable[[Sequence[str]], Options | None] | None = None,
+    arguments: Sequence[str] | None = None,
+) -> None:
+    """Parse the command line into `options_type`, call `function` with it, and exit when that fails.
+
+    Args:
+        options_type: Dataclass of the options; tyro makes the command line from its fields and their docstrings.
+        function: The command. Import heavy libraries inside it, so that --help answers at once.
+        prog: Name of the command.
+        description: First lines of --help.
+        defaults: Returns the values of options that are not given, from the raw arguments (say, a file named there).
+        arguments: The command line without the program's name; None reads sys.argv.
+
+    Raises:
+        SystemExit: the user asked for help (0), the options do not parse (2), an AquanavError (its exit code), or
+            Ctrl-C (130). Other exceptions are our mistakes and keep their traceback.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    is_debug = DEBUG_FLAG in arguments
+    arguments = [argument for argument in arguments if argument != DEBUG_FLAG]
+    try:
+        default = defaults(arguments) if defaults else None
+        function(_parse(options_type, prog, description, default, arguments))
+    except AquanavError as error:
+        if is_debug:
+            raise
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        print("error: stopped by Ctrl-C.", file=sys.stderr)
+        sys.exit(INTERRUPTED)
+
+
+def _parse(
+    options_type: type[Options], prog: str, description: str, default: Options | None, arguments: Sequence[str]
+) -> Options:
+    import tyro
+
+    text = f"{description}\n\nAdd {DEBUG_FLAG} to see the traceback of an error."
+    if default is None:
+        return tyro.cli(options_type, prog=prog, description=text, args=arguments)
+    return tyro.cli(options_type, prog=prog, description=text, args=arguments, default=default)
