@@ -1,0 +1,89 @@
+"""One-page HTML reports: a single file with its pictures inside, readable offline and printable."""
+
+from __future__ import annotations
+
+import base64
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+TEMPLATE = Path(__file__).with_name("page.html")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One number that matters, shown large."""
+
+    label: str
+    """What it is."""
+    value: str
+    """The number with its unit."""
+    note: str = ""
+    """Small print below: an interval, a count."""
+
+
+@dataclass(frozen=True)
+class Notice:
+    """Something the reader should know: a result that is poor but usable."""
+
+    code: str
+    """Short stable name to look up, such as few-starts."""
+    text: str
+    """What happened, why, and what to do."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A PNG with its caption."""
+
+    path: Path
+    caption: str
+    is_wide: bool = True
+    """Whether it takes the full width of the page; two others share a row."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """Rows of text below a heading."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def __post_init__(self) -> None:
+        for row in self.rows:
+            if len(row) != len(self.columns):
+                raise ValueError(
+                    f"Table '{self.title}' has {len(self.columns)} columns but a row of {len(row)}: {row}."
+                )
+
+
+@dataclass(frozen=True)
+class Page:
+    """A report, from the headline down to the small print."""
+
+    title: str
+    summary: str
+    """One sentence that says how it went."""
+    facts: tuple[Fact, ...] = ()
+    warnings: tuple[Notice, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
+    footer: str = ""
+    """What made the report, and from what."""
+
+
+def write_page(page: Page, path: Path) -> None:
+    """Write a report as one HTML file that loads nothing from elsewhere. Texts are escaped; pictures are embedded."""
+    import jinja2
+
+    template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(
+        TEMPLATE.read_text(encoding="utf-8")
+    )
+    partial = path.with_name(path.name + ".partial")
+    partial.write_text(template.render(page=page, embed=_embed), encoding="utf-8")
+    os.replace(partial, path)
+
+
+def _embed(picture: Path) -> str:
+    return "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode("ascii")

@@ -1,0 +1,177 @@
+"""Pictures of a cave for people: plan and long section with the route, panels and starts, and an episode's trail."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aquanav_tools.report.figures import INK, MUTED, PAPER, new_figure, save_figure
+from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
+from aquanav_tools.report.track import Track
+from aquanav_tools.types import Mesh, rotation_matrix
+
+if TYPE_CHECKING:
+    from aquanav_tools.scenario.schema import Scenario
+
+WIDTH_IN = 13.0
+MARGIN_IN = 0.45
+TITLE_IN = 0.40
+FOOT_IN = 0.75
+MAX_VIEWS_HEIGHT_IN = 11.0
+DPI = 130
+
+ROUTE = "#ffb703"
+GOAL = "#fb5607"
+CRASH = "#e5383b"
+
+
+def draw_cave(scenario: Scenario, path: Path, *, track: Track | None = None) -> None:
+    """Write a PNG of a cave, cut open: plan above, long section below, on one scale.
+
+    Shows the route, its panels, entrance and goal. Without a track it shows the starts; with one, its trail coloured
+    by clearance and a cross where the hull touched the wall.
+    """
+    views = plan_and_section(scenario.guide.centreline)
+    inches = _inches_per_metre(scenario.cavity.mesh, views)
+    reliefs = [cut_away(scenario.cavity.mesh, view, 0.5 / (inches * DPI)) for view in views]
+    height = 0.5 * MARGIN_IN + FOOT_IN + sum(TITLE_IN + inches * relief.height for relief in reliefs)
+
+    figure = new_figure(WIDTH_IN, height)
+    bottom = height - 0.5 * MARGIN_IN
+    trail = None
+    for view, relief, name in zip(
+        views, reliefs, ("Plan, seen from above", "Long section, seen from the side"), strict=True
+    ):
+        bottom -= TITLE_IN + inches * relief.height
+        axes = _add_view(figure, (inches * relief.width, inches * relief.height), bottom, height)
+        axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
+        _draw_relief(axes, relief)
+        _draw_route(axes, scenario, view)
+        if track is None:
+            _draw_starts(axes, scenario, view)
+        else:
+            trail = _draw_trail(axes, track, view)
+        _label_ends(axes, scenario, view)
+    _draw_scale_bar(figure, inches, height)
+    _draw_key(figure, height, track)
+    if trail is not None:
+        _draw_clearance_bar(figure, height, trail)
+    save_figure(figure, path, DPI)
+
+
+def _inches_per_metre(mesh: Mesh, views: tuple[View, View]) -> float:
+    """Return the scale at which both views fit the width of the page and, together, a sensible height."""
+    spans = np.array([np.ptp(view.project(mesh.vertices), axis=0) for view in views])
+    return float(min((WIDTH_IN - 2 * MARGIN_IN) / spans[:, 0].max(), MAX_VIEWS_HEIGHT_IN / spans[:, 1].sum()))
+
+
+def _add_view(figure: Any, size: tuple[float, float], bottom: float, height: float) -> Any:
+    left = 0.5 * (WIDTH_IN - size[0])
+    return figure.add_axes((left / WIDTH_IN, bottom / height, size[0] / WIDTH_IN, size[1] / height))
+
+
+def _draw_relief(axes: Any, relief: Relief) -> None:
+    """Draw the relief with a fine outline, and frame it."""
+    axes.imshow(relief.colours, extent=relief.extent, interpolation="antialiased", zorder=1)
+    axes.contour(
+        relief.colours[..., 3], levels=[0.5], extent=relief.extent, origin="upper", colors=INK, linewidths=0.7, zorder=2
+    )
+    axes.set_xlim(relief.extent[:2])
+    axes.set_ylim(relief.extent[2:])
+    axes.set_axis_off()
+
+
+def _draw_route(axes: Any, scenario: Scenario, view: View) -> None:
+    for panel in scenario.guide.panels:
+        outline = view.project(np.vstack([panel.polygon, panel.polygon[:1]]))
+        axes.fill(*outline.T, facecolor="white", alpha=0.10, zorder=2)
+        axes.plot(*outline.T, color="white", alpha=0.75, linewidth=0.8, zorder=2)
+    line = view.project(scenario.guide.centreline)
+    axes.plot(*line.T, color=INK, linewidth=2.6, alpha=0.45, zorder=3, solid_capstyle="round")
+    axes.plot(*line.T, color=ROUTE, linewidth=1.4, zorder=4, solid_capstyle="round")
+
+
+def _draw_starts(axes: Any, scenario: Scenario, view: View) -> None:
+    """Draw a dot per start with a tick in the direction it looks, as long as the dot is wide."""
+    positions = np.array([start.pose.position for start in scenario.starts])
+    ahead = np.array([rotation_matrix(start.pose.orientation)[:, 0] for start in scenario.starts])
+    axes.quiver(
+        *view.project(positions).T,
+        *view.project(ahead).T,
+        units="inches", angles="xy", scale=6.0, scale_units="inches", width=0.018, headwidth=1.0, headlength=0.0,
+        headaxislength=0.0, color="white", zorder=5,
+    )  # fmt: skip
+    axes.scatter(*view.project(positions).T, s=16, color="white", edgecolors=INK, linewidths=0.7, zorder=6)
+
+
+def _draw_trail(axes: Any, track: Track, view: View) -> Any:
+    from matplotlib.collections import LineCollection
+
+    points = view.project(track.positions)
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    axes.plot(*points.T, color=INK, linewidth=3.6, alpha=0.6, zorder=5, solid_capstyle="round")
+    trail = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=6, capstyle="round")
+    trail.set_array(track.clearances[1:])
+    trail.set_clim(0.0, max(float(np.percentile(track.clearances, 95.0)), 0.1))
+    axes.add_collection(trail)
+    axes.scatter(*points[track.contact_states].T, marker="x", s=46, color=CRASH, linewidths=1.8, zorder=8)
+    axes.scatter(*points[0], s=34, color="white", edgecolors=INK, linewidths=1.0, zorder=8)
+    return trail
+
+
+def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
+    from matplotlib.patheffects import withStroke
+
+    ends = view.project(scenario.guide.centres[[0, -1]])
+    for point, name, colour, marker, side in (
+        (ends[0], "Entrance", ROUTE, "o", 1),
+        (ends[1], "Goal", GOAL, "*", -1),
+    ):
+        size = 60 if marker == "o" else 170
+        axes.scatter(*point, marker=marker, s=size, color=colour, edgecolors=INK, linewidths=0.9, zorder=9)
+        axes.annotate(
+            name, point, xytext=(side * 9, 9), textcoords="offset points", ha="left" if side > 0 else "right",
+            color=INK, fontsize=11, fontweight="bold", zorder=10,
+            path_effects=[withStroke(linewidth=3.0, foreground=PAPER)],
+        )  # fmt: skip
+
+
+def _draw_scale_bar(figure: Any, inches: float, height: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten metres, about an eighth of the page wide."""
+    target = WIDTH_IN / 8.0 / inches
+    decade = 10.0 ** np.floor(np.log10(target))
+    metres = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= target)
+    axes = figure.add_axes((MARGIN_IN / WIDTH_IN, 0.28 / height, metres * inches / WIDTH_IN, 0.07 / height))
+    axes.set_axis_off()
+    axes.set_xlim(0.0, 4.0)
+    for quarter in range(4):
+        axes.axvspan(quarter, quarter + 1, facecolor=INK if quarter % 2 == 0 else PAPER, edgecolor=INK, linewidth=0.8)
+    axes.text(2.0, 1.8, f"{metres:g} m", ha="center", va="bottom", color=INK, fontsize=10)
+
+
+def _draw_key(figure: Any, height: float, track: Track | None) -> None:
+    from matplotlib.lines import Line2D
+
+    entries = [
+        Line2D([], [], color=ROUTE, linewidth=2.0, label="route"),
+        Line2D([], [], color="#9fb3bd", marker="|", linestyle="", markersize=11, label="panel"),
+        Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start"),
+    ]
+    if track is not None and track.collided.any():
+        entries.append(
+            Line2D([], [], color=CRASH, marker="x", linestyle="", markeredgewidth=1.8, label="touched the wall")
+        )
+    figure.legend(
+        handles=entries, loc="lower right", bbox_to_anchor=(1.0 - MARGIN_IN / WIDTH_IN, 0.12 / height),
+        ncols=len(entries), frameon=False, fontsize=10, labelcolor=INK, handletextpad=0.5, columnspacing=1.6,
+    )  # fmt: skip
+
+
+def _draw_clearance_bar(figure: Any, height: float, trail: Any) -> None:
+    axes = figure.add_axes((0.38, 0.42 / height, 0.2, 0.10 / height))
+    bar = figure.colorbar(trail, cax=axes, orientation="horizontal")
+    bar.set_label("trail: clearance, m", color=INK, fontsize=9, labelpad=1)
+    bar.outline.set_visible(False)
+    axes.tick_params(labelsize=8, colors=INK, length=2, pad=1)

@@ -1,0 +1,145 @@
+"""Shaded cut-away images of a cavity, made by casting parallel rays: no display and no graphics driver needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.types import Array, Mesh
+
+MAX_RAYS = 6_000_000
+LIGHT = np.array([-0.45, 0.55, 0.70])
+"""Direction to the light in the picture's frame (right, up, towards the viewer): from the upper left, as on maps."""
+TINTS = np.array([[0.10, 0.32, 0.44], [0.22, 0.50, 0.60], [0.55, 0.74, 0.76], [0.84, 0.89, 0.86]])
+"""Colours from the far side of the cave to the near side."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A parallel projection: the picture's axes in the world."""
+
+    right: Array
+    """(3,) unit vector that points right in the picture."""
+    up: Array
+    """(3,) unit vector that points up in the picture, normal to `right`."""
+
+    @property
+    def towards(self) -> Array:
+        """(3,) unit vector out of the picture, to the viewer."""
+        return np.cross(self.right, self.up)
+
+    def project(self, points: Array) -> Array:
+        """Return (..., 2) picture coordinates, m, of (..., 3) world points."""
+        return np.asarray(points) @ np.stack([self.right, self.up], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Relief:
+    """A picture of the inside of a cavity, seen with the side towards the viewer cut away."""
+
+    colours: Array
+    """(H, W, 4) red, green, blue and opacity in [0, 1]; the first row is the top."""
+    extent: tuple[float, float, float, float]
+    """Left, right, bottom and top edge in picture coordinates, m."""
+
+    @property
+    def width(self) -> float:
+        """Metres across."""
+        return self.extent[1] - self.extent[0]
+
+    @property
+    def height(self) -> float:
+        """Metres from bottom to top."""
+        return self.extent[3] - self.extent[2]
+
+
+def plan_and_section(centreline: Array) -> tuple[View, View]:
+    """Return the plan (seen from above) and the long section (seen from the side) along a passage's main direction.
+
+    Both share their `right`, the main horizontal direction of the (C, 3) centreline from its first to its last
+    point, so that what is above each other on the page is the same place.
+    """
+    offsets = centreline[:, :2] - centreline[:, :2].mean(axis=0)
+    main = np.linalg.svd(offsets, full_matrices=False)[2][0]
+    if main @ (centreline[-1, :2] - centreline[0, :2]) < 0.0:
+        main = -main
+    right = np.array([main[0], main[1], 0.0])
+    vertical = np.array([0.0, 0.0, 1.0])
+    return View(right, np.cross(vertical, right)), View(right, vertical)
+
+
+def cut_away(mesh: Mesh, view: View, pixel: float) -> Relief:
+    """Return the relief of a closed mesh's inside at `pixel` metres per pixel, coarser beyond MAX_RAYS pixels."""
+    flat = view.project(mesh.vertices)
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    low, high = low - 2 * pixel, high + 2 * pixel
+    pixel = max(pixel, float(np.sqrt(np.prod(high - low) / MAX_RAYS)))
+    width, height = (int(n) for n in np.ceil((high - low) / pixel))
+    depths, facing = _cast(mesh, view, low, pixel, (width, height))
+    extent = (low[0], low[0] + width * pixel, low[1], low[1] + height * pixel)
+    return Relief(_shade(depths, facing), tuple(float(edge) for edge in extent))  # type: ignore[arg-type]
+
+
+def _cast(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Return (H, W) height towards the viewer, NaN beside the cave, and (H, W, 3) normals into the water, view frame.
+
+    Only faces whose outer side is turned away from the viewer are kept. That cuts the near side away, without the
+    second cast from just behind the first hit that would have to guess how far "just behind" is.
+    """
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    axes = np.stack([view.right, view.up, view.towards], axis=1)
+    corners = mesh.triangles @ axes
+    inward = np.cross(corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0])
+    kept = inward[:, 2] > 0.0
+    corners, inward = corners[kept], inward[kept] / np.linalg.norm(inward[kept], axis=1, keepdims=True)
+    top = float(corners[..., 2].max()) + 1.0
+
+    scene = EmbreeScene()
+    TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
+    width, height = size
+    grid_right, grid_up = np.meshgrid(np.arange(width) + 0.5, np.arange(height)[::-1] + 0.5)
+    origins = np.full((width * height, 3), top, dtype=np.float32)
+    origins[:, 0] = low[0] + pixel * grid_right.ravel()
+    origins[:, 1] = low[1] + pixel * grid_up.ravel()
+    directions = np.broadcast_to(np.array([0.0, 0.0, -1.0], dtype=np.float32), origins.shape).copy()
+    hits = scene.run(origins, directions, output=True)
+
+    is_hit = hits["primID"] >= 0
+    depths = np.where(is_hit, top - hits["tfar"], np.nan).reshape(height, width)
+    normals = np.where(is_hit[:, None], inward[hits["primID"]], [0.0, 0.0, 1.0]).reshape(height, width, 3)
+    return depths, normals
+
+
+def _shade(depths: Array, normals: Array) -> Array:
+    """Return the (H, W, 4) colours: tint by depth, light by normal, hollows darker (a depth image minus its blur)."""
+    from scipy.ndimage import gaussian_filter
+
+    is_hit = np.isfinite(depths)
+    share = np.zeros(depths.shape)
+    share[is_hit] = _spread(depths[is_hit])
+    stops = np.linspace(0.0, 1.0, len(TINTS))
+    tint = np.stack([np.interp(share, stops, TINTS[:, channel]) for channel in range(3)], axis=-1)
+
+    light = 0.55 + 0.55 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    radius = 0.012 * max(depths.shape)
+    weight = gaussian_filter(is_hit.astype(float), radius)
+    blurred = gaussian_filter(np.where(is_hit, share, 0.0), radius) / np.maximum(weight, 1e-6)
+    hollow = np.clip(1.0 - 0.9 * (blurred - share), 0.6, 1.15)
+
+    colours = np.zeros((*depths.shape, 4))
+    colours[..., :3] = np.clip(tint * (light * hollow)[..., None], 0.0, 1.0)
+    colours[..., 3] = is_hit
+    return colours
+
+
+def _spread(depths: Array) -> Array:
+    """Return (N,) values in [0, 1], half by depth and half by rank, so that a flat floor still shows its shape."""
+    low, high = np.percentile(depths, [1.0, 99.0])
+    linear = np.clip((depths - low) / max(high - low, 1e-9), 0.0, 1.0)
+    levels = np.quantile(depths, np.linspace(0.0, 1.0, 257))
+    rank = np.interp(depths, levels, np.linspace(0.0, 1.0, 257))
+    spread: Array = 0.5 * linear + 0.5 * rank
+    return spread
