@@ -33,7 +33,7 @@ class DistanceField:
 
     def clearance_at(self, point: Array) -> float:
         """Return the clearance at one (3,) world point, m."""
-        return float(_interpolate(self.values, self.origin, self.spacing, point[0], point[1], point[2]))
+        return float(interpolate(self.values, self.origin, self.spacing, point[0], point[1], point[2]))
 
     def positions(self, indices: npt.NDArray[np.int64]) -> Array:
         """Return the (N, 3) world positions of (N, 3) sample indices, m."""
@@ -48,7 +48,8 @@ class DistanceField:
 
 
 @numba.njit(cache=True)
-def _interpolate(values, origin, spacing, x, y, z):  # type: ignore[no-untyped-def]
+def interpolate(values, origin, spacing, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the clearance at one world point from the arrays of a field, for compiled callers."""
     gx = min(max((x - origin[0]) / spacing, 0.0), values.shape[0] - 1.000001)
     gy = min(max((y - origin[1]) / spacing, 0.0), values.shape[1] - 1.000001)
     gz = min(max((z - origin[2]) / spacing, 0.0), values.shape[2] - 1.000001)
@@ -67,5 +68,5 @@ def _interpolate(values, origin, spacing, x, y, z):  # type: ignore[no-untyped-d
 def _interpolate_many(values, origin, spacing, points):  # type: ignore[no-untyped-def]
     result = np.empty(len(points))
     for n in range(len(points)):
-        result[n] = _interpolate(values, origin, spacing, points[n, 0], points[n, 1], points[n, 2])
+        result[n] = interpolate(values, origin, spacing, points[n, 0], points[n, 1], points[n, 2])
     return result

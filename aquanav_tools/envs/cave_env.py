@@ -1,0 +1,234 @@
+"""The benchmark's task as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.envs.action import IDLE, ActionModel, Command
+from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
+from aquanav_tools.envs.observation import ObservationModel
+from aquanav_tools.envs.reward import Decision, load_weights, reward_terms
+from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.actuators import ActuatorModel
+from aquanav_tools.sim.bullet import BulletWorld
+from aquanav_tools.sim.sensors import RangeSensor, original_pattern
+from aquanav_tools.sim.vehicle import Vehicle, load_vehicle
+
+Observation = npt.NDArray[np.float32]
+Info = dict[str, Any]
+RESET_OPTIONS = ("start",)
+MAX_CURRENT = 10.0
+"""m/s per axis, as in the scenario's schema."""
+
+
+class CaveEnv(gymnasium.Env[Observation, Any]):
+    """Dive through a cave to its goal without touching the wall.
+
+    ## Action
+    `action="multidiscrete"`: MultiDiscrete([3, 3, 3]), held for all physics steps of the decision (5 x 0.02 s).
+
+    | index | name    | 0       | 1        | 2     | effect                                            |
+    |-------|---------|---------|----------|-------|---------------------------------------------------|
+    | 0     | ballast | up      | keep     | down  | moves the trim, which lifts or sinks the vehicle  |
+    | 1     | steer   | left    | straight | right | asks for a rate of turn                           |
+    | 2     | thrust  | reverse | stop     | ahead | pushes along the body, half as hard in reverse    |
+
+    "discrete": Discrete(27), 9 * ballast + 3 * steer + thrust. "continuous": Box(-1, 1, (3,)), positive is up, left and
+    ahead.
+
+    ## Observation
+    `observation="full"`: Box(-1, 1, (43,)); "paper": its first 31 values. `observation.layout(preset)` has the slices.
+
+    | index | name     | meaning                                      | scale                   |
+    |-------|----------|----------------------------------------------|-------------------------|
+    | 0-27  | rays     | distance to the wall along each ray          | the ray's length        |
+    | 28-30 | goal     | distance, azimuth (left +), elevation (up +) | d / (d + 10 m), pi, pi/2 |
+    | 31-33 | velocity | over ground, body frame                      | 2 m/s                   |
+    | 34-36 | rates    | rate of turn, body frame                     | pi rad/s                |
+    | 37-38 | tilt     | sine of how far nose and left side point up  | 1                       |
+    | 39    | trim     | state of the ballast                         | 1                       |
+    | 40-42 | command  | the last ballast, steer and thrust           | 1                       |
+
+    ## Reward
+    The sum of these terms, each in `info["reward/<name>"]`:
+
+    | name      | dense              | safety             | sparse | unit                                   |
+    |-----------|--------------------|--------------------|--------|----------------------------------------|
+    | progress  | 10                 | 10                 | 0      | per metre gained along the guide       |
+    | time      | -0.01              | -0.01              | 0      | per physics step                       |
+    | contact   | -0.01              | -0.01              | 0      | per physics step in contact            |
+    | proximity | 0                  | -0.02              | 0      | per physics step and share of ray lost |
+    | goal      | 500                | 500                | 10     | once                                   |
+    | collision | 0                  | 0                  | -10    | when it ends the episode               |
+    | timeout   | 0                  | 0                  | -1     | when time runs out                     |
+
+    ## Episode
+    It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`.
+    It terminates when no more than the goal's tolerance is left along the guide ("success"), or at the first contact
+    ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions` ("timeout").
+
+    ## Info
+    After every reset and step: position (3,) m and orientation (4,) (w, x, y, z) in the world; velocity (6,) over
+    ground, body frame; current (3,) m/s; rays (28,) m; clearance, from the hull to the nearest wall, m; collision,
+    whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
+    remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index;
+    gate, the stretch of the guide; the reward's terms.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
+
+    def __init__(
+        self,
+        scenario: str | Path | Scenario,
+        *,
+        observation: str = "full",
+        action: str = "multidiscrete",
+        reward: str = "dense",
+        on_collision: str = "continue",
+        vehicle: str | Path | Vehicle | None = None,
+        current: tuple[float, float, float] | None = None,
+        max_decisions: int | None = None,
+    ) -> None:
+        """Load a scenario and prepare its physics.
+
+        Args:
+            scenario: A scenario folder, or a scenario in memory.
+            observation: "paper" or "full".
+            action: "multidiscrete", "discrete" or "continuous".
+            reward: "dense", "safety" or "sparse".
+            on_collision: "continue" or "end".
+            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
+            current: Uniform velocity of the water in the world, m/s; None takes the scenario's.
+            max_decisions: Episode limit; None takes the scenario's.
+
+        Raises:
+            ScenarioError: the scenario cannot be read, or has no start.
+            InputError: an option is unknown or senseless.
+        """
+        self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
+        self.vehicle = _load_vehicle(vehicle, self.scenario)
+        settings = self.scenario.settings
+        if not self.scenario.starts:
+            raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
+        self._weights = load_weights(reward)
+        self._rules = _episode_rules(self.scenario, on_collision, self._weights.ends_on_collision, max_decisions)
+        self._current = _check_current(settings.water.current if current is None else current)
+        self._action_model = ActionModel(action)
+        pattern = original_pattern()
+        self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
+        self._observation_model = ObservationModel(
+            observation, pattern.lengths, np.array(settings.goal.position, dtype=np.float64)
+        )
+        self.action_space = self._action_model.space
+        self.observation_space = self._observation_model.space
+        self._actuators = ActuatorModel(self.vehicle, settings.limits.dt, settings.limits.substeps)
+        self._sensor = RangeSensor(self.scenario.cavity.mesh, pattern)
+        self._world = BulletWorld(self.scenario, self.vehicle)
+        self._episode = Episode(self._rules)
+        self._start_index = 0
+        self._gate = 0
+        self._remaining = self.scenario.guide.length
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
+        """Begin an episode; options: {"start": index of one of the scenario's starts}."""
+        super().reset(seed=seed)
+        self._start_index = self._choose_start(options or {})
+        self._episode = Episode(self._rules)
+        self._world.reset(self.scenario.starts[self._start_index].pose)
+        self._actuators.reset()
+        self._gate = self.scenario.guide.locate(self._world.state[:3])
+        self._remaining = self.scenario.guide.remaining(self._world.state[:3], self._gate)
+        rays = self._sensor.sense(self._world.state)
+        terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
+        return self._observe(rays, IDLE), self._info(rays, False, terms)
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
+        """Hold an action for one decision."""
+        command = self._action_model.command(action)
+        touched = self._world.step(self._actuators.apply(*command), self._current)
+        rays = self._sensor.sense(self._world.state)
+        gained = self._update_progress()
+        outcome = self._episode.advance(touched, self._remaining)
+        cut_off = len(rays) - float(rays @ self._inverse_lengths)
+        terms = reward_terms(self._weights, Decision(gained, len(touched), sum(touched), cut_off, outcome))
+        terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
+        info = self._info(rays, any(touched), terms)
+        return self._observe(rays, command), sum(terms.values()), terminated, truncated, info
+
+    def close(self) -> None:
+        """Free the physics client."""
+        self._world.close()
+
+    def _update_progress(self) -> float:
+        """Follow the vehicle along the guide and return the metres gained."""
+        position = self._world.state[:3]
+        self._gate = self.scenario.guide.track(position, self._gate)
+        remaining = self.scenario.guide.remaining(position, self._gate)
+        gained, self._remaining = self._remaining - remaining, remaining
+        return gained
+
+    def _observe(self, rays: Observation, command: Command) -> Observation:
+        return self._observation_model.observe(self._world.state, rays, self._actuators.trim, command)
+
+    def _info(self, rays: Observation, is_touched: bool, terms: dict[str, float]) -> Info:
+        state = self._world.state.copy()
+        info = {
+            "position": state[:3],
+            "orientation": state[3:7],
+            "velocity": state[7:],
+            "current": self._current.copy(),
+            "rays": rays,
+            "clearance": self._world.clearance(),
+            "collision": is_touched,
+            "num_collisions": self._episode.num_collisions,
+            "progress": self.scenario.guide.length - self._remaining,
+            "remaining": self._remaining,
+            "cost": float(is_touched),
+            "outcome": self._episode.outcome,
+            "start_index": self._start_index,
+            "gate": self._gate,
+        }
+        for name, value in terms.items():
+            info["reward/" + name] = value
+        return info
+
+    def _choose_start(self, options: dict[str, Any]) -> int:
+        for name in options:
+            if name not in RESET_OPTIONS:
+                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+        num_starts = len(self.scenario.starts)
+        if "start" not in options:
+            return int(self.np_random.integers(num_starts))
+        start = options["start"]
+        if not isinstance(start, int | np.integer) or not 0 <= start < num_starts:
+            raise InputError(f"The start must be a number from 0 to {num_starts - 1}, got {start!r}.")
+        return int(start)
+
+
+def _load_vehicle(vehicle: str | Path | Vehicle | None, scenario: Scenario) -> Vehicle:
+    if isinstance(vehicle, Vehicle):
+        return vehicle
+    return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
+
+
+def _episode_rules(scenario: Scenario, on_collision: str, reward_ends: bool, max_decisions: int | None) -> EpisodeRules:
+    check_choice("collision rule", on_collision, COLLISION_RULES)
+    limit = scenario.settings.limits.decisions if max_decisions is None else max_decisions
+    if limit < 1:
+        raise InputError(f"max_decisions must be at least 1, got {limit}.")
+    return EpisodeRules(scenario.settings.goal.tolerance, limit, reward_ends or on_collision == "end")
+
+
+def _check_current(current: tuple[float, float, float]) -> npt.NDArray[np.float64]:
+    array = np.array(current, dtype=np.float64)
+    if array.shape != (3,) or not np.all(np.abs(array) <= MAX_CURRENT):
+        raise InputError(f"A current must be 3 numbers within +-{MAX_CURRENT:g} m/s, got {current!r}.")
+    return array

@@ -1,0 +1,55 @@
+"""The rules of an episode: when it ends, and how."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+COLLISION_RULES = ("continue", "end")
+OUTCOMES = ("running", "success", "collision", "timeout")
+
+
+@dataclass(frozen=True)
+class EpisodeRules:
+    """When an episode ends."""
+
+    tolerance: float
+    """The goal is reached with this much or less to go along the guide, m."""
+    max_decisions: int
+    """Then time is up."""
+    ends_on_collision: bool
+    """Whether the first contact with a wall ends the episode."""
+
+
+class Episode:
+    """What happened so far in one episode."""
+
+    def __init__(self, rules: EpisodeRules) -> None:
+        self.outcome = "running"
+        """One of OUTCOMES."""
+        self.num_decisions = 0
+        self.num_collisions = 0
+        """Contacts begun: a contact that lasts counts once, and again after a physics step without."""
+        self._rules = rules
+        self._is_touching = False
+
+    def advance(self, touched: Sequence[bool], remaining: float) -> str:
+        """Count one decision and return the outcome.
+
+        A contact during the decision comes before the goal at its end.
+
+        Args:
+            touched: For each physics step, whether the hull touched a wall.
+            remaining: Metres still to go along the guide, after the decision.
+        """
+        self.num_decisions += 1
+        for is_touching in touched:
+            self.num_collisions += is_touching and not self._is_touching
+            self._is_touching = is_touching
+        if self._rules.ends_on_collision and any(touched):
+            self.outcome = "collision"
+        elif remaining <= self._rules.tolerance:
+            self.outcome = "success"
+        elif self.num_decisions >= self._rules.max_decisions:
+            self.outcome = "timeout"
+        return self.outcome

@@ -1,0 +1,111 @@
+"""The rewards of the original benchmark and its paper. One function per term; a decision's reward is their sum.
+
+The original pays per physics step; a decision here gets what its steps would have got. Progress telescopes over the
+steps, and the rays are those after the decision, which the original also holds between decisions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from aquanav_tools.envs.choices import check_choice
+
+
+@dataclass(frozen=True)
+class RewardWeights:
+    """What each term is multiplied by; zero leaves it out."""
+
+    progress: float = 0.0
+    """Per metre gained along the guide."""
+    time: float = 0.0
+    """Per physics step."""
+    contact: float = 0.0
+    """Per physics step in contact with a wall."""
+    proximity: float = 0.0
+    """Per physics step and ray, times the share of the ray that is cut off by a wall."""
+    goal: float = 0.0
+    """At the goal."""
+    collision: float = 0.0
+    """When a collision ends the episode."""
+    timeout: float = 0.0
+    """When time runs out."""
+    ends_on_collision: bool = False
+    """Whether the first contact ends the episode, whatever the environment's own rule."""
+
+
+DENSE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, goal=500.0)
+SAFETY = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, proximity=-0.02, goal=500.0)
+SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collision=True)
+REWARDS = {"dense": DENSE, "safety": SAFETY, "sparse": SPARSE}
+"""dense and safety: the original's code; sparse: the paper's text."""
+
+
+class Decision(NamedTuple):
+    """What happened during one decision."""
+
+    gained: float
+    """Progress along the guide, m."""
+    num_steps: int
+    """Physics steps."""
+    num_contact_steps: int
+    """Physics steps in contact with a wall."""
+    cut_off: float
+    """Sum over the rays of 1 - distance / length."""
+    outcome: str
+    """running, success, collision or timeout."""
+
+
+def load_weights(preset: str) -> RewardWeights:
+    """Return the weights of a preset.
+
+    Raises:
+        InputError: there is no such preset.
+    """
+    check_choice("reward preset", preset, REWARDS)
+    return REWARDS[preset]
+
+
+def reward_terms(weights: RewardWeights, decision: Decision) -> dict[str, float]:
+    """Return every term of a decision's reward by its name; the reward is their sum."""
+    return {name: term(weights, decision) for name, term in TERMS.items()}
+
+
+def _progress(weights: RewardWeights, decision: Decision) -> float:
+    return weights.progress * decision.gained
+
+
+def _time(weights: RewardWeights, decision: Decision) -> float:
+    return weights.time * decision.num_steps
+
+
+def _contact(weights: RewardWeights, decision: Decision) -> float:
+    return weights.contact * decision.num_contact_steps
+
+
+def _proximity(weights: RewardWeights, decision: Decision) -> float:
+    return weights.proximity * decision.num_steps * decision.cut_off
+
+
+def _goal(weights: RewardWeights, decision: Decision) -> float:
+    return weights.goal * (decision.outcome == "success")
+
+
+def _collision(weights: RewardWeights, decision: Decision) -> float:
+    return weights.collision * (decision.outcome == "collision")
+
+
+def _timeout(weights: RewardWeights, decision: Decision) -> float:
+    return weights.timeout * (decision.outcome == "timeout")
+
+
+TERMS: dict[str, Callable[[RewardWeights, Decision], float]] = {
+    "progress": _progress,
+    "time": _time,
+    "contact": _contact,
+    "proximity": _proximity,
+    "goal": _goal,
+    "collision": _collision,
+    "timeout": _timeout,
+}

@@ -1,0 +1,98 @@
+"""The vehicle's 28 range rays, in the original benchmark's pattern.
+
+The original has four fans of rays over the frontal 180 degrees. A ray runs from the vehicle's middle to a point
+`reach` away in the horizontal and `rise` above, all scaled by 0.25; within a fan the order is straight ahead, then
+right and left alternately. Distances end at the ray's length when nothing is hit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.types import Array, Mesh
+
+SCALE = 0.25
+"""The original's vehicle is drawn at a quarter of its size, and its rays with it."""
+
+
+@dataclass(frozen=True)
+class Fan:
+    """Rays over the frontal half plane, all with the same elevation."""
+
+    num_per_side: int
+    """Rays on either side of the one straight ahead."""
+    reach: float
+    """Horizontal extent before scaling, m."""
+    rise: float
+    """Vertical extent before scaling, m."""
+
+
+FANS = (Fan(4, 15.0, 4.0), Fan(4, 15.0, -4.0), Fan(2, 7.0, -8.0), Fan(2, 7.0, 8.0))
+"""The original's sensors 0 to 3, elevation 14.9, -14.9, -48.8 and 48.8 degrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class RayPattern:
+    """Where the rays point."""
+
+    directions: Array
+    """(R, 3) unit vectors, body frame."""
+    lengths: Array
+    """(R,) m."""
+
+
+def original_pattern() -> RayPattern:
+    """Return the original's 28 rays."""
+    ends = np.concatenate([_fan_ends(fan) for fan in FANS])
+    lengths = np.linalg.norm(ends, axis=1)
+    return RayPattern(ends / lengths[:, None], lengths)
+
+
+def _fan_ends(fan: Fan) -> Array:
+    """Return the (2 * num_per_side + 1, 3) ends of a fan's rays relative to the vehicle, body frame, m."""
+    sides = np.radians(90.0) * np.arange(1, fan.num_per_side + 1) / fan.num_per_side
+    azimuth = np.concatenate([[0.0], np.stack([-sides, sides], axis=1).ravel()])  # left is positive
+    ends = np.stack(
+        [fan.reach * np.cos(azimuth), fan.reach * np.sin(azimuth), np.full(azimuth.shape, fan.rise)], axis=1
+    )
+    return SCALE * ends
+
+
+class RangeSensor:
+    """Casts a pattern of rays against a mesh."""
+
+    def __init__(self, mesh: Mesh, pattern: RayPattern) -> None:
+        from embreex import mesh_construction, rtcore_scene
+
+        # embree computes in float32, so it works near the mesh's middle.
+        self._middle = mesh.vertices.mean(axis=0)
+        self._scene = rtcore_scene.EmbreeScene()
+        vertices = (mesh.vertices - self._middle).astype(np.float32)
+        mesh_construction.TriangleMesh(self._scene, vertices, mesh.faces.astype(np.int32))
+        self._directions = np.ascontiguousarray(pattern.directions)
+        self._lengths: npt.NDArray[np.float32] = pattern.lengths.astype(np.float32)
+        self._origins = np.empty((len(pattern.lengths), 3), dtype=np.float32)
+        self._rays = np.empty_like(self._origins)
+
+    def sense(self, state: Array) -> npt.NDArray[np.float32]:
+        """Return the (R,) distances to the mesh from a (13,) state, m; at most the rays' lengths."""
+        _aim(state, self._middle, self._directions, self._origins, self._rays)
+        distances = self._lengths.copy()  # embreex takes the rays' lengths and writes the hits over them
+        self._scene.run(self._origins, self._rays, dists=distances, query="DISTANCE")
+        return distances
+
+
+@numba.njit(cache=True)
+def _aim(state, middle, directions, origins, rays):  # type: ignore[no-untyped-def]
+    """Write every ray's origin and world direction for a vehicle at `state`."""
+    rotation = rotation_rows(state)
+    for n in range(len(directions)):
+        for axis in range(3):
+            row = rotation[axis]
+            origins[n, axis] = state[axis] - middle[axis]
+            rays[n, axis] = row[0] * directions[n, 0] + row[1] * directions[n, 1] + row[2] * directions[n, 2]
