@@ -1,0 +1,50 @@
+# What a newcomer types. Everything runs inside .venv, which is made on first use and remade when the pins change.
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check clean
+
+BIN := .venv/bin
+DEMO := out/demo
+
+# Pip also holds itself to the pins while it builds the package. A relative path: this variable may not hold spaces.
+export PIP_CONSTRAINT := constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+help: ## Say what make can do here
+	@echo "aquanav: real caves as navigation benchmarks for underwater vehicles."
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1#\2/p' Makefile | awk -F'#' '{ printf "%-14s%s\n", $$1, $$2 }'
+	@echo "The first of these installs everything into .venv: 3 to 5 minutes and about 4 GB of disk."
+
+demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos, dive in it (minutes)
+	@echo "1/3  Rendering photos of a synthetic cave into $(DEMO)/photos."
+	@$(BIN)/aquanav render --out $(DEMO)/photos
+	@echo "2/3  Building a scenario from these photos in $(DEMO)/cave."
+	@$(BIN)/aquanav-build-cave $(DEMO)/photos -o $(DEMO)/cave --positions $(DEMO)/photos/positions.csv
+	@echo "3/3  Diving 20 episodes in it with the hand-written controller; results go to $(DEMO)/eval."
+	@$(BIN)/aquanav-eval baseline:reactive --scenario $(DEMO)/cave --episodes 20 --seed 0 -o $(DEMO)/eval
+	@echo "Done. Open these:"
+	@echo "  the cave's report     $(DEMO)/cave/report.html"
+	@echo "  the cave's picture    $(DEMO)/cave/cave.png"
+	@echo "  the dives' report     $(DEMO)/eval/report.html"
+	@echo "  the dives, replayed   $(BIN)/rerun $(DEMO)/eval/*.rrd"
+
+test: .venv/installed ## Run the default tests (under 10 minutes on two cores)
+	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."
+	@$(BIN)/pytest
+
+check: .venv/installed ## Check style (ruff) and types (mypy)
+	@echo "Checking style and types."
+	@$(BIN)/ruff check
+	@$(BIN)/ruff format --check
+	@$(BIN)/mypy
+
+clean: ## Delete what make made: .venv, out, build and caches
+	@echo "Deleting .venv, out, build, dist and caches."
+	@rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache
+	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/installed: pyproject.toml constraints.txt
+	@.ci/make-venv
+	@echo "Installing aquanav and its libraries into .venv: 3 to 5 minutes, about 4 GB. Quiet unless something fails."
+	@$(BIN)/python -m pip install --quiet --progress-bar off --editable '.[dev]'
+	@touch $@

@@ -1,0 +1,162 @@
+"""Imports run one way through the rooms, heavy libraries have one room each, and commands start without them."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import REPOSITORY
+from tests.project import command_modules
+
+PACKAGE = "aquanav_tools"
+
+ROOMS_BELOW = {
+    "cave": set(),
+    "reconstruct": {"cave"},
+    "scenario": {"cave"},
+    "sim": {"cave", "scenario"},
+    "envs": {"cave", "scenario", "sim"},
+    "report": {"cave", "scenario"},
+    "train": {"cave", "scenario", "sim", "envs", "report"},
+    "evaluate": {"cave", "scenario", "sim", "envs", "report"},
+    "build": {"cave", "reconstruct", "scenario", "sim", "report"},
+    "cli": {"cave", "reconstruct", "scenario", "sim", "envs", "report", "train", "evaluate", "build"},
+}
+"""Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""
+
+IMPORTERS = {
+    "open3d": {"libraries.py"},
+    "pycolmap": {"reconstruct/"},
+    "pybullet": {"sim/bullet.py"},
+    "rerun": {"report/recording.py"},
+}
+"""Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
+DOCTOR = "cli/doctor.py"
+
+HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib"}
+"""Libraries that take long to import."""
+
+
+@dataclass(frozen=True)
+class Import:
+    """One imported module, as a file names it."""
+
+    line: int
+    module: str
+
+
+def imports_of(source: str, package: str) -> Iterator[Import]:
+    """Yield every import in a module's source, also those inside functions.
+
+    Args:
+        source: text of the module.
+        package: dotted name of the package the module is in, from which relative imports count.
+    """
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (Import(node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) - node.level + 1] if node.level else []
+            base = ".".join([*above, *([node.module] if node.module else [])])
+            yield from (Import(node.lineno, f"{base}.{alias.name}") for alias in node.names)
+
+
+def faults_of(path: str, source: str) -> list[str]:
+    """Return a sentence for every forbidden import in a module.
+
+    Args:
+        path: the module's place below the package, such as "sim/bullet.py".
+        source: its text.
+    """
+    folders = path.split("/")[:-1]
+    room = folders[0] if folders else ""
+    found = imports_of(source, ".".join([PACKAGE, *folders]))
+    return [
+        f"{path}:{item.line} {fault}"
+        for item in found
+        if (fault := _arrow_fault(room, item) or _library_fault(path, item))
+    ]
+
+
+def _arrow_fault(room: str, item: Import) -> str:
+    parts = item.module.split(".")
+    if parts[0] != PACKAGE or len(parts) < 2 or parts[1] not in ROOMS_BELOW or parts[1] == room:
+        return ""
+    allowed = ROOMS_BELOW[room] if room else set()
+    return "" if parts[1] in allowed else f"imports {item.module}, which {room or 'the root'} may not"
+
+
+def _library_fault(path: str, item: Import) -> str:
+    library = item.module.split(".")[0]
+    allowed = IMPORTERS.get(library)
+    if allowed is None or path == DOCTOR or any(path == a or (a.endswith("/") and path.startswith(a)) for a in allowed):
+        return ""
+    return f"imports {library}, which only {' and '.join(sorted(allowed))} may"
+
+
+def test_every_import_follows_the_arrows() -> None:
+    root = REPOSITORY / PACKAGE
+    files = sorted(root.rglob("*.py"))
+    faults = [fault for file in files for fault in faults_of(file.relative_to(root).as_posix(), file.read_text())]
+    assert len(files) > 20
+    assert not faults, "\n".join(faults)
+
+
+def test_every_folder_with_code_is_a_known_room() -> None:
+    rooms = {file.parent.name for file in (REPOSITORY / PACKAGE).glob("*/__init__.py")}
+    assert rooms == set(ROOMS_BELOW)
+
+
+def test_the_arrows_have_no_circle() -> None:
+    below = {room: set(rooms) for room, rooms in ROOMS_BELOW.items()}
+    while below:
+        ground = {room for room, rooms in below.items() if not rooms}
+        assert ground, f"each of these rests on another of them: {sorted(below)}"
+        below = {room: rooms - ground for room, rooms in below.items() if room not in ground}
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("cave/field.py", "import aquanav_tools.scenario.schema"),
+        ("cave/field.py", "from aquanav_tools import sim"),
+        ("scenario/folder.py", "def read():\n    from aquanav_tools.build.recipe import run"),
+        ("sim/bullet.py", "from ..envs import task"),
+        ("evaluate/rollout.py", "from aquanav_tools.cli.command import run_command"),
+        ("types.py", "from aquanav_tools.cave.field import DistanceField"),
+        ("envs/cave_env.py", "import pybullet as p"),
+        ("cave/mesh.py", "def read():\n    import open3d.io"),
+        ("build/photos.py", "from pycolmap import Reconstruction"),
+        ("report/html.py", "import rerun"),
+    ],
+)
+def test_the_check_catches_a_forbidden_import(path: str, source: str) -> None:
+    assert len(faults_of(path, source)) == 1
+
+
+@pytest.mark.parametrize(
+    ("path", "source"),
+    [
+        ("cave/field.py", "import numpy\nfrom aquanav_tools.errors import MeshError\nfrom . import guide"),
+        ("build/recipe.py", "from aquanav_tools.reconstruct.images import read_photos"),
+        ("reconstruct/mapping.py", "import pycolmap"),
+        ("sim/bullet.py", "import pybullet\nimport pybullet_data"),
+        ("cli/doctor.py", "import pybullet, rerun, pycolmap"),
+    ],
+)
+def test_the_check_lets_allowed_imports_pass(path: str, source: str) -> None:
+    assert faults_of(path, source) == []
+
+
+@pytest.mark.parametrize("module", command_modules())
+def test_a_command_starts_without_heavy_libraries(module: str, tmp_path: Path) -> None:
+    code = f"import sys, {module}; print(*sorted(set({sorted(HEAVY)}) & sys.modules.keys()))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == []
