@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aquanav_tools.types import Pose
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.guide import Guide
+from aquanav_tools.cave.route import WaterGraph
+from aquanav_tools.cave.shortcut import shortest_length
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Capsule, Pose, rotation_matrix, yaw_quaternion
+
+TRIES_PER_START = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,3 +29,111 @@ class Start:
     """Length of the shortest way through the water to the goal, m."""
     difficulty: float
     """In [0, 1]: share of the guide still to go."""
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """Which start poses to draw."""
+
+    count: int = 40
+    """Number of start poses."""
+    last_share: float = 0.6
+    """Starts lie on the first part of the guide, up to this share of its length."""
+    margin: float = 0.05
+    """Distance that the vehicle keeps from the wall at the start, m."""
+    max_yaw_error_deg: float = 30.0
+    """Starts look along the passage within this angle."""
+
+    def __post_init__(self) -> None:
+        if self.count < 1 or not 0.0 < self.last_share <= 1.0 or self.margin < 0.0:
+            raise ValueError(f"Start options out of range: {self}.")
+
+
+def draw_starts(
+    cavity: Cavity,
+    field: DistanceField,
+    guide: Guide,
+    capsule: Capsule,
+    options: StartOptions,
+    rng: np.random.Generator,
+) -> tuple[Start, ...]:
+    """Return start poses spread evenly along the guide, level, at random places of its cross-sections.
+
+    Raises:
+        MeshError: no free pose is found on a stretch of the guide.
+    """
+    checker = CapsuleChecker(cavity, field, capsule)
+    arcs = np.linspace(0.0, options.last_share * guide.length, options.count)
+    poses = [_draw_pose(guide, field, checker, arc, options, rng) for arc in arcs]
+    ways = WaterGraph(field, 0.8 * capsule.radius).ways_from(guide.centres[-1])
+    starts = []
+    for arc, pose in zip(arcs, poses, strict=True):
+        starts.append(
+            Start(
+                pose,
+                field.clearance_at(pose.position),
+                shortest_length(ways, pose.position),
+                float(1.0 - arc / guide.length),
+            )
+        )
+    return tuple(starts)
+
+
+class CapsuleChecker:
+    """Tells exactly how far a capsule is from the walls (FCL), and on which side of them."""
+
+    def __init__(self, cavity: Cavity, field: DistanceField, capsule: Capsule) -> None:
+        import fcl
+
+        model = fcl.BVHModel()
+        model.beginModel(len(cavity.mesh.vertices), len(cavity.mesh.faces))
+        model.addSubModel(cavity.mesh.vertices, cavity.mesh.faces)
+        model.endModel()
+        self._walls = fcl.CollisionObject(model)
+        self._shape = fcl.Capsule(capsule.radius, capsule.axis_length)
+        self._capsule = capsule
+        self._field = field
+
+    def distance(self, pose: Pose) -> float:
+        """Return the gap between the capsule and the nearest wall, m; not positive when it touches or is in rock."""
+        import fcl
+
+        rotation = rotation_matrix(pose.orientation)
+        half_axis = 0.5 * self._capsule.axis_length * rotation[:, 0]
+        ends = pose.position + np.array([[-1.0], [0.0], [1.0]]) * half_axis
+        if self._field.clearance(ends).min() <= 0.0:
+            return 0.0
+        # FCL's capsule lies along its own z axis, the vehicle's along body x.
+        body_from_shape = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+        body = fcl.CollisionObject(self._shape, fcl.Transform(rotation @ body_from_shape, pose.position))
+        if fcl.collide(self._walls, body):
+            return 0.0
+        return float(fcl.distance(self._walls, body))
+
+
+def _draw_pose(
+    guide: Guide,
+    field: DistanceField,
+    checker: CapsuleChecker,
+    arc: float,
+    options: StartOptions,
+    rng: np.random.Generator,
+) -> Pose:
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(guide.centreline, axis=0), axis=1))])
+    index = int(np.clip(np.searchsorted(lengths, arc), 1, len(lengths) - 1))
+    centre = guide.centreline[index]
+    ahead = guide.centreline[min(index + 5, len(lengths) - 1)] - guide.centreline[max(index - 5, 0)]
+    room = field.clearance_at(centre)
+    spread = np.deg2rad(options.max_yaw_error_deg)
+    for attempt in range(TRIES_PER_START):
+        # The search draws in towards the centreline, so that tight places end on it.
+        reach = 1.0 - attempt / TRIES_PER_START
+        offset = reach * rng.uniform(-room, room, 3)
+        yaw = np.arctan2(ahead[1], ahead[0]) + reach * rng.uniform(-spread, spread)
+        pose = Pose(centre + offset, yaw_quaternion(float(yaw)))
+        if checker.distance(pose) > options.margin:
+            return pose
+    raise MeshError(
+        f"No free start pose near {centre.round(2)} m: the clearance there is {room:.2f} m and the vehicle keeps "
+        f"{options.margin:.2f} m from the walls. Choose a smaller vehicle, or fewer starts with --starts.count."
+    )

@@ -1,0 +1,97 @@
+"""Placing the panels: cross-sections of the passage along the route, none of which cuts another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.guide import Guide, Panel
+from aquanav_tools.cave.portals import plane_axes, section_polygon
+from aquanav_tools.cave.route import Route
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array
+
+MAX_OVERLAP = 0.02
+"""Share of a panel's outline that may lie on the wrong side of its neighbour's plane."""
+
+
+@dataclass(frozen=True)
+class PanelOptions:
+    """Where panels stand."""
+
+    spacing: float = 1.0
+    """Distance between panels along the route, m."""
+    tangent_length: float = 1.0
+    """Length of route over which a panel's direction is averaged, m."""
+
+    def __post_init__(self) -> None:
+        if not self.spacing > 0 or not self.tangent_length > 0:
+            raise ValueError(
+                f"spacing and tangent_length must be positive, got {self.spacing} and {self.tangent_length}."
+            )
+
+
+def place_panels(cavity: Cavity, field: DistanceField, route: Route, inset: float, options: PanelOptions) -> Guide:
+    """Return the guide along a route.
+
+    Args:
+        cavity: cut by the panels.
+        field: gives the clearance at their centres.
+        route: from entrance to goal.
+        inset: distance of the first and last panel from the route's ends, m, so that the vehicle reaches the goal
+            before it touches the lid behind it.
+        options: spacing and smoothing.
+
+    Raises:
+        MeshError: the route is too short for two panels.
+    """
+    step = route.length / (len(route.points) - 1)
+    first = round(inset / step)
+    centreline = route.points[first : len(route.points) - first]
+    if len(centreline) < 3 or (len(centreline) - 1) * step < options.spacing:
+        raise MeshError(
+            f"The route of {route.length:.2f} m is too short for two panels {options.spacing:.2f} m apart and "
+            f"{inset:.2f} m from its ends. The unit is wrong or the passage too short: check --unit."
+        )
+    tangents = _tangents(centreline, max(1, round(0.5 * options.tangent_length / step)))
+    count = max(2, round((len(centreline) - 1) * step / options.spacing) + 1)
+    stations = np.unique(np.round(np.linspace(0, len(centreline) - 1, count)).astype(int))
+    panels = [_panel(cavity, field, centreline[n], tangents[n], n * step) for n in stations]
+    return Guide(centreline, _without_crossings([panel for panel in panels if panel is not None]))
+
+
+def _tangents(points: Array, half_window: int) -> Array:
+    """Return the (C, 3) unit directions of a polyline, each over a window of points."""
+    ahead = np.minimum(np.arange(len(points)) + half_window, len(points) - 1)
+    behind = np.maximum(np.arange(len(points)) - half_window, 0)
+    chords = points[ahead] - points[behind]
+    unit: Array = chords / np.linalg.norm(chords, axis=1, keepdims=True)
+    return unit
+
+
+def _panel(cavity: Cavity, field: DistanceField, centre: Array, normal: Array, arc_length: float) -> Panel | None:
+    section = section_polygon(cavity.mesh, centre, normal)
+    if section is None:
+        return None
+    outline = np.asarray(section.exterior.coords)[:-1] @ plane_axes(normal) + centre
+    return Panel(centre, normal, outline, float(arc_length), field.clearance_at(centre))
+
+
+def _without_crossings(panels: list[Panel]) -> tuple[Panel, ...]:
+    """Return the panels without those whose outline cuts that of the one before; first and last always stay."""
+    kept = [panels[0]]
+    for panel in panels[1:-1]:
+        if not _cross(kept[-1], panel):
+            kept.append(panel)
+    while len(kept) > 1 and _cross(kept[-1], panels[-1]):
+        kept.pop()
+    return (*kept, panels[-1])
+
+
+def _cross(before: Panel, after: Panel) -> bool:
+    behind = (after.polygon - before.centre) @ before.normal < 0.0
+    ahead = (before.polygon - after.centre) @ after.normal > 0.0
+    return bool(behind.mean() > MAX_OVERLAP or ahead.mean() > MAX_OVERLAP)

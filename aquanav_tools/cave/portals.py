@@ -1,0 +1,194 @@
+"""Portals: the places where the passage goes on but the scan does not, cut flat and labelled.
+
+A patch of the closed surface that was invented is either a hole in the wall, which stays filled, or the open end of a
+passage, which becomes a portal. It is an end when the vehicle could pass through it and when the passage right behind
+is no wider than the patch: behind a hole in the side of a passage, a parallel cut runs along the passage and is much
+larger than the hole.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, prove_watertight, to_manifold
+from aquanav_tools.cave.closing import ClosedSurface, faces_near, from_manifold
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+OBSERVED_VOXELS = 2.0
+"""A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
+MAX_SECTION_RATIO = 2.0
+"""An open end's cross-section just inside is at most this many times its own area."""
+MAX_CUT_SHARE = 0.5
+"""A flat cut that would remove more of the volume than this is a mistake."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """A patch of invented surface."""
+
+    centre: Array
+    """(3,) m."""
+    normal: Array
+    """(3,) unit vector out of the water."""
+    area: float
+    """Of the patch projected along the normal, m^2."""
+    radius: float
+    """Distance from the centre to the farthest vertex, m."""
+    innermost: float
+    """How far its rim reaches into the water, against the normal, m; not positive."""
+    is_portal: bool
+    """Whether it is the open end of a passage, not a hole in a wall."""
+
+    @property
+    def diameter(self) -> float:
+        """Of the circle with the same area, m."""
+        return float(np.sqrt(4.0 * self.area / np.pi))
+
+
+def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
+    """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
+    openings = [_measure(closed.mesh, patch, min_diameter) for patch in _unobserved_patches(closed)]
+    large = [opening for opening in openings if opening.diameter >= min_diameter]
+    return tuple(sorted(large, key=lambda opening: -opening.area))
+
+
+def cut_portals(closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, ...], voxel: float) -> Cavity:
+    """Return the cavity with every open end cut flat just inside its rim and labelled.
+
+    Args:
+        closed: the solid.
+        surface: the scan it was made from, for the `observed` flags.
+        openings: from `find_openings`.
+        voxel: resolution of the scan, m.
+
+    Raises:
+        MeshError: the result is no proven solid.
+    """
+    solid = to_manifold(closed.mesh)
+    lids = [opening for opening in openings if opening.is_portal]
+    for lid in lids:
+        solid = _cut_flat(solid, lid)
+    mesh = from_manifold(solid)
+    # The scenario stores float32: prove what will be read back.
+    mesh = Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
+    prove_watertight(mesh)
+    labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
+    portals = []
+    for lid in lids:
+        on_lid = _faces_on_lid(mesh, lid, voxel)
+        if not on_lid.any():
+            logger.warning("The opening at %s was cut away with another one", lid.centre.round(2))
+            continue
+        labels[on_lid] = len(portals) + 1
+        portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
+    observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
+    return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:
+    """Return the face indices of each connected patch that the scan did not see."""
+    import trimesh
+
+    solid = closed.mesh.to_trimesh()
+    unseen = np.flatnonzero(~closed.is_scan)
+    pairs = solid.face_adjacency[~closed.is_scan[solid.face_adjacency].any(axis=1)]
+    groups = trimesh.graph.connected_components(pairs, nodes=unseen, min_len=1)
+    return [np.asarray(group, dtype=np.int64) for group in groups]
+
+
+def _measure(mesh: Mesh, patch: IntArray, min_diameter: float) -> Opening:
+    corners = mesh.triangles[patch]
+    vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = float(np.linalg.norm(vector_areas.sum(axis=0)))
+    normal = vector_areas.sum(axis=0) / max(area, 1e-12)
+    weights = np.linalg.norm(vector_areas, axis=1)
+    centre = np.average(corners.mean(axis=1), axis=0, weights=weights + 1e-12)
+    offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
+    innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
+    radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
+    opening = Opening(centre, normal, area, radius, innermost, is_portal=False)
+    if opening.diameter < min_diameter:
+        return opening
+    return Opening(centre, normal, area, radius, innermost, is_portal=_is_open_end(mesh, opening))
+
+
+def _rim(faces: IntArray) -> IntArray:
+    """Return the vertices on the border of a patch."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    rim: IntArray = np.unique(unique[counts == 1])
+    return rim
+
+
+def _is_open_end(mesh: Mesh, opening: Opening) -> bool:
+    """Return whether the cross-section a quarter diameter inside the opening is of about its own size."""
+    depth = opening.innermost - 0.25 * opening.diameter
+    section = section_polygon(mesh, opening.centre + depth * opening.normal, opening.normal)
+    return section is not None and section.area <= MAX_SECTION_RATIO * opening.area
+
+
+def section_polygon(mesh: Mesh, point: Array, normal: Array) -> Any:
+    """Return the shapely polygon of the cross-section around (or nearest to) a point, in plane coordinates.
+
+    The plane's axes are those of `plane_axes(normal)`, its origin is `point`. None where the plane misses the mesh.
+    """
+    import shapely
+    import trimesh
+
+    lines = trimesh.intersections.mesh_plane(mesh.to_trimesh(), plane_normal=normal, plane_origin=point)
+    if not len(lines):
+        return None
+    flat = (np.asarray(lines) - point) @ plane_axes(normal).T
+    snapped = shapely.set_precision(shapely.multilinestrings([shapely.linestrings(line) for line in flat]), 1e-6)
+    rings = list(shapely.polygonize([snapped]).geoms) if not snapped.is_empty else []
+    if not rings:
+        return None
+    origin = shapely.Point(0.0, 0.0)
+    return min(rings, key=lambda ring: (ring.distance(origin), -ring.area))
+
+
+def plane_axes(normal: Array) -> Array:
+    """Return the (2, 3) axes of a plane: first horizontal, second as upright as the plane allows."""
+    horizontal = np.cross([0.0, 0.0, 1.0], normal)
+    if np.linalg.norm(horizontal) < 1e-6:
+        horizontal = np.array([1.0, 0.0, 0.0])
+    horizontal = horizontal / np.linalg.norm(horizontal)
+    return np.stack([horizontal, np.cross(normal, horizontal)])
+
+
+def _cut_flat(solid: Any, lid: Opening) -> Any:
+    """Return the solid without the box outside the plane just inside the lid's rim."""
+    import manifold3d
+
+    horizontal, upright = plane_axes(lid.normal)
+    half, depth = 1.2 * lid.radius, 2.4 * lid.radius
+    box = manifold3d.Manifold.cube((2 * half, 2 * half, depth)).translate((-half, -half, 0.0))
+    base = lid.centre + lid.innermost * lid.normal
+    placed = box.transform(np.column_stack([horizontal, upright, lid.normal, base]))
+    rest = solid - placed
+    if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
+        raise MeshError(
+            f"Cutting the opening at {lid.centre.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
+            f"half of the {solid.volume():.3g} m3. The scan is open along its side and not only at its ends: it is no "
+            "passage. Scan the missing walls, or give a larger --min-portal so that the hole is filled instead."
+        )
+    return max(rest.decompose(), key=lambda piece: piece.volume())
+
+
+def _faces_on_lid(mesh: Mesh, lid: Opening, voxel: float) -> Any:
+    offsets = mesh.triangles - (lid.centre + lid.innermost * lid.normal)
+    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < 1e-3 * voxel
+    return in_plane & (np.linalg.norm(offsets, axis=2).max(axis=1) <= 1.5 * lid.radius)
+
+
+def _portal(mesh: Mesh, faces: Any, label: int, normal: Array) -> Portal:
+    corners = mesh.triangles[faces]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return Portal(label, np.average(corners.mean(axis=1), axis=0, weights=areas), normal, float(areas.sum()))
