@@ -1,0 +1,110 @@
+"""Camera poses and sparse points from matches: incremental structure from motion."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.reconstruct.colmap import load_pycolmap
+from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
+from aquanav_tools.reconstruct.images import PhotoSet, ignore_progress
+from aquanav_tools.types import Array, Progress
+
+
+@dataclass(frozen=True)
+class MappingOptions:
+    """Structure from motion."""
+
+    seed: int = 0
+    """Of its random choices; the same seed gives the same cameras."""
+    min_share: float = 0.3
+    """Stop below this share of registered photos; a warning is given below 0.8."""
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.min_share <= 1.0:
+            raise ValueError(f"min_share = {self.min_share} is outside [0, 1].")
+
+
+@dataclass(frozen=True, eq=False)
+class SparseModel:
+    """The largest set of cameras that hang together, in the arbitrary scale and axes of frame `sfm`."""
+
+    model: Any
+    """pycolmap.Reconstruction."""
+    diagnoses: tuple[Diagnosis, ...] = ()
+    """One for every photo that is not in the model."""
+    cautions: tuple[Caution, ...] = ()
+
+    @property
+    def names(self) -> list[str]:
+        """Registered photos, in the order of their ids."""
+        return [image.name for image in self._images()]
+
+    @property
+    def centres(self) -> Array:
+        """(N, 3) camera centres of the registered photos."""
+        return np.array([image.projection_center() for image in self._images()])
+
+    @property
+    def rotations(self) -> Array:
+        """(N, 3, 3) `cam_from_world` rotations of the registered photos."""
+        return np.array([image.cam_from_world().rotation.matrix() for image in self._images()])
+
+    def _images(self) -> list[Any]:
+        return [self.model.images[image_id] for image_id in sorted(self.model.reg_image_ids())]
+
+
+def map_photos(
+    photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress = ignore_progress
+) -> SparseModel:
+    """Return the largest model; all models are kept in `folder`, from where a second call takes them.
+
+    Raises:
+        ReconstructionError: fewer than 3 photos or less than `min_share` of them register; the message counts causes.
+    """
+    if not folder.is_dir():
+        unfinished = folder.with_name(folder.name + ".unfinished")
+        shutil.rmtree(unfinished, ignore_errors=True)
+        unfinished.mkdir(parents=True)
+        _run_mapper(photos, database, unfinished, options, progress)
+        unfinished.rename(folder)
+    models = _read_models(folder)
+    groups = [sorted(model.image(i).name for i in model.reg_image_ids()) for model in models]
+    diagnoses = diagnose(photos, database, groups)
+    cautions = check_registration(len(photos.photos), groups, diagnoses, options.min_share)
+    return SparseModel(models[0], diagnoses, cautions)
+
+
+def _run_mapper(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
+    pycolmap = load_pycolmap()
+    pycolmap.set_random_seed(options.seed)
+    pipeline = pycolmap.IncrementalPipelineOptions()
+    pipeline.min_model_size = 3
+    for part in (pipeline, pipeline.mapper, pipeline.triangulation):
+        part.random_seed = options.seed
+    total, done = len(photos.photos), 0
+
+    def report() -> None:
+        nonlocal done
+        done = min(done + 1, total)  # a photo may be tried in more than one model
+        progress(done, total)
+
+    pycolmap.incremental_mapping(
+        database,
+        photos.folder,
+        folder,
+        options=pipeline,
+        initial_image_pair_callback=report,
+        next_image_callback=report,
+    )
+
+
+def _read_models(folder: Path) -> list[Any]:
+    """Return the models in a folder, the largest first: the first one that COLMAP writes may be a stray pair."""
+    pycolmap = load_pycolmap()
+    models = [pycolmap.Reconstruction(path) for path in sorted(folder.iterdir()) if path.is_dir()]
+    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))

@@ -1,0 +1,127 @@
+"""The whole way from a folder of photos to a cloud in metres, one call per stage.
+
+A recipe that wants its own order or progress calls the stages itself; this is how they fit together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
+from aquanav_tools.reconstruct.diagnosis import Caution
+from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
+from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
+from aquanav_tools.reconstruct.images import PhotoSet, ignore_progress, read_photos
+from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
+from aquanav_tools.reconstruct.scale import (
+    Georeference,
+    GeoreferenceOptions,
+    Sim3,
+    georeference,
+    level,
+    move_model,
+    read_positions,
+)
+from aquanav_tools.types import Array, PointCloud, Progress
+
+StageProgress = Callable[[str], Progress]
+"""Given the name of a stage that begins, returns what to call as it advances."""
+
+
+@dataclass(frozen=True)
+class ReconstructOptions:
+    """The settings of all stages."""
+
+    features: FeatureOptions = field(default_factory=FeatureOptions)
+    matching: MatchOptions = field(default_factory=MatchOptions)
+    mapping: MappingOptions = field(default_factory=MappingOptions)
+    georeference: GeoreferenceOptions = field(default_factory=GeoreferenceOptions)
+    depth: DepthOptions = field(default_factory=DepthOptions)
+    fusion: FusionOptions = field(default_factory=FusionOptions)
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """A passage as its photos show it, in the world frame."""
+
+    cloud: PointCloud
+    """Fused points, m, with normals into the water and colours."""
+    camera_centres: Array
+    """(N, 3) where the registered photos were taken, m."""
+    camera_names: tuple[str, ...]
+    """The photos those are."""
+    warnings: tuple[Caution, ...]
+    statistics: dict[str, Any]
+    """Figures for the report, ready for JSON."""
+
+    def moved(self, b_from_a: Sim3) -> Reconstruction:
+        """Return the reconstruction in another frame, for instance after its scale became known."""
+        normals = None if self.cloud.normals is None else b_from_a.turn(self.cloud.normals)
+        cloud = PointCloud(b_from_a.apply(self.cloud.points), normals, self.cloud.colours)
+        return replace(self, cloud=cloud, camera_centres=b_from_a.apply(self.camera_centres))
+
+
+def reconstruct(
+    photos_dir: Path,
+    workspace: Path,
+    options: ReconstructOptions,
+    positions: Path | None = None,
+    progress: StageProgress = lambda stage: ignore_progress,
+) -> Reconstruction:
+    """Return the passage that a folder of photos shows.
+
+    Args:
+        photos_dir: JPEG, PNG or TIFF photos.
+        workspace: What every stage makes is kept there, and taken up again by a second call. It belongs to one photo
+            set, one choice of options and one positions file.
+        options: Of all stages.
+        positions: CSV file (name, x, y, z) of known camera positions in metres; without it the scale is arbitrary.
+        progress: Shows the stages.
+
+    Raises:
+        InputError: photos or positions cannot be used.
+        ReconstructionError: too few photos register, or their depths do not agree.
+    """
+    photos = read_photos(photos_dir, progress("images"))
+    database = workspace / "database.db"
+    extract_features(photos, database, options.features, progress("features"))
+    match_features(photos, database, options.matching, progress("matching"))
+    sparse = map_photos(photos, database, workspace / "models", options.mapping, progress("mapping"))
+    if positions is None:
+        placement = level(sparse)
+    else:
+        placement = georeference(sparse, read_positions(positions, photos.names), options.georeference)
+    placed = move_model(sparse, placement.world_from_sfm)
+    dense_dir = workspace / "dense"
+    undistort(photos, placed, dense_dir, options.depth)
+    depth_paths = estimate_depth(dense_dir, options.depth, progress("depth"))
+    cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress("fusion"))
+    return assemble(photos, placed, placement, cloud)
+
+
+def assemble(photos: PhotoSet, placed: SparseModel, placement: Georeference, cloud: PointCloud) -> Reconstruction:
+    """Return the result of the stages as one value.
+
+    Args:
+        photos: All photos handed in.
+        placed: The sparse model in the world frame.
+        placement: How it got there.
+        cloud: The fused cloud in the world frame.
+    """
+    names = tuple(placed.names)
+    statistics = {
+        "photos": len(photos.photos),
+        "registered": len(names),
+        "sparse_points": int(placed.model.num_points3D()),
+        "reprojection_error_px": round(float(placed.model.compute_mean_reprojection_error()), 3),
+        "positions_used": placement.num_positions,
+        "positions_rms_m": None if np.isnan(placement.rms) else round(placement.rms, 4),
+        "cloud_points": len(cloud.points),
+        "unregistered": [{"name": d.name, "cause": d.cause, "sentence": d.sentence} for d in placed.diagnoses],
+    }
+    return Reconstruction(cloud, placed.centres, names, placed.cautions + placement.cautions, statistics)
