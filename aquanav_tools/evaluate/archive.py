@@ -83,6 +83,9 @@ def read_weights(weights: bytes, path: Path) -> dict[str, Any]:
 
 
 def _check_members(archive: zipfile.ZipFile, path: Path) -> None:
+    # policy.pth is a zip itself: cut off behind it, the file ends like a zip that begins somewhere in the middle.
+    if min((member.header_offset for member in archive.infolist()), default=0) != 0:
+        raise zipfile.BadZipFile("its first member does not begin at its first byte")
     odd = [name for name in archive.namelist() if "/" in name or "\\" in name or ".." in name]
     if odd:
         raise InputError(f"{path} has a member named '{odd[0]}'. Stable-Baselines3 writes no folders. Do not use it.")

@@ -68,7 +68,7 @@ def results_table(
 
 def check_results(table: dict[str, Any]) -> None:
     """Raise jsonschema.ValidationError when a table does not follow the shipped schema."""
-    import jsonschema
+    import jsonschema  # type: ignore[import-untyped]
 
     schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator(schema).validate(table)

@@ -39,7 +39,7 @@ class Figure:
     path: Path
     caption: str
     is_wide: bool = True
-    """Whether it takes the full width of the page; two others share a row."""
+    """Whether it takes the full width of the page; three others share a row."""
 
 
 @dataclass(frozen=True)

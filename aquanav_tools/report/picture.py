@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,11 +28,11 @@ GOAL = "#fb5607"
 CRASH = "#e5383b"
 
 
-def draw_cave(scenario: Scenario, path: Path, *, track: Track | None = None) -> None:
+def draw_cave(scenario: Scenario, path: Path, tracks: Sequence[Track] = ()) -> None:
     """Write a PNG of a cave, cut open: plan above, long section below, on one scale.
 
-    Shows the route, its panels, entrance and goal. Without a track it shows the starts; with one, its trail coloured
-    by clearance and a cross where the hull touched the wall.
+    Shows the route, its panels, entrance and goal. Without tracks it shows the starts; with them, their trails coloured
+    by clearance and a cross wherever the hull touched the wall.
     """
     views = plan_and_section(scenario.guide.centreline)
     inches = _inches_per_metre(scenario.cavity.mesh, views)
@@ -40,7 +41,7 @@ def draw_cave(scenario: Scenario, path: Path, *, track: Track | None = None) -> 
 
     figure = new_figure(WIDTH_IN, height)
     bottom = height - 0.5 * MARGIN_IN
-    trail = None
+    trails = None
     for view, relief, name in zip(
         views, reliefs, ("Plan, seen from above", "Long section, seen from the side"), strict=True
     ):
@@ -49,15 +50,15 @@ def draw_cave(scenario: Scenario, path: Path, *, track: Track | None = None) -> 
         axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
         _draw_relief(axes, relief)
         _draw_route(axes, scenario, view)
-        if track is None:
-            _draw_starts(axes, scenario, view)
+        if tracks:
+            trails = _draw_trails(axes, tracks, view)
         else:
-            trail = _draw_trail(axes, track, view)
+            _draw_starts(axes, scenario, view)
         _label_ends(axes, scenario, view)
     _draw_scale_bar(figure, inches, height)
-    _draw_key(figure, height, track)
-    if trail is not None:
-        _draw_clearance_bar(figure, height, trail)
+    _draw_key(figure, height, tracks)
+    if trails is not None:
+        _draw_clearance_bar(figure, height, trails)
     save_figure(figure, path, DPI)
 
 
@@ -106,19 +107,27 @@ def _draw_starts(axes: Any, scenario: Scenario, view: View) -> None:
     axes.scatter(*view.project(positions).T, s=16, color="white", edgecolors=INK, linewidths=0.7, zorder=6)
 
 
-def _draw_trail(axes: Any, track: Track, view: View) -> Any:
+def _draw_trails(axes: Any, tracks: Sequence[Track], view: View) -> Any:
+    """Draw every track's trail and return the lines, whose colours the clearance bar explains."""
     from matplotlib.collections import LineCollection
 
-    points = view.project(track.positions)
-    segments = np.stack([points[:-1], points[1:]], axis=1)
-    axes.plot(*points.T, color=INK, linewidth=3.6, alpha=0.6, zorder=5, solid_capstyle="round")
-    trail = LineCollection(list(segments), cmap="plasma", linewidths=2.2, zorder=6, capstyle="round")
-    trail.set_array(track.clearances[1:])
-    trail.set_clim(0.0, max(float(np.percentile(track.clearances, 95.0)), 0.1))
-    axes.add_collection(trail)
-    axes.scatter(*points[track.contact_states].T, marker="x", s=46, color=CRASH, linewidths=1.8, zorder=8)
-    axes.scatter(*points[0], s=34, color="white", edgecolors=INK, linewidths=1.0, zorder=8)
-    return trail
+    lines = [view.project(track.positions) for track in tracks]
+    is_alone = len(tracks) == 1
+    if is_alone:
+        axes.plot(*lines[0].T, color=INK, linewidth=3.6, alpha=0.6, zorder=5, solid_capstyle="round")
+    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
+    clearances = np.concatenate([track.clearances[1:] for track in tracks])
+    trails = LineCollection(
+        list(segments), cmap="plasma", linewidths=2.2 if is_alone else 1.1, zorder=6, capstyle="round"
+    )
+    trails.set_array(clearances)
+    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1))
+    axes.add_collection(trails)
+    contacts = np.concatenate([line[track.contact_states] for line, track in zip(lines, tracks, strict=True)])
+    axes.scatter(*contacts.T, marker="x", s=46 if is_alone else 26, color=CRASH, linewidths=1.8, zorder=8)
+    beginnings = np.array([line[0] for line in lines])
+    axes.scatter(*beginnings.T, s=34 if is_alone else 14, color="white", edgecolors=INK, linewidths=0.8, zorder=8)
+    return trails
 
 
 def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
@@ -151,7 +160,7 @@ def _draw_scale_bar(figure: Any, inches: float, height: float) -> None:
     axes.text(2.0, 1.8, f"{metres:g} m", ha="center", va="bottom", color=INK, fontsize=10)
 
 
-def _draw_key(figure: Any, height: float, track: Track | None) -> None:
+def _draw_key(figure: Any, height: float, tracks: Sequence[Track]) -> None:
     from matplotlib.lines import Line2D
 
     entries = [
@@ -159,7 +168,7 @@ def _draw_key(figure: Any, height: float, track: Track | None) -> None:
         Line2D([], [], color="#9fb3bd", marker="|", linestyle="", markersize=11, label="panel"),
         Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start"),
     ]
-    if track is not None and track.collided.any():
+    if any(track.collided.any() for track in tracks):
         entries.append(
             Line2D([], [], color=CRASH, marker="x", linestyle="", markeredgewidth=1.8, label="touched the wall")
         )
@@ -169,9 +178,9 @@ def _draw_key(figure: Any, height: float, track: Track | None) -> None:
     )  # fmt: skip
 
 
-def _draw_clearance_bar(figure: Any, height: float, trail: Any) -> None:
+def _draw_clearance_bar(figure: Any, height: float, trails: Any) -> None:
     axes = figure.add_axes((0.38, 0.42 / height, 0.2, 0.10 / height))
-    bar = figure.colorbar(trail, cax=axes, orientation="horizontal")
+    bar = figure.colorbar(trails, cax=axes, orientation="horizontal")
     bar.set_label("trail: clearance, m", color=INK, fontsize=9, labelpad=1)
     bar.outline.set_visible(False)
     axes.tick_params(labelsize=8, colors=INK, length=2, pad=1)

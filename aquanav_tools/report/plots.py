@@ -4,26 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools.report.figures import BLUE, INK, MUTED, OUTCOME_COLOURS, new_figure, save_figure
-from aquanav_tools.report.relief import plan_and_section
 from aquanav_tools.report.track import Track
 
-if TYPE_CHECKING:
-    from aquanav_tools.scenario.schema import Scenario
-
 DPI = 140
-HALF_PAGE_IN = (6.4, 3.6)
+SIZE_IN = (4.7, 3.5)
 
 Interval = tuple[float, float]
 
 
 def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path) -> None:
     """Write bars of rates in [0, 1] with their 95 % intervals: {label: (rate, (low, high))}."""
-    figure = new_figure(*HALF_PAGE_IN)
+    figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
     for row, (label, (rate, (low, high))) in enumerate(rates.items()):
         colour = OUTCOME_COLOURS.get(label, BLUE)
@@ -40,9 +36,9 @@ def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path) -> None:
 
 
 def plot_clearance(tracks: Sequence[Track], path: Path) -> None:
-    """Write the histogram of clearance over all states of all episodes, with the share of time in contact."""
+    """Write the histogram of clearance over all states of all episodes."""
     clearances = np.concatenate([track.clearances for track in tracks])
-    figure = new_figure(*HALF_PAGE_IN)
+    figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
     axes.hist(clearances, bins=40, weights=np.full(len(clearances), 100.0 / len(clearances)), color=BLUE)
     mean = float(clearances.mean())
@@ -56,7 +52,7 @@ def plot_clearance(tracks: Sequence[Track], path: Path) -> None:
 
 def plot_progress(tracks: Sequence[Track], route_length: float, path: Path) -> None:
     """Write the progress along the guide over time, a line per episode, coloured by outcome; the goal is dashed."""
-    figure = new_figure(*HALF_PAGE_IN)
+    figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
     for track in tracks:
         colour = OUTCOME_COLOURS.get(track.outcome, MUTED)
@@ -73,34 +69,6 @@ def plot_progress(tracks: Sequence[Track], route_length: float, path: Path) -> N
     axes.set_xlabel("time, s")
     axes.set_ylabel("progress along the route, m")
     axes.set_title("How they advanced", loc="left", fontweight="bold")
-    _finish(figure, axes, path)
-
-
-def plot_trails(scenario: Scenario, tracks: Sequence[Track], path: Path) -> None:
-    """Write all trails in one plan view, coloured by clearance on one scale."""
-    from matplotlib.collections import LineCollection
-
-    plan, _ = plan_and_section(scenario.guide.centreline)
-    figure = new_figure(13.0, 3.4)
-    axes = figure.subplots()
-    route = plan.project(scenario.guide.centreline)
-    axes.plot(*route.T, color=MUTED, linewidth=1.0, linestyle=":")
-    for panel in scenario.guide.panels:
-        axes.plot(*plan.project(panel.polygon).T, color=MUTED, linewidth=0.8, alpha=0.35)
-    points = [plan.project(track.positions) for track in tracks]
-    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in points])
-    trails = LineCollection(list(segments), cmap="plasma", linewidths=1.2, alpha=0.8)
-    clearances = np.concatenate([track.clearances[1:] for track in tracks])
-    trails.set_array(clearances)
-    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1))
-    axes.add_collection(trails)
-    contacts = np.concatenate([line[track.contact_states] for line, track in zip(points, tracks, strict=True)])
-    axes.scatter(*contacts.T, marker="x", s=22, color=OUTCOME_COLOURS["collision"], linewidths=1.0, zorder=3)
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("along the passage's main direction, m")
-    axes.set_ylabel("across, m")
-    axes.set_title("All trails, seen from above", loc="left", fontweight="bold")
-    figure.colorbar(trails, ax=axes, pad=0.01, label="clearance, m")
     _finish(figure, axes, path)
 
 

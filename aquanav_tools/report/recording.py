@@ -68,7 +68,7 @@ def thin(mesh: Mesh, max_triangles: int) -> Mesh:
         solid = solid.simplify(tolerance)
         tolerance *= 1.5
     simple = solid.to_mesh64()
-    return Mesh(np.asarray(simple.vert_properties)[:, :3], np.asarray(simple.tri_verts, dtype=np.int64))
+    return Mesh(np.array(simple.vert_properties)[:, :3], np.array(simple.tri_verts, dtype=np.int64))
 
 
 def record_cave(cave: CaveModel, path: Path) -> None:

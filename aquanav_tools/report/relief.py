@@ -8,7 +8,7 @@ import numpy as np
 
 from aquanav_tools.types import Array, Mesh
 
-MAX_RAYS = 6_000_000
+MAX_RAYS = 4_000_000
 LIGHT = np.array([-0.45, 0.55, 0.70])
 """Direction to the light in the picture's frame (right, up, towards the viewer): from the upper left, as on maps."""
 TINTS = np.array([[0.10, 0.32, 0.44], [0.22, 0.50, 0.60], [0.55, 0.74, 0.76], [0.84, 0.89, 0.86]])
@@ -115,8 +115,6 @@ def _cast(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[int, int
 
 def _shade(depths: Array, normals: Array) -> Array:
     """Return the (H, W, 4) colours: tint by depth, light by normal, hollows darker (a depth image minus its blur)."""
-    from scipy.ndimage import gaussian_filter
-
     is_hit = np.isfinite(depths)
     share = np.zeros(depths.shape)
     share[is_hit] = _spread(depths[is_hit])
@@ -124,15 +122,22 @@ def _shade(depths: Array, normals: Array) -> Array:
     tint = np.stack([np.interp(share, stops, TINTS[:, channel]) for channel in range(3)], axis=-1)
 
     light = 0.55 + 0.55 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
-    radius = 0.012 * max(depths.shape)
-    weight = gaussian_filter(is_hit.astype(float), radius)
-    blurred = gaussian_filter(np.where(is_hit, share, 0.0), radius) / np.maximum(weight, 1e-6)
+    width = 1 + int(0.025 * max(depths.shape))
+    blurred = _blur(share, width) / np.maximum(_blur(is_hit.astype(float), width), 1e-6)
     hollow = np.clip(1.0 - 0.9 * (blurred - share), 0.6, 1.15)
 
     colours = np.zeros((*depths.shape, 4))
     colours[..., :3] = np.clip(tint * (light * hollow)[..., None], 0.0, 1.0)
     colours[..., 3] = is_hit
     return colours
+
+
+def _blur(image: Array, width: int) -> Array:
+    """Return the image under a window of `width` pixels, twice: close to a Gaussian at a cost without the width."""
+    from scipy.ndimage import uniform_filter
+
+    blurred: Array = uniform_filter(uniform_filter(image, width, mode="constant"), width, mode="constant")
+    return blurred
 
 
 def _spread(depths: Array) -> Array:

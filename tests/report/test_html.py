@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import base64
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Page:
+    Image.new("RGB", (4, 3), (1, 2, 3)).save(tmp_path / "a.png")
+    return Page(
+        title="Cave <b>&",
+        summary="It went well.",
+        facts=(Fact("length", "27 m", "along the route"),),
+        warnings=(Notice("few-starts", "Only 3 starts."),),
+        figures=(Figure(tmp_path / "a.png", "A picture."),),
+        tables=(Table("Rows", ("a", "b"), (("1", "2"), ("3", "4"))),),
+        footer="made here",
+    )
+
+
+def test_page_says_everything_it_was_given(page: Page, tmp_path: Path) -> None:
+    write_page(page, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    for part in ("It went well.", "27 m", "along the route", "few-starts", "Only 3 starts.", "A picture.", "made here"):
+        assert part in text
+    assert text.count("<td>") == 4
+
+
+def test_texts_are_escaped(page: Page, tmp_path: Path) -> None:
+    write_page(page, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    assert "Cave &lt;b&gt;&amp;" in text
+    assert "<b>" not in text
+
+
+def test_picture_is_inside_and_nothing_is_loaded_from_elsewhere(page: Page, tmp_path: Path) -> None:
+    write_page(page, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    (embedded,) = re.findall(r'src="data:image/png;base64,([^"]+)"', text)
+    assert base64.b64decode(embedded) == (tmp_path / "a.png").read_bytes()
+    assert "http" not in text
+    assert "<script" not in text
+
+
+def test_every_tag_is_closed(page: Page, tmp_path: Path) -> None:
+    class Balance(HTMLParser):
+        open_tags: list[str] = []  # noqa: RUF012
+
+        def handle_starttag(self, tag: str, attrs: object) -> None:
+            if tag not in ("meta", "img"):
+                self.open_tags.append(tag)
+
+        def handle_endtag(self, tag: str) -> None:
+            assert self.open_tags.pop() == tag
+
+    write_page(page, tmp_path / "report.html")
+    parser = Balance()
+    parser.feed((tmp_path / "report.html").read_text())
+    assert not parser.open_tags
+
+
+def test_table_refuses_a_row_of_another_length() -> None:
+    with pytest.raises(ValueError, match="2 columns but a row of 1"):
+        Table("Rows", ("a", "b"), (("1",),))

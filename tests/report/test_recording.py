@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.report.recording import CaveModel, record_cave, record_episode, thin
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import Capsule, Mesh
+from tests.report.tracks import RAYS, straight_track
+
+RERUN = Path(sys.executable).with_name("rerun")
+HULL = Capsule(0.17, 0.12)
+
+
+def rerun(*arguments: str | Path) -> str:
+    result = subprocess.run([RERUN, "rrd", *arguments], capture_output=True, text=True, check=True, timeout=60)
+    return result.stdout + result.stderr
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "episode.rrd"
+    record_episode(CaveModel(tube), straight_track(), HULL, RAYS, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def listing(recording: Path) -> str:
+    return rerun("print", "-v", recording)
+
+
+def test_rerun_accepts_the_recordings(recording: Path, tmp_path: Path, tube: Scenario) -> None:
+    record_cave(CaveModel(tube), tmp_path / "cave.rrd")
+    assert "verified without error" in rerun("verify", recording, tmp_path / "cave.rrd")
+
+
+SCENE = (
+    "/cave",
+    "/route/centreline",
+    "/route/panels",
+    "/route/goal",
+    "/vehicle",
+    "/vehicle/hull",
+    "/vehicle/rays",
+    "/trail",
+)
+PLOTS = ("clearance", "progress", "cost", "reward/movement", "reward/time")
+
+
+@pytest.mark.parametrize("entity", [*SCENE, "/state", *(f"/plots/{plot}" for plot in PLOTS)])
+def test_recording_shows(listing: str, entity: str) -> None:
+    assert re.search(rf"{entity}\b", listing)
+
+
+def test_recording_carries_its_blueprint_and_properties(listing: str) -> None:
+    assert "Blueprint" in listing
+    assert "/__properties/episode" in listing
+
+
+def test_properties_name_seed_and_outcome(recording: Path) -> None:
+    text = rerun("print", "-vvv", "--entity", "/__properties/episode", recording)
+    for value in ("seed", "outcome", "success", "collisions"):
+        assert value in text
+
+
+def test_every_state_is_recorded_once(recording: Path) -> None:
+    rows = {entity: rerun("print", "--entity", entity, recording) for entity in ("/vehicle", "/plots/reward/time")}
+    assert "101 rows" in rows["/vehicle"]
+    assert "100 rows" in rows["/plots/reward/time"]
+
+
+def test_long_episode_stays_small(tmp_path: Path, tube: Scenario, rng: np.random.Generator) -> None:
+    track = straight_track(2400, rays=rng.uniform(0.5, 5.0, (2401, 28)))
+    record_episode(CaveModel(tube), track, HULL, RAYS, tmp_path / "long.rrd")
+    assert (tmp_path / "long.rrd").stat().st_size < 1_500_000
+
+
+def test_repeated_run_keeps_the_recording_id(recording: Path, tmp_path: Path, tube: Scenario) -> None:
+    record_episode(CaveModel(tube), straight_track(), HULL, RAYS, tmp_path / "again.rrd")
+
+    def recording_id(path: Path) -> str:
+        found = re.search(r'Recording, "aquanav", "([^"]+)"', rerun("stats", path))
+        assert found
+        return found.group(1)
+
+    assert recording_id(recording) == recording_id(tmp_path / "again.rrd")
+
+
+def test_large_cave_is_thinned_and_stays_closed() -> None:
+    sphere = trimesh.creation.icosphere(subdivisions=5, radius=3.0)
+    mesh = Mesh(np.array(sphere.vertices), np.array(sphere.faces, dtype=np.int64))
+    thinned = thin(mesh, 4000)
+    assert len(thinned.faces) <= 4000 < len(mesh.faces)
+    prove_watertight(thinned)
+    np.testing.assert_allclose(np.linalg.norm(thinned.vertices, axis=1), 3.0, atol=0.05)  # 1 % of its size
+
+
+def test_small_cave_is_kept_as_it_is(tube: Scenario) -> None:
+    assert thin(tube.cavity.mesh, 1000) is tube.cavity.mesh
