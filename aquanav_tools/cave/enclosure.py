@@ -14,16 +14,37 @@ NUM_DIRECTIONS = 256
 
 def enclosure(surface: Mesh, viewpoints: Array) -> Array:
     """Return the (N,) shares of all directions in which the scanned surface is in view from (N, 3) points."""
+    distances = _cast(surface, viewpoints, sphere_directions(NUM_DIRECTIONS))
+    shares: Array = np.isfinite(distances).mean(axis=1)
+    return shares
+
+
+def free_height(surface: Mesh, viewpoints: Array) -> float:
+    """Return the median distance between floor and ceiling at (N, 3) points inside, in the surface's units.
+
+    Raises:
+        MeshError: floor and ceiling are both seen from none of them.
+    """
+    heights = _cast(surface, viewpoints, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])).sum(axis=1)
+    if not np.isfinite(heights).any():
+        raise MeshError(
+            f"None of the {len(viewpoints)} viewpoints has both floor and ceiling in the model, so the passage's "
+            "height is unknown. Take photos of both, or give camera positions with --positions."
+        )
+    return float(np.median(heights[np.isfinite(heights)]))
+
+
+def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
+    """Return the (N, D) distances to the surface from each point in each unit direction, inf where nothing is hit."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
     scene = EmbreeScene()
     TriangleMesh(scene, surface.triangles.astype(np.float32))
-    directions = sphere_directions(NUM_DIRECTIONS)
-    origins = np.repeat(viewpoints, len(directions), axis=0).astype(np.float32)
-    hits = scene.run(origins, np.tile(directions, (len(viewpoints), 1)).astype(np.float32), query="OCCLUDED")
-    shares: Array = (np.asarray(hits).reshape(len(viewpoints), -1) >= 0).mean(axis=1)
-    return shares
+    starts = np.repeat(origins, len(directions), axis=0).astype(np.float32)
+    ways = np.tile(directions, (len(origins), 1)).astype(np.float32)
+    distances = np.asarray(scene.run(starts, ways, query="DISTANCE"), dtype=np.float64)
+    return np.where(distances < 1e30, distances, np.inf).reshape(len(origins), -1)
 
 
 def check_enclosure(surface: Mesh, viewpoints: Array, what: str) -> float:
@@ -41,8 +62,8 @@ def check_enclosure(surface: Mesh, viewpoints: Array, what: str) -> float:
     if share < MIN_ENCLOSURE:
         raise MeshError(
             f"This is no cave: from {what}, the scanned surface fills only {share:.0%} of the view all around, and a "
-            f"passage needs {MIN_ENCLOSURE:.0%}. It is a facade, a floor or an object seen from outside. Scan the walls "
-            "on all sides, or the passage whose inside is to be dived."
+            f"passage needs {MIN_ENCLOSURE:.0%}. It is a facade, a floor or an object seen from outside. "
+            "Scan the walls on all sides, or the passage whose inside is to be dived."
         )
     return share
 

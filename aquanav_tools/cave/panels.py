@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.guide import Guide, Panel
+from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.portals import plane_axes, section_polygon
 from aquanav_tools.cave.route import Route
 from aquanav_tools.errors import MeshError
@@ -16,22 +15,6 @@ from aquanav_tools.types import Array
 
 MAX_OVERLAP = 0.02
 """Share of a panel's outline that may lie on the wrong side of its neighbour's plane."""
-
-
-@dataclass(frozen=True)
-class PanelOptions:
-    """Where panels stand."""
-
-    spacing: float = 1.0
-    """Distance between panels along the route, m."""
-    tangent_length: float = 1.0
-    """Length of route over which a panel's direction is averaged, m."""
-
-    def __post_init__(self) -> None:
-        if not self.spacing > 0 or not self.tangent_length > 0:
-            raise ValueError(
-                f"spacing and tangent_length must be positive, got {self.spacing} and {self.tangent_length}."
-            )
 
 
 def place_panels(cavity: Cavity, field: DistanceField, route: Route, inset: float, options: PanelOptions) -> Guide:

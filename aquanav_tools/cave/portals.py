@@ -80,7 +80,7 @@ def cut_portals(closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, .
     mesh = Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
-    portals = []
+    portals: list[Portal] = []
     for lid in lids:
         on_lid = _faces_on_lid(mesh, lid, voxel)
         if not on_lid.any():

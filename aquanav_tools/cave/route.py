@@ -45,8 +45,8 @@ class WaterGraph:
         self.is_open = self.field.values >= min_clearance
         if not self.is_open.any():
             raise MeshError(
-                f"No place in the water is wide enough: {min_clearance:.2f} m of clearance are needed, the widest place "
-                f"has {field.values.max():.2f} m. Check --unit, or choose a smaller vehicle with --vehicle."
+                f"No place in the water is wide enough: {min_clearance:.2f} m of clearance are needed, the widest "
+                f"place has {field.values.max():.2f} m. Check --unit, or choose a smaller vehicle with --vehicle."
             )
 
     def ways_from(self, point: Array) -> Ways:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
+from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.errors import InputError, ResourceError, did_you_mean
 from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
 
@@ -17,16 +17,6 @@ LAS_SUFFIXES = (".las", ".laz")
 MAX_POINTS = 100_000_000
 FAR_FROM_ORIGIN = 1000.0
 """Beyond this, float32 coordinates are coarser than 0.1 mm and the scan is moved to the origin, m."""
-
-
-@dataclass(frozen=True)
-class ScanOptions:
-    """How to read a scan's coordinates."""
-
-    unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] = "m"
-    """Length unit of the file."""
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
-    """Axis of the file that points up."""
 
 
 @dataclass(frozen=True, eq=False)

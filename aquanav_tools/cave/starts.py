@@ -9,6 +9,7 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.guide import Guide
+from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.route import WaterGraph
 from aquanav_tools.cave.shortcut import shortest_length
 from aquanav_tools.errors import MeshError
@@ -29,24 +30,6 @@ class Start:
     """Length of the shortest way through the water to the goal, m."""
     difficulty: float
     """In [0, 1]: share of the guide still to go."""
-
-
-@dataclass(frozen=True)
-class StartOptions:
-    """Which start poses to draw."""
-
-    count: int = 40
-    """Number of start poses."""
-    last_share: float = 0.6
-    """Starts lie on the first part of the guide, up to this share of its length."""
-    margin: float = 0.05
-    """Distance that the vehicle keeps from the wall at the start, m."""
-    max_yaw_error_deg: float = 30.0
-    """Starts look along the passage within this angle."""
-
-    def __post_init__(self) -> None:
-        if self.count < 1 or not 0.0 < self.last_share <= 1.0 or self.margin < 0.0:
-            raise ValueError(f"Start options out of range: {self}.")
 
 
 def draw_starts(

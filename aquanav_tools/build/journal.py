@@ -1,0 +1,54 @@
+"""The journal of a build: which stage took how long and how much memory, shown while it runs and kept afterwards."""
+
+from __future__ import annotations
+
+import contextlib
+import resource
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+
+from aquanav_tools.types import Progress
+
+Display = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a progress display for a stage with a title; closing it ends the stage."""
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """What one stage cost."""
+
+    title: str
+    seconds: float
+    peak_memory_mb: float
+    """Largest resident memory of the process up to the stage's end."""
+
+
+@dataclass
+class Journal:
+    """Collects the stages of one build."""
+
+    display: Display
+    stages: list[StageRecord] = field(default_factory=list)
+    notices: list[tuple[str, str]] = field(default_factory=list)
+    """(code, sentence) of results that are poor but usable."""
+
+    @contextlib.contextmanager
+    def stage(self, title: str) -> Iterator[Progress]:
+        """Run one stage; its body may call the progress it gets with (units done, units in all)."""
+        began = time.perf_counter()
+        with self.display(title) as progress:
+            yield progress
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        self.stages.append(StageRecord(title, round(time.perf_counter() - began, 3), round(peak, 1)))
+
+    def warn(self, code: str, sentence: str) -> None:
+        """Note a result that is poor but usable."""
+        self.notices.append((code, sentence))
+
+
+@contextlib.contextmanager
+def silent(title: str) -> Iterator[Progress]:
+    """A display that shows nothing."""
+    yield lambda done, total: None

@@ -1,0 +1,53 @@
+"""What a build can be told. Light to import: the command line is made from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
+
+
+@dataclass(frozen=True)
+class PhotoScaleOptions:
+    """Where the metres come from when the input is photos."""
+
+    positions: Path | None = None
+    """CSV with the columns name,x,y,z: known camera positions in metres, z up. Gives scale and up axis."""
+    passage_height: float | None = None
+    """Typical height of the passage, m. A rough scale when no positions are known; up is taken from the cameras."""
+
+    def __post_init__(self) -> None:
+        if self.passage_height is not None and not self.passage_height > 0.0:
+            raise ValueError(f"passage_height = {self.passage_height} must be positive.")
+
+
+@dataclass(frozen=True)
+class BuildOptions:
+    """One build, from input to scenario folder."""
+
+    input: Path
+    """Folder of photos, or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz)."""
+    output: Path
+    """Scenario folder to write."""
+    name: str = ""
+    """Name of the scenario; the output folder's by default."""
+    vehicle: str = "bluerov2"
+    """Vehicle that must be able to pass; a shipped name or a .toml file."""
+    seed: int = 0
+    """Seed of every random draw."""
+    overwrite: bool = False
+    """Replace a scenario that is already in the output folder."""
+    recipe: Path | None = None
+    """TOML file with settings for the stages, as in pipelines/build; flags given here win over it."""
+    scan: ScanOptions = field(default_factory=ScanOptions)
+    scale: PhotoScaleOptions = field(default_factory=PhotoScaleOptions)
+    closing: ClosingOptions = field(default_factory=ClosingOptions)
+    panels: PanelOptions = field(default_factory=PanelOptions)
+    starts: StartOptions = field(default_factory=StartOptions)
+
+    @property
+    def kind(self) -> Literal["photos", "scan"]:
+        """Way to build it: photos when the input is a folder."""
+        return "photos" if self.input.is_dir() else "scan"

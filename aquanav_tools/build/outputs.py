@@ -1,0 +1,140 @@
+"""What a build leaves beside the scenario: pictures, reports, a viewer's model, a recording and the build record."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools import __version__
+from aquanav_tools.build.cave_stages import BuiltCave
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table
+
+LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
+WALL_COLOUR = (126, 150, 160, 255)
+PORTAL_COLOUR = (251, 86, 7, 255)
+
+
+def write_viewer_model(cavity: Cavity, path: Path) -> None:
+    """Write the cavity as GLB, portals coloured apart. glTF has y up: (x, y, z) becomes (x, z, -y)."""
+    solid = cavity.mesh.to_trimesh()
+    solid.visual.face_colors = np.where((cavity.labels == WALL)[:, None], WALL_COLOUR, PORTAL_COLOUR).astype(np.uint8)
+    turn = np.eye(4)
+    turn[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+    solid.apply_transform(turn)
+    path.write_bytes(solid.export(file_type="glb"))
+
+
+def build_record(
+    options: BuildOptions, inputs: dict[str, str], journal: Journal, facts: dict[str, Any]
+) -> dict[str, Any]:
+    """Return build.json's table: versions, options, input hashes, cost of every stage."""
+    return {
+        "aquanav": __version__,
+        "python": platform.python_version(),
+        "libraries": {name: version(name) for name in LIBRARIES},
+        "options": json.loads(json.dumps(dataclasses.asdict(options), default=str)),
+        "inputs": inputs,
+        "stages": [dataclasses.asdict(stage) for stage in journal.stages],
+        "facts": facts,
+    }
+
+
+def cave_facts(built: BuiltCave) -> dict[str, Any]:
+    """Return what is known about the cave, as plain values."""
+    return {
+        "statistics": dataclasses.asdict(built.statistics),
+        "fit": dataclasses.asdict(built.fit),
+        "voxel": built.voxel,
+        "closed_by": built.method,
+        "enclosure": built.enclosure,
+        "num_starts": len(built.scenario.starts),
+        "portals": [
+            {"label": lid.label, "centre": lid.centre.tolist(), "normal": lid.normal.tolist(), "area": lid.area}
+            for lid in built.scenario.cavity.portals
+        ],
+    }
+
+
+def cave_page(built: BuiltCave, picture: Path, journal: Journal) -> Page:
+    """Return the report of a finished build."""
+    numbers = built.statistics
+    summary = (
+        f"A closed passage of {numbers.route_length:.1f} m and {numbers.volume:.1f} m³ with {numbers.num_portals} open "
+        f"ends; the narrowest place of the route leaves {numbers.min_clearance:.2f} m to the wall."
+    )
+    facts = (
+        Fact("Route", f"{numbers.route_length:.1f} m", f"{numbers.num_panels} panels"),
+        Fact("Water", f"{numbers.volume:.1f} m³", f"{numbers.num_triangles} triangles, watertight"),
+        Fact("Clearance", f"{numbers.min_clearance:.2f} m", f"narrowest; {numbers.max_clearance:.2f} m at the widest"),
+        Fact("Seen wall", f"{numbers.observed_share:.1%}", "the rest was filled in"),
+        Fact(
+            "Fit to scan",
+            f"{1000 * built.fit.median:.1f} mm",
+            f"median; 95 % within {1000 * built.fit.percentile_95:.1f} mm",
+        ),
+        Fact("Starts", str(len(built.scenario.starts)), f"for the vehicle {built.scenario.settings.vehicle}"),
+    )
+    portals = Table(
+        "Portals",
+        ("label", "centre (m)", "outward normal", "area (m²)"),
+        tuple(
+            (str(lid.label), _row(lid.centre), _row(lid.normal), f"{lid.area:.2f}")
+            for lid in built.scenario.cavity.portals
+        ),
+    )
+    caption = "The cavity cut open, with the route, its panels, the start poses, entrance and goal."
+    return Page(
+        title=f"Cave {built.scenario.name}",
+        summary=summary,
+        facts=facts,
+        warnings=_notices(journal),
+        figures=(Figure(picture, caption),),
+        tables=(portals, stage_table(journal)),
+        footer=_footer(),
+    )
+
+
+def failure_page(options: BuildOptions, error: Exception, journal: Journal, facts: dict[str, Any]) -> Page:
+    """Return the report of a build that stopped."""
+    rows = tuple(
+        (name.replace("_", " "), str(value)) for name, value in facts.items() if not isinstance(value, list | dict)
+    )
+    return Page(
+        title=f"Build of {options.output.name} stopped",
+        summary=str(error),
+        warnings=_notices(journal),
+        tables=(Table("What is known", ("fact", "value"), rows), stage_table(journal)),
+        footer=_footer(),
+    )
+
+
+def stage_table(journal: Journal) -> Table:
+    """Return what each stage cost."""
+    rows = tuple((s.title, f"{s.seconds:.1f}", f"{s.peak_memory_mb:.0f}") for s in journal.stages)
+    return Table("Stages", ("stage", "seconds", "peak memory (MB)"), rows)
+
+
+def write_json(table: dict[str, Any], path: Path) -> None:
+    """Write a table for programs."""
+    path.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _notices(journal: Journal) -> tuple[Notice, ...]:
+    return tuple(Notice(code, sentence) for code, sentence in journal.notices)
+
+
+def _row(vector: np.ndarray) -> str:
+    return ", ".join(f"{value:.2f}" for value in vector)
+
+
+def _footer() -> str:
+    return f"Built with aquanav {__version__}. Options, versions and hashes of all inputs are in build.json."

@@ -1,0 +1,157 @@
+"""The build, from input to scenario folder: the main path of aquanav-build-cave."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import shutil
+from dataclasses import dataclass
+from typing import Any
+
+from aquanav_tools.build import outputs
+from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
+from aquanav_tools.build.journal import Display, Journal, silent
+from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.photo_stages import (
+    PhotoRecipe,
+    check_is_cave,
+    hash_photos,
+    in_metres,
+    reconstruct,
+    write_cloud,
+)
+from aquanav_tools.cave.scan import read_scan
+from aquanav_tools.errors import AquanavError, InputError
+from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.report.html import write_page
+from aquanav_tools.report.picture import draw_cave
+from aquanav_tools.report.recording import CaveModel, record_cave
+from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.tables import from_table, read_toml
+
+WORK_DIR = "work"
+"""Where photo stages keep what a later run can take up; safe to delete."""
+KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply"}
+
+
+@dataclass(frozen=True, eq=False)
+class BuildResult:
+    """A finished build."""
+
+    scenario: Scenario
+    built: BuiltCave
+    journal: Journal
+
+
+def build_cave(options: BuildOptions, display: Display = silent) -> BuildResult:
+    """Build a scenario folder from photos or a scan.
+
+    Nothing is written before the input has been read and found sound. A build that stops later leaves no scenario.toml:
+    photo builds keep their point cloud, a report and the finished stages in the output folder.
+
+    Raises:
+        AquanavError: with what happened, the likely cause and what to do.
+    """
+    _check_output(options)
+    load_vehicle(options.vehicle)
+    journal = Journal(display)
+    return _build_from_photos(options, journal) if options.kind == "photos" else _build_from_scan(options, journal)
+
+
+def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
+    with journal.stage("Reading the scan"):
+        scan = read_scan(options.input, options.scan)
+        inputs = {options.input.name: file_hash(options.input)}
+    if scan.offset.any():
+        journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
+    built = build_scenario(scan.surface, options, journal)
+    return _finish(built, options, journal, inputs, {"offset": scan.offset.tolist()})
+
+
+def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
+    recipe = _photo_recipe(options)
+    with journal.stage("Reading the photos") as progress:
+        photos = read_photos(options.input, progress)
+        inputs = {name: file_hash(photos.path(name)) for name in photos.names}
+        key = hash_photos(photos, recipe, options.scale)
+    work_dir = options.output / WORK_DIR / key[:16]
+    work_dir.mkdir(parents=True, exist_ok=True)
+    facts: dict[str, Any] = {}
+    try:
+        photo_cloud = reconstruct(photos, options.scale, recipe, work_dir, journal)
+        facts |= photo_cloud.facts
+        write_cloud(photo_cloud.cloud, options.output / "cloud.ply")
+        check_is_cave(photo_cloud, journal)
+        photo_cloud = in_metres(photo_cloud, options.scale, journal)
+        built = build_scenario(photo_cloud.cloud, options, journal)
+    except AquanavError as error:
+        _report_failure(error, options, journal, inputs, facts)
+        raise
+    return _finish(built, options, journal, inputs, photo_cloud.facts)
+
+
+def _photo_recipe(options: BuildOptions) -> PhotoRecipe:
+    """Return the photo stages' settings from the recipe file, with the build's seed where the file names none."""
+    table = {} if options.recipe is None else read_toml(options.recipe).get("photos", {})
+    for stage in ("matching", "mapping", "positions", "depth"):
+        table[stage] = {"seed": options.seed, **table.get(stage, {})}
+    return from_table(PhotoRecipe, table, f"{options.recipe or 'recipe'}: photos")
+
+
+def _check_output(options: BuildOptions) -> None:
+    folder = options.output
+    if not options.input.exists():
+        raise InputError(f"There is no file or folder {options.input}. Check the path.")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"The output {folder} is a file. Name a folder to write the scenario to.")
+    if not folder.is_dir():
+        return
+    if (folder / SETTINGS_FILE).exists():
+        if not options.overwrite:
+            raise InputError(f"{folder} already holds a scenario. Name another folder with -o, or add --overwrite.")
+        return
+    foreign = sorted({path.name for path in folder.iterdir()} - KNOWN_OUTPUTS)
+    if foreign:
+        raise InputError(
+            f"The output folder {folder} holds other files ({', '.join(foreign[:3])}). Name a new or an empty folder."
+        )
+
+
+def _finish(
+    built: BuiltCave, options: BuildOptions, journal: Journal, inputs: dict[str, str], facts: dict[str, Any]
+) -> BuildResult:
+    """Write everything into a partial folder first and move it into place, scenario.toml last."""
+    folder = options.output
+    partial = folder.with_name(folder.name + ".partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    with journal.stage("Writing the scenario"):
+        scenario = write_scenario(built.scenario, partial)
+        outputs.write_viewer_model(scenario.cavity, partial / "cave.glb")
+        draw_cave(scenario, partial / "cave.png")
+        record_cave(CaveModel(scenario), partial / "build.rrd")
+    facts = {**facts, **outputs.cave_facts(built)}
+    outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
+    outputs.write_json(
+        {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, partial / "report.json"
+    )
+    write_page(outputs.cave_page(built, partial / "cave.png", journal), partial / "report.html")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / SETTINGS_FILE).unlink(missing_ok=True)
+    for path in sorted(partial.iterdir(), key=lambda path: path.name == SETTINGS_FILE):
+        os.replace(path, folder / path.name)
+    partial.rmdir()
+    return BuildResult(dataclasses.replace(scenario, folder=folder.resolve()), built, journal)
+
+
+def _report_failure(
+    error: AquanavError, options: BuildOptions, journal: Journal, inputs: dict[str, str], facts: dict[str, Any]
+) -> None:
+    (options.output / SETTINGS_FILE).unlink(missing_ok=True)
+    outputs.write_json(outputs.build_record(options, inputs, journal, facts), options.output / "build.json")
+    warnings = [{"code": code, "text": text} for code, text in journal.notices]
+    outputs.write_json({"error": str(error), "warnings": warnings, **facts}, options.output / "report.json")
+    write_page(outputs.failure_page(options, error, journal, facts), options.output / "report.html")
+    kept = [name for name in ("cloud.ply", "report.html") if (options.output / name).exists()]
+    error.args = (f"{error} Kept in {options.output}: {', '.join(kept)}, and the finished stages for the next run.",)

@@ -1,0 +1,70 @@
+"""Settings of the cave's stages, apart from the code so that a command's --help need not load it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True)
+class ScanOptions:
+    """How to read a scan's coordinates."""
+
+    unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] = "m"
+    """Length unit of the file."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
+    """Axis of the file that points up."""
+
+
+@dataclass(frozen=True)
+class ClosingOptions:
+    """How to turn an open surface into a closed cavity."""
+
+    voxel: float | None = None
+    """Size of the cells a damaged scan is resampled with, m; chosen from the scan and the vehicle when not given."""
+    min_portal: float | None = None
+    """Openings at least this wide (m) can be portals, smaller ones are holes; twice the vehicle's width by default."""
+
+    def __post_init__(self) -> None:
+        for name in ("voxel", "min_portal"):
+            value = getattr(self, name)
+            if value is not None and not value > 0.0:
+                raise ValueError(f"{name} = {value} must be positive.")
+
+
+@dataclass(frozen=True)
+class PanelOptions:
+    """Where panels stand."""
+
+    spacing: float = 1.0
+    """Distance between panels along the route, m."""
+    tangent_length: float = 1.0
+    """Length of route over which a panel's direction is averaged, m."""
+
+    def __post_init__(self) -> None:
+        if not self.spacing > 0.0 or not self.tangent_length > 0.0:
+            raise ValueError(
+                f"spacing and tangent_length must be positive, not {self.spacing} and {self.tangent_length}."
+            )
+
+
+@dataclass(frozen=True)
+class StartOptions:
+    """Which start poses to draw."""
+
+    count: int = 40
+    """Number of start poses."""
+    last_share: float = 0.6
+    """Starts lie on the first part of the guide, up to this share of its length."""
+    margin: float = 0.05
+    """Distance that the vehicle keeps from the wall at the start, m."""
+    max_yaw_error_deg: float = 30.0
+    """Starts look along the passage within this angle."""
+
+    def __post_init__(self) -> None:
+        if self.count < 1:
+            raise ValueError(f"count = {self.count} must be at least 1.")
+        if not 0.0 < self.last_share <= 1.0:
+            raise ValueError(f"last_share = {self.last_share} is outside (0, 1].")
+        if not self.margin >= 0.0 or not 0.0 <= self.max_yaw_error_deg <= 180.0:
+            raise ValueError(f"margin = {self.margin} or max_yaw_error_deg = {self.max_yaw_error_deg} is out of range.")

@@ -1,0 +1,107 @@
+"""The command aquanav-build-cave: photos or a scan in, scenario folder out."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import dataclasses
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
+from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
+from aquanav_tools.cli.command import run_command
+from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.types import Progress
+
+DESCRIPTION = """Build a scenario from a real cave.
+
+  aquanav-build-cave photos/ -o caves/mine --positions photos/positions.csv
+  aquanav-build-cave scan.stl -o caves/mine --unit cm --up y
+
+Photos are matched, placed and measured (resumable: run the same command again after a kill); scans of any mesh format
+or point cloud are read as they are. The result is a folder with a watertight cavity, portals, route, panels, start
+poses and a report with pictures."""
+
+
+@dataclass(frozen=True)
+class Options(BuildOptions):
+    """The command line."""
+
+    input: tyro.conf.Positional[Path]
+    """Folder of photos, or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz)."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    """Scenario folder to write."""
+    scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
+    scale: tyro.conf.OmitArgPrefixes[PhotoScaleOptions] = field(default_factory=PhotoScaleOptions)
+    closing: tyro.conf.OmitArgPrefixes[ClosingOptions] = field(default_factory=ClosingOptions)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command."""
+    run_command(Options, _run, "aquanav-build-cave", DESCRIPTION, defaults=_read_defaults, arguments=arguments)
+
+
+def _read_defaults(arguments: Sequence[str]) -> Options | None:
+    """Return the options with the settings of the file after --recipe; None without one."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument("--recipe", type=Path)
+    path = parser.parse_known_args(arguments)[0].recipe
+    if path is None:
+        return None
+    tables: dict[str, Any] = {name: table for name, table in read_toml(path).items() if name != "photos"}
+    stages = from_table(_Stages, tables, path.name)
+    return Options(input=tyro.MISSING, output=tyro.MISSING, **vars(stages))
+
+
+@dataclass(frozen=True)
+class _Stages:
+    """The tables of a recipe file, apart from [photos], which the photo stages read."""
+
+    scan: ScanOptions = field(default_factory=ScanOptions)
+    closing: ClosingOptions = field(default_factory=ClosingOptions)
+    panels: PanelOptions = field(default_factory=PanelOptions)
+    starts: StartOptions = field(default_factory=StartOptions)
+
+
+def _run(options: Options) -> None:
+    from aquanav_tools.build.recipe import build_cave
+
+    began = time.perf_counter()
+    plain = BuildOptions(**{field.name: getattr(options, field.name) for field in dataclasses.fields(BuildOptions)})
+    result = build_cave(plain, _bar)
+    numbers = result.built.statistics
+    for code, sentence in result.journal.notices:
+        print(f"warning ({code}): {sentence}", file=sys.stderr)
+    print(
+        f"Built {result.scenario.name} in {time.perf_counter() - began:.0f} s: a passage of "
+        f"{numbers.route_length:.1f} m, {numbers.volume:.1f} m3, {numbers.num_triangles} triangles, watertight; {numbers.num_portals} portals, "
+        f"{numbers.num_panels} panels, {len(result.scenario.starts)} starts, narrowest clearance "
+        f"{numbers.min_clearance:.2f} m.\n"
+        f"Report: {options.output / 'report.html'}\nPicture: {options.output / 'cave.png'}\n"
+        f"Recording: rerun {options.output / 'build.rrd'}\n"
+        f"Next: aquanav-eval baseline:reactive --scenario {options.output}"
+    )
+
+
+@contextlib.contextmanager
+def _bar(title: str) -> Iterator[Progress]:
+    """Show one stage as a progress bar with the time left."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=1, desc=f"{title:<30}", bar_format="{desc} {percentage:3.0f}% |{bar:24}| {elapsed} < {remaining}"
+    ) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield progress
+        bar.update((bar.total or 1) - bar.n)
