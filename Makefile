@@ -46,5 +46,5 @@ clean: ## Delete what make made: .venv, out, build and caches
 .venv/installed: pyproject.toml constraints.txt
 	@.ci/make-venv
 	@echo "Installing aquanav and its libraries into .venv: 3 to 5 minutes, about 4 GB. Quiet unless something fails."
-	@$(BIN)/python -m pip install --quiet --progress-bar off --editable '.[dev]'
+	@$(BIN)/python -m pip install --quiet --quiet --editable '.[dev]'
 	@touch $@

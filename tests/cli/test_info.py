@@ -1,0 +1,112 @@
+"""The command `aquanav`: versions, health, what ships, and photos."""
+
+from __future__ import annotations
+
+import csv
+import importlib.metadata
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from aquanav_tools import __version__
+from aquanav_tools.cli import doctor, info
+
+
+def test_info_names_the_version_of_aquanav_and_of_each_library(capsys: pytest.CaptureFixture[str]) -> None:
+    info.main(["info"])
+    rows = dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
+    assert rows["aquanav"] == __version__
+    assert rows["pybullet"] == importlib.metadata.version("pybullet")
+
+
+def test_info_says_which_library_is_missing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(info, "PACKAGES", ("no-such-package",))
+    info.main(["info"])
+    assert "no-such-package    not installed" in capsys.readouterr().out
+
+
+def test_list_names_the_shipped_vehicle_and_the_baselines(capsys: pytest.CaptureFixture[str]) -> None:
+    info.main(["list"])
+    rows = [line.rsplit(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert ["vehicle", "bluerov2"] in rows
+    assert ["baseline", "baseline:reactive"] in rows
+    assert ["baseline", "baseline:random"] in rows
+
+
+def test_list_names_every_recipe(capsys: pytest.CaptureFixture[str]) -> None:
+    info.main(["list"])
+    listed = capsys.readouterr().out.split()
+    for folder in info.CONTENT.values():
+        assert set(listed) >= {path.stem for path in (Path(__file__).parents[2] / folder).glob("*.toml")}
+
+
+def test_a_well_library_is_found_well() -> None:
+    assert doctor.examine("manifold3d") == doctor.Finding("manifold3d", True, "a cube of volume 1")
+
+
+def fail() -> str:
+    """Stand in for a library that does not import."""
+    raise ImportError("libusb-1.0.so.0: cannot open shared object file")
+
+
+def abort() -> str:
+    """Stand in for a library that ends the process."""
+    os.abort()
+
+
+def test_a_library_that_does_not_import_is_found_ill_with_the_reason() -> None:
+    finding = doctor.examine("broken", {"broken": fail})
+    assert not finding.is_well
+    assert "libusb-1.0.so.0" in finding.detail
+
+
+def test_a_library_that_aborts_does_not_take_the_doctor_along() -> None:
+    finding = doctor.examine("broken", {"broken": abort})
+    assert not finding.is_well
+    assert "code -6" in finding.detail
+
+
+def test_doctor_exits_with_6_and_says_what_to_do_when_a_library_fails(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(doctor, "TRIALS", {"broken": fail})
+    monkeypatch.setattr(doctor, "examine", lambda library: doctor.Finding(library, False, "no such file"))
+    with pytest.raises(SystemExit) as exit_info:
+        info.main(["doctor"])
+    assert exit_info.value.code == 6
+    printed = capsys.readouterr()
+    assert "FAILED  no such file" in printed.out
+    assert "1 of 1 libraries do not work here: broken." in printed.err
+    assert "pip install" in printed.err
+
+
+def test_render_writes_four_photos_per_station_and_their_positions(tmp_path: Path) -> None:
+    out = tmp_path / "photos"
+    info.main(["render", "--out", str(out), "--stations", "1", "--width", "128"])
+    photos = sorted(out.glob("*.jpg"))
+    with (out / "positions.csv").open() as file:
+        assert [row["name"] for row in csv.DictReader(file)] == [photo.name for photo in photos]
+    assert len(photos) == 4
+    assert Image.open(photos[0]).size == (128, 96)
+
+
+def test_render_refuses_a_photo_too_small_to_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as exit_info:
+        info.main(["render", "--out", str(tmp_path / "photos"), "--width", "10"])
+    assert exit_info.value.code == 2
+    assert "--width" in capsys.readouterr().err
+    assert not (tmp_path / "photos").exists()
+
+
+def test_a_misspelt_subcommand_ends_with_code_2_and_no_traceback() -> None:
+    command = Path(sys.executable).with_name("aquanav")
+    done = subprocess.run([command, "docter"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "doctor" in done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
