@@ -29,7 +29,7 @@ class Episode:
         """One of OUTCOMES."""
         self.num_decisions = 0
         self.num_collisions = 0
-        """Contacts begun: a contact that lasts counts once, and again after a physics step without."""
+        """Contacts begun: one that lasts counts once, until a whole decision passes without."""
         self._rules = rules
         self._is_touching = False
 
@@ -43,10 +43,9 @@ class Episode:
             remaining: Metres still to go along the guide, after the decision.
         """
         self.num_decisions += 1
-        for is_touching in touched:
-            self.num_collisions += is_touching and not self._is_touching
-            self._is_touching = is_touching
-        if self._rules.ends_on_collision and any(touched):
+        was_touching, self._is_touching = self._is_touching, any(touched)
+        self.num_collisions += self._is_touching and not was_touching
+        if self._rules.ends_on_collision and self._is_touching:
             self.outcome = "collision"
         elif remaining <= self._rules.tolerance:
             self.outcome = "success"

@@ -19,7 +19,7 @@ from aquanav_tools.errors import ResourceError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contact import take_over_contact
 from aquanav_tools.sim.hull import glide, hull_clearance
-from aquanav_tools.sim.hydrodynamics import STATE_SIZE, advance, mean_velocity
+from aquanav_tools.sim.hydrodynamics import STATE_SIZE, mean_velocity
 from aquanav_tools.sim.vehicle import Vehicle
 from aquanav_tools.types import Array, Mesh, Pose
 
@@ -42,6 +42,7 @@ class BulletWorld:
         limits = scenario.settings.limits
         self.state: Array = np.zeros(STATE_SIZE)
         """(13,) position (world, m), quaternion (w, x, y, z), velocity over ground (body, m/s and rad/s)."""
+        self._free: Array = np.zeros(STATE_SIZE)
         self._dt = limits.dt
         self._parameters = vehicle.motion_parameters(scenario.settings.water.density)
         self._half_axis = 0.5 * vehicle.capsule.axis_length
@@ -81,7 +82,7 @@ class BulletWorld:
         touched = [False] * len(wrenches)
         index = self._glide(wrenches, 0, current)
         while index < len(wrenches):
-            touched[index] = self._step_beside_wall(wrenches[index], current)
+            touched[index] = self._step_beside_wall()
             index = self._glide(wrenches, index + 1, current)
         return touched
 
@@ -96,6 +97,7 @@ class BulletWorld:
             self._client = -1
 
     def _glide(self, wrenches: Array, first: int, current: Array) -> int:
+        """Advance while the wall is out of reach; return the index of the next step, and leave its end in _free."""
         last = glide(
             self.state,
             wrenches,
@@ -106,28 +108,29 @@ class BulletWorld:
             self._half_axis,
             self._reach,
             *self._grid,
+            self._free,
         )
         if last > first:
             self._is_body_placed = False
         return int(last)
 
-    def _step_beside_wall(self, wrench: Array, current: Array) -> bool:
-        """Advance one physics step with Bullet watching the wall; return whether there was contact."""
-        before = self.state
-        after = advance(before, wrench, current, self._parameters, self._dt)
-        intended = mean_velocity(before, after, self._dt)
+    def _step_beside_wall(self) -> bool:
+        """Take the step to _free with Bullet watching the wall; return whether there was contact."""
+        intended = mean_velocity(self.state, self._free, self._dt)
         self._place_body()
         client, body = self._client, self._body
-        pybullet.resetBaseVelocity(body, intended[:3].tolist(), intended[3:].tolist(), physicsClientId=client)
+        velocity = intended.tolist()
+        pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
         pybullet.stepSimulation(physicsClientId=client)
         contacts = pybullet.getContactPoints(body, self._cave, physicsClientId=client)
-        if not any(contact[NORMAL_FORCE] > 0.0 for contact in contacts):
-            self.state = after
+        if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
+            self.state[:] = self._free
             return False
-        self.state = take_over_contact(after, intended, self._solved_motion(), self._mass)
+        last_pose = self.state[:7].copy()
+        take_over_contact(self._free, intended, self._solved_motion(), self._mass, self.state)
         if self._field.clearance_at(self.state[:3]) < 0.0:
             # It tunnelled through, or was pressed through, the thin shell: back to the last place in the water.
-            self.state = np.concatenate([before[:7], np.zeros(6)])
+            self.state[:7], self.state[7:] = last_pose, 0.0
             self._is_body_placed = False
         return True
 
@@ -183,9 +186,13 @@ def _connect(dt: float) -> int:
 
 
 def _load_cave(mesh: Mesh, middle: Array, client: int) -> int:
-    """Return the id of a static body with the mesh, moved so that `middle` is at the origin."""
+    """Return the id of a static body with the mesh, moved so that `middle` is at the origin.
+
+    The faces are turned over: Bullet rights tilted contact normals only on the side that a face's normal points to,
+    which for the vehicle is the inside of the cave.
+    """
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in mesh.vertices - middle]
-    lines += [f"f {a} {b} {c}\n" for a, b, c in mesh.faces + 1]
+    lines += [f"f {a} {c} {b}\n" for a, b, c in mesh.faces + 1]
     with tempfile.TemporaryDirectory(prefix="aquanav-") as folder:
         path = Path(folder, "cave.obj")
         path.write_text("".join(lines), encoding="ascii")

@@ -9,8 +9,8 @@ from aquanav_tools.sim.hydrodynamics import rotation_rows
 
 
 @numba.njit(cache=True)
-def take_over_contact(free, intended, solved, mass):  # type: ignore[no-untyped-def]
-    """Return the (13,) state after a step in which the wall was touched.
+def take_over_contact(free, intended, solved, mass, state):  # type: ignore[no-untyped-def]
+    """Write the (13,) state after a step in which the wall was touched.
 
     The pose is the solver's. The velocity is ours plus the change that the solver made to the velocity it was given.
     A solver pushes overlapping shapes apart by adding velocity, but a wall at rest cannot give a vehicle energy: the
@@ -21,8 +21,9 @@ def take_over_contact(free, intended, solved, mass):  # type: ignore[no-untyped-
         intended: (6,) world-frame linear and angular velocity that the solver was given, m/s and rad/s.
         solved: (13,) the solver's position, quaternion (x, y, z, w), linear and angular velocity, world frame.
         mass: (6,) rigid-body plus added mass, kg and kg m^2.
+        state: (13,) receives the result.
     """
-    state = free.copy()
+    state[:] = free
     state[0:3] = solved[0:3]
     state[3], state[4], state[5], state[6] = solved[6], solved[3], solved[4], solved[5]
     rotation = rotation_rows(state)
@@ -36,4 +37,3 @@ def take_over_contact(free, intended, solved, mass):  # type: ignore[no-untyped-
         after += mass[i] * state[7 + i] ** 2
     if after > before:
         state[7:] *= np.sqrt(before / after)
-    return state

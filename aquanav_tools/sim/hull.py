@@ -36,7 +36,7 @@ def hull_clearance(state, half_axis, radius, values, origin, spacing):  # type: 
 
 
 @numba.njit(cache=True)
-def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, values, origin, spacing):  # type: ignore[no-untyped-def]
+def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, values, origin, spacing, after):  # type: ignore[no-untyped-def]
     """Advance `state` in place through wrenches[first:] for as long as the hull stays clear of the wall.
 
     Args:
@@ -51,14 +51,15 @@ def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, val
         values: (X, Y, Z) clearance on the grid of a DistanceField, m.
         origin: (3,) position of its first sample, m.
         spacing: Distance between its samples, m.
+        after: (13,) receives the state where the step that was not taken would lead were there no wall.
 
     Returns:
         The index of the first wrench that was not applied; N when all were.
     """
     for index in range(first, len(wrenches)):
-        after = advance(state, wrenches[index], current, parameters, dt)
-        start = hull_clearance(state, half_axis, reach, values, origin, spacing)
-        if start <= _largest_move(state, after, half_axis):
+        after[:] = advance(state, wrenches[index], current, parameters, dt)
+        room = hull_clearance(state, half_axis, reach, values, origin, spacing)
+        if room <= _largest_move(state, after, half_axis):
             return index
         state[:] = after
     return len(wrenches)

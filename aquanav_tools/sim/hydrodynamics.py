@@ -153,10 +153,11 @@ def _derivative(state, wrench, current, parameters, slope):  # type: ignore[no-u
 
 @numba.njit(cache=True)
 def rotation_rows(state):  # type: ignore[no-untyped-def]
-    """Return the rows of the matrix world from body."""
+    """Return the rows of the matrix world from body; the quaternion's length does not matter."""
     w, x, y, z = state[3], state[4], state[5], state[6]
+    s = 2.0 / (w * w + x * x + y * y + z * z)
     return (
-        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)),
-        (2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)),
-        (2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)),
+        (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)),
+        (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)),
+        (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)),
     )

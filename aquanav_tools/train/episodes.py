@@ -1,0 +1,111 @@
+"""What training keeps of an episode: one summary at its end."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+
+SUMMARY = "summary"
+"""Key of the summary in the info of an episode's last step."""
+WINDOW = 100
+"""Episodes that a point of the learning curve averages over."""
+
+
+@dataclass(frozen=True)
+class EpisodeSummary:
+    """One episode in a few numbers."""
+
+    reward: float
+    """Sum over the episode."""
+    length: int
+    """Decisions."""
+    num_collisions: int
+    """Contacts begun."""
+    is_success: bool
+    """Whether it reached the goal."""
+
+
+class SummaryWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Drops the info but for a summary at the episode's end: vectorised environments copy every info deeply."""
+
+    def reset(self, **arguments: Any) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode."""
+        self._reward, self._length = 0.0, 0
+        obs, _ = self.env.reset(**arguments)
+        return obs, {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take a decision; the last one's info has the summary."""
+        obs, reward, terminated, truncated, info = self.env.step(action)
+        self._reward += float(reward)
+        self._length += 1
+        if not (terminated or truncated):
+            return obs, float(reward), False, False, {}
+        summary = EpisodeSummary(
+            self._reward, self._length, int(info["num_collisions"]), bool(info["outcome"] == "success")
+        )
+        return obs, float(reward), terminated, truncated, {SUMMARY: summary}
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """The last episodes at some moment of the training."""
+
+    steps: int
+    """Decisions so far."""
+    seconds: float
+    """Wall time so far."""
+    episodes: int
+    """Episodes so far."""
+    mean_reward: float
+    """Per episode; nan before the first has ended, as are the rest."""
+    mean_length: float
+    """Decisions per episode."""
+    success_rate: float
+    """Share that reached the goal."""
+    clean_success_rate: float
+    """Share that reached the goal without a collision."""
+    mean_collisions: float
+    """Contacts begun per episode."""
+
+
+class LearningCurve:
+    """Averages over the last episodes, point by point."""
+
+    def __init__(self) -> None:
+        self.points: list[CurvePoint] = []
+        self.num_episodes = 0
+        self._recent: deque[EpisodeSummary] = deque(maxlen=WINDOW)
+
+    def add(self, infos: Iterable[dict[str, Any]]) -> None:
+        """Take the summaries out of a step's infos."""
+        for info in infos:
+            if SUMMARY in info:
+                self._recent.append(info[SUMMARY])
+                self.num_episodes += 1
+
+    def mark(self, steps: int, seconds: float) -> CurvePoint:
+        """Add a point for the last episodes and return it."""
+        means = np.full(5, np.nan)
+        if self._recent:
+            means = np.mean([_numbers(episode) for episode in self._recent], axis=0)
+        point = CurvePoint(steps, round(seconds, 2), self.num_episodes, *(round(float(mean), 4) for mean in means))
+        self.points.append(point)
+        return point
+
+
+def _numbers(episode: EpisodeSummary) -> tuple[float, ...]:
+    """Return what a CurvePoint averages, in its order."""
+    is_clean = episode.is_success and episode.num_collisions == 0
+    return (
+        episode.reward,
+        float(episode.length),
+        float(episode.is_success),
+        float(is_clean),
+        float(episode.num_collisions),
+    )
