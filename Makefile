@@ -19,14 +19,15 @@ demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos
 	@echo "1/3  Rendering photos of a synthetic cave into $(DEMO)/photos."
 	@$(BIN)/aquanav render --out $(DEMO)/photos
 	@echo "2/3  Building a scenario from these photos in $(DEMO)/cave."
-	@$(BIN)/aquanav-build-cave $(DEMO)/photos -o $(DEMO)/cave --positions $(DEMO)/photos/positions.csv
+	@$(BIN)/aquanav-build-cave $(DEMO)/photos -o $(DEMO)/cave --positions $(DEMO)/photos/positions.csv \
+		--overwrite
 	@echo "3/3  Diving 20 episodes in it with the hand-written controller; results go to $(DEMO)/eval."
 	@$(BIN)/aquanav-eval baseline:reactive --scenario $(DEMO)/cave --episodes 20 --seed 0 -o $(DEMO)/eval
-	@echo "Done. Open these:"
-	@echo "  the cave's report     $(DEMO)/cave/report.html"
-	@echo "  the cave's picture    $(DEMO)/cave/cave.png"
-	@echo "  the dives' report     $(DEMO)/eval/report.html"
-	@echo "  the dives, replayed   $(BIN)/rerun $(DEMO)/eval/*.rrd"
+	@echo "Done. Look at:"
+	@echo "  the cave's picture      $(DEMO)/cave/cave.png"
+	@echo "  the cave's report       $(DEMO)/cave/report.html"
+	@echo "  the dives' report       $(DEMO)/eval/report.html"
+	@echo "  a dive, as recorded     $(BIN)/rerun $(DEMO)/eval/episode-00000.rrd"
 
 test: .venv/installed ## Run the default tests (under 10 minutes on two cores)
 	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."

@@ -154,8 +154,9 @@ def _examine_libraries() -> None:
 
 
 def _render(options: Render) -> None:
+    from tqdm import tqdm
+
     from aquanav_tools.cave.synthetic import CaveOptions, demo_cave
-    from aquanav_tools.cli.progress import show_progress
     from aquanav_tools.reconstruct.capture import CaptureOptions
     from aquanav_tools.reconstruct.render import RenderOptions, render_photos
 
@@ -165,6 +166,12 @@ def _render(options: Render) -> None:
     except ValueError as cause:
         raise InputError(f"{cause} Choose larger numbers for --stations and --width.") from cause
     cave = demo_cave(CaveOptions(seed=options.seed))
-    photos = render_photos(cave, options.out, camera, show_progress("photos"))
+    with tqdm(unit="photo") as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        photos = render_photos(cave, options.out, camera, show)
     print(f"{len(photos.names)} photos of {camera.width} x {camera.height} px lie in {options.out}.")
     print(f"Build a scenario from them: aquanav-build-cave {options.out} --positions {options.out / 'positions.csv'}")
