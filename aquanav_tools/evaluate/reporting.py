@@ -11,7 +11,7 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics, Summary
 from aquanav_tools.evaluate.results import Provenance
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
-from aquanav_tools.report.picture import draw_cave
+from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import Track
 
@@ -38,8 +38,9 @@ def write_report(
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
     shown = worst_track(tracks, episodes)
-    draw_cave(scenario, pictures / "trail.png", [shown])
-    draw_cave(scenario, pictures / "trails.png", tracks)
+    picture = CavePicture(scenario)
+    picture.draw(pictures / "trail.png", [shown])
+    picture.draw(pictures / "trails.png", tracks)
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
     plot_progress(tracks, scenario.guide.length, pictures / "progress.png")
     plot_clearance(tracks, pictures / "clearance.png")

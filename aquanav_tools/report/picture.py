@@ -22,44 +22,56 @@ TITLE_IN = 0.40
 FOOT_IN = 0.75
 MAX_VIEWS_HEIGHT_IN = 11.0
 DPI = 130
+SUPERSAMPLING = 1.7
+"""Rays per pixel of the page along each side."""
+NAMES = ("Plan, seen from above", "Long section, seen from the side")
 
 ROUTE = "#ffb703"
 GOAL = "#fb5607"
 CRASH = "#e5383b"
 
 
-def draw_cave(scenario: Scenario, path: Path, tracks: Sequence[Track] = ()) -> None:
-    """Write a PNG of a cave, cut open: plan above, long section below, on one scale.
+class CavePicture:
+    """A cave, cut open: plan above, long section below, on one scale. Shaded once, drawn as often as wanted."""
 
-    Shows the route, its panels, entrance and goal. Without tracks it shows the starts; with them, their trails coloured
-    by clearance and a cross wherever the hull touched the wall.
-    """
-    views = plan_and_section(scenario.guide.centreline)
-    inches = _inches_per_metre(scenario.cavity.mesh, views)
-    reliefs = [cut_away(scenario.cavity.mesh, view, 0.5 / (inches * DPI)) for view in views]
-    height = 0.5 * MARGIN_IN + FOOT_IN + sum(TITLE_IN + inches * relief.height for relief in reliefs)
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._views = plan_and_section(scenario.guide.centreline)
+        self._inches = _inches_per_metre(scenario.cavity.mesh, self._views)
+        pixel = 1.0 / (SUPERSAMPLING * self._inches * DPI)
+        self._reliefs = [cut_away(scenario.cavity.mesh, view, pixel) for view in self._views]
 
-    figure = new_figure(WIDTH_IN, height)
-    bottom = height - 0.5 * MARGIN_IN
-    trails = None
-    for view, relief, name in zip(
-        views, reliefs, ("Plan, seen from above", "Long section, seen from the side"), strict=True
-    ):
-        bottom -= TITLE_IN + inches * relief.height
-        axes = _add_view(figure, (inches * relief.width, inches * relief.height), bottom, height)
-        axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
-        _draw_relief(axes, relief)
-        _draw_route(axes, scenario, view)
-        if tracks:
-            trails = _draw_trails(axes, tracks, view)
-        else:
-            _draw_starts(axes, scenario, view)
-        _label_ends(axes, scenario, view)
-    _draw_scale_bar(figure, inches, height)
-    _draw_key(figure, height, tracks)
-    if trails is not None:
-        _draw_clearance_bar(figure, height, trails)
-    save_figure(figure, path, DPI)
+    def draw(self, path: Path, tracks: Sequence[Track] = ()) -> None:
+        """Write a PNG with the route, its panels, entrance and goal.
+
+        Without tracks it shows the starts; with them, their trails coloured by clearance and a cross wherever the hull
+        touched the wall.
+        """
+        height = 0.5 * MARGIN_IN + FOOT_IN + sum(TITLE_IN + self._inches * relief.height for relief in self._reliefs)
+        figure = new_figure(WIDTH_IN, height)
+        bottom = height - 0.5 * MARGIN_IN
+        trails = None
+        for view, relief, name in zip(self._views, self._reliefs, NAMES, strict=True):
+            bottom -= TITLE_IN + self._inches * relief.height
+            axes = _add_view(figure, (self._inches * relief.width, self._inches * relief.height), bottom, height)
+            axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
+            _draw_relief(axes, relief)
+            _draw_route(axes, self._scenario, view, "white" if tracks else ROUTE)
+            if tracks:
+                trails = _draw_trails(axes, tracks, view)
+            else:
+                _draw_starts(axes, self._scenario, view)
+            _label_ends(axes, self._scenario, view)
+        _draw_scale_bar(figure, self._inches, height)
+        _draw_key(figure, height, tracks)
+        if trails is not None:
+            _draw_clearance_bar(figure, height, trails)
+        save_figure(figure, path, DPI)
+
+
+def draw_cave(scenario: Scenario, path: Path) -> None:
+    """Write a PNG of a cave, cut open, with its route, panels and starts."""
+    CavePicture(scenario).draw(path)
 
 
 def _inches_per_metre(mesh: Mesh, views: tuple[View, View]) -> float:
@@ -84,14 +96,14 @@ def _draw_relief(axes: Any, relief: Relief) -> None:
     axes.set_axis_off()
 
 
-def _draw_route(axes: Any, scenario: Scenario, view: View) -> None:
+def _draw_route(axes: Any, scenario: Scenario, view: View, colour: str) -> None:
     for panel in scenario.guide.panels:
         outline = view.project(np.vstack([panel.polygon, panel.polygon[:1]]))
         axes.fill(*outline.T, facecolor="white", alpha=0.10, zorder=2)
         axes.plot(*outline.T, color="white", alpha=0.75, linewidth=0.8, zorder=2)
     line = view.project(scenario.guide.centreline)
     axes.plot(*line.T, color=INK, linewidth=2.6, alpha=0.45, zorder=3, solid_capstyle="round")
-    axes.plot(*line.T, color=ROUTE, linewidth=1.4, zorder=4, solid_capstyle="round")
+    axes.plot(*line.T, color=colour, linewidth=1.4, zorder=4, solid_capstyle="round")
 
 
 def _draw_starts(axes: Any, scenario: Scenario, view: View) -> None:
@@ -163,8 +175,9 @@ def _draw_scale_bar(figure: Any, inches: float, height: float) -> None:
 def _draw_key(figure: Any, height: float, tracks: Sequence[Track]) -> None:
     from matplotlib.lines import Line2D
 
+    route = "#d5dee3" if tracks else ROUTE  # white would not show on the page
     entries = [
-        Line2D([], [], color=ROUTE, linewidth=2.0, label="route"),
+        Line2D([], [], color=route, linewidth=2.0, label="route"),
         Line2D([], [], color="#9fb3bd", marker="|", linestyle="", markersize=11, label="panel"),
         Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start"),
     ]

@@ -9,36 +9,16 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import torch
-from gymnasium import spaces
 from stable_baselines3 import A2C, PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import archive
 from aquanav_tools.evaluate.network import NetworkPolicy
-
-ACTIONS = {
-    "multidiscrete": spaces.MultiDiscrete([3, 3, 3]),
-    "discrete": spaces.Discrete(27),
-    "continuous": spaces.Box(-1.0, 1.0, (3,)),
-}
-
-
-class Still(gymnasium.Env[Any, Any]):
-    """An environment in which nothing happens: only its spaces matter here."""
-
-    def __init__(self, action_space: spaces.Space[Any]) -> None:
-        self.observation_space = spaces.Box(-1.0, 1.0, (39,))
-        self.action_space = action_space
-
-
-def make_model(kind: type[BaseAlgorithm] = PPO, action: str = "multidiscrete", **policy_kwargs: Any) -> BaseAlgorithm:
-    kwargs = policy_kwargs or {"net_arch": [128, 128, 128], "activation_fn": torch.nn.SiLU}
-    return kind("MlpPolicy", Still(ACTIONS[action]), policy_kwargs=kwargs, seed=0, device="cpu")  # type: ignore[call-arg]
+from tests.evaluate.models import ACTIONS, Still, make_model
 
 
 @pytest.fixture(scope="session")
@@ -78,7 +58,7 @@ def test_rebuilt_policy_acts_as_the_saved_one(
     model = make_model(kind, action)
     model.save(tmp_path / "policy.zip")
     policy = NetworkPolicy(tmp_path / "policy.zip")
-    for observation in rng.uniform(-1.0, 1.0, (20, 39)).astype(np.float32):
+    for observation in rng.uniform(-1.0, 1.0, (20, 43)).astype(np.float32):
         np.testing.assert_array_equal(policy.act(observation), model.predict(observation, deterministic=True)[0])
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aquanav_tools.report.picture import draw_cave
+from aquanav_tools.report.picture import CavePicture, draw_cave
 from aquanav_tools.scenario.schema import Scenario
 from tests.report.tracks import straight_track
 
@@ -22,8 +22,9 @@ def share_like(pixels: np.ndarray, colour: tuple[int, int, int]) -> float:
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> tuple[np.ndarray, np.ndarray]:
     folder = tmp_path_factory.mktemp("pictures")
-    draw_cave(tube, folder / "cave.png")
-    draw_cave(tube, folder / "trail.png", [straight_track()])
+    picture = CavePicture(tube)
+    picture.draw(folder / "cave.png")
+    picture.draw(folder / "trail.png", [straight_track()])
     return read_pixels(folder / "cave.png"), read_pixels(folder / "trail.png")
 
 
@@ -46,7 +47,8 @@ def test_trail_shows_contact_in_red_only_with_a_track(pictures: tuple[np.ndarray
     assert share_like(trail, red) > 3 * share_like(cave, red)
 
 
-def test_same_picture_is_the_same_file(tmp_path: Path, tube: Scenario) -> None:
+def test_same_picture_is_the_same_file(tmp_path: Path, tube: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 40)
     for name in ("a.png", "b.png"):
         draw_cave(tube, tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
