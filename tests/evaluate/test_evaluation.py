@@ -161,9 +161,7 @@ def test_help_answers_at_once() -> None:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert aquanav_eval("--help").returncode == 0
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert (
-        after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5
-    )  # CPU time, whoever else runs
+    assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5  # CPU time, whoever else runs
 
 
 def test_track_holds_the_environments_own_numbers(tube: Scenario) -> None:
