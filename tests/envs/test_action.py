@@ -1,0 +1,56 @@
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from aquanav_tools.envs.action import ActionModel, Command
+from aquanav_tools.errors import InputError
+
+
+@pytest.mark.parametrize(
+    ("action", "command"),
+    [
+        ([0, 1, 1], Command(1, 0, 0)),  # up
+        ([2, 1, 1], Command(-1, 0, 0)),  # down
+        ([1, 0, 1], Command(0, 1, 0)),  # left
+        ([1, 2, 1], Command(0, -1, 0)),  # right
+        ([1, 1, 0], Command(0, 0, -1)),  # reverse
+        ([1, 1, 2], Command(0, 0, 1)),  # ahead
+    ],
+)
+def test_choices_mean_what_the_original_says(action: list[int], command: Command) -> None:
+    assert ActionModel("multidiscrete").command(action) == command
+
+
+def test_discrete_counts_through_all_choices() -> None:
+    choices, numbers = ActionModel("multidiscrete"), ActionModel("discrete")
+    commands = [choices.command(choice) for choice in itertools.product(range(3), repeat=3)]
+    assert [numbers.command(np.int64(n)) for n in range(27)] == commands
+    assert len(set(commands)) == 27
+
+
+def test_continuous_is_clipped_to_full_command() -> None:
+    assert ActionModel("continuous").command(np.array([0.5, -7.0, 1.0])) == Command(0.5, -1.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("form", "action"),
+    [
+        ("multidiscrete", [0, 1, 3]),
+        ("multidiscrete", [0, 1]),
+        ("multidiscrete", 4),
+        ("discrete", 27),
+        ("continuous", [0.0, np.nan, 0.0]),
+        ("continuous", [0.0, 0.0]),
+    ],
+)
+def test_actions_outside_the_space_are_refused(form: str, action: object) -> None:
+    with pytest.raises(InputError, match="An action must be"):
+        ActionModel(form).command(action)
+
+
+def test_unknown_form_suggests_the_closest() -> None:
+    with pytest.raises(InputError, match="Did you mean 'discrete'"):
+        ActionModel("discreet")

@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+import pytest
+
+from aquanav_tools.envs.reward import DENSE, SAFETY, SPARSE, Decision, load_weights, reward_terms
+from aquanav_tools.errors import InputError
+
+QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
+
+
+def total(weights: object, **changes: object) -> float:
+    return sum(reward_terms(weights, QUIET._replace(**changes)).values())  # type: ignore[arg-type]
+
+
+def test_dense_pays_ten_per_metre_less_time() -> None:
+    assert total(DENSE, gained=0.3) == pytest.approx(10 * 0.3 - 5 * 0.01)
+
+
+def test_dense_charges_each_step_of_contact() -> None:
+    assert total(DENSE, num_contact_steps=3) == pytest.approx(-5 * 0.01 - 3 * 0.01)
+
+
+def test_dense_pays_500_at_the_goal() -> None:
+    assert total(DENSE, outcome="success") == pytest.approx(500 - 0.05)
+
+
+def test_safety_charges_rays_that_are_cut_off() -> None:
+    assert total(SAFETY, cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.56)  # -0.56 per step when all are at zero
+
+
+@pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])
+def test_sparse_pays_for_the_outcome_only(outcome: str, reward: float) -> None:
+    assert total(SPARSE, gained=2.0, num_contact_steps=1, cut_off=9.0, outcome=outcome) == reward
+
+
+def test_unknown_preset_suggests_the_closest() -> None:
+    with pytest.raises(InputError, match="Did you mean 'dense'"):
+        load_weights("dens")
