@@ -117,7 +117,7 @@ def in_metres(photo_cloud: PhotoCloud, scale: PhotoScaleOptions, journal: Journa
     if scale.passage_height is None:
         raise ReconstructionError(
             "The photos show a cave, but nothing tells its size: photos alone have no scale. Give known camera "
-            "positions with --positions FILE.csv (name,x,y,z in metres), or the passage's typical height with --passage-height."
+            "positions with --positions FILE.csv (name,x,y,z in metres), or a typical height with --passage-height."
         )
     surface = surface_from_cloud(photo_cloud.cloud, _preview_voxel(photo_cloud.cloud))
     factor = scale.passage_height / free_height(surface, photo_cloud.cameras)

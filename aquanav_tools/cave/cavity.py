@@ -41,8 +41,7 @@ class Cavity:
     @property
     def volume(self) -> float:
         """Enclosed water, m^3."""
-        corners = self.mesh.triangles
-        return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)
+        return _volume(self.mesh)
 
     @property
     def observed_share(self) -> float:
@@ -83,6 +82,11 @@ def prove_watertight(mesh: Mesh) -> None:
             `is_volume`, one component, positive volume.
     """
     to_manifold(mesh)
+    if not _volume(mesh) > 0.0:
+        raise MeshError(
+            f"The closed surface of {len(mesh.faces)} triangles encloses {_volume(mesh):.3g} m3. It is flat or inside "
+            "out. Scan the walls on all sides of the passage."
+        )
     solid = mesh.to_trimesh()
     num_components = solid.body_count
     if num_components != 1:
@@ -96,3 +100,9 @@ def prove_watertight(mesh: Mesh) -> None:
             f"watertight {solid.is_watertight}, winding {solid.is_winding_consistent}, volume {solid.volume:.3g} m3). "
             "Rebuild with a larger voxel."
         )
+
+
+def _volume(mesh: Mesh) -> float:
+    """Return the signed volume inside a closed mesh, m^3 (divergence theorem)."""
+    corners = mesh.triangles
+    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)

@@ -81,9 +81,9 @@ def _run(options: Options) -> None:
         print(f"warning ({code}): {sentence}", file=sys.stderr)
     print(
         f"Built {result.scenario.name} in {time.perf_counter() - began:.0f} s: a passage of "
-        f"{numbers.route_length:.1f} m, {numbers.volume:.1f} m3, {numbers.num_triangles} triangles, watertight; {numbers.num_portals} portals, "
-        f"{numbers.num_panels} panels, {len(result.scenario.starts)} starts, narrowest clearance "
-        f"{numbers.min_clearance:.2f} m.\n"
+        f"{numbers.route_length:.1f} m, {numbers.volume:.1f} m3, {numbers.num_triangles} triangles, watertight; "
+        f"{numbers.num_portals} portals, {numbers.num_panels} panels, {len(result.scenario.starts)} starts, narrowest "
+        f"clearance {numbers.min_clearance:.2f} m.\n"
         f"Report: {options.output / 'report.html'}\nPicture: {options.output / 'cave.png'}\n"
         f"Recording: rerun {options.output / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {options.output}"
