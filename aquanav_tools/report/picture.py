@@ -26,6 +26,9 @@ SUPERSAMPLING = 1.7
 """Rays per pixel of the page along each side."""
 NAMES = ("Plan, seen from above", "Long section, seen from the side")
 
+FEW_CONTACTS = 20
+"""Beyond this number the crosses shrink, or they would hide the trails."""
+
 ROUTE = "#ffb703"
 GOAL = "#fb5607"
 CRASH = "#e5383b"
@@ -136,7 +139,8 @@ def _draw_trails(axes: Any, tracks: Sequence[Track], view: View) -> Any:
     trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1))
     axes.add_collection(trails)
     contacts = np.concatenate([line[track.contact_states] for line, track in zip(lines, tracks, strict=True)])
-    axes.scatter(*contacts.T, marker="x", s=46 if is_alone else 26, color=CRASH, linewidths=1.8, zorder=8)
+    size = float(np.clip(46.0 * FEW_CONTACTS / max(len(contacts), 1), 4.0, 46.0))
+    axes.scatter(*contacts.T, marker="x", s=size, color=CRASH, linewidths=0.26 * np.sqrt(size), zorder=8)
     beginnings = np.array([line[0] for line in lines])
     axes.scatter(*beginnings.T, s=34 if is_alone else 14, color="white", edgecolors=INK, linewidths=0.8, zorder=8)
     return trails

@@ -26,6 +26,8 @@ MAX_CAVE_TRIANGLES = 60_000
 """Beyond this the cave in a recording is simplified: 1.1 MB of 2 MB per episode at this number."""
 MAX_RAY_STATES = 600
 """Beyond this number of states the rays are shown at every second, third, ... state."""
+FOLLOW_DISTANCE = 2.5
+"""Of the camera that follows the vehicle, m."""
 TIMELINE = "time"
 
 ROCK = (126, 150, 160)
@@ -54,6 +56,9 @@ class CaveModel:
         self.scenario = scenario
         self.mesh = thin(scenario.cavity.mesh, MAX_CAVE_TRIANGLES)
         self.normals = np.asarray(self.mesh.to_trimesh().vertex_normals, dtype=np.float32)
+        _, section = plan_and_section(scenario.guide.centreline)
+        self.aside = section.towards + np.array([0.0, 0.0, 0.6])
+        """(3,) from the cave to a viewer at its long side and a little above."""
 
 
 def thin(mesh: Mesh, max_triangles: int) -> Mesh:
@@ -76,7 +81,7 @@ def record_cave(cave: CaveModel, path: Path) -> None:
     import rerun.blueprint as rrb
 
     scenario = cave.scenario
-    view = rrb.Spatial3DView(origin="/", name=scenario.name, eye_controls=_eye(cave))
+    view = rrb.Spatial3DView(origin="/", name=scenario.name, eye_controls=_eye(cave), line_grid=False)
     blueprint = rrb.Blueprint(view, collapse_panels=True)
     with _recording(path, f"cave {scenario.name} {scenario.content_hash}", blueprint) as stream:
         _log_cave(stream, cave)
@@ -95,7 +100,7 @@ def record_episode(cave: CaveModel, track: Track, hull: Capsule, ray_directions:
     """
     scenario = cave.scenario
     identity = f"episode {scenario.name} {scenario.content_hash} {track.seed} {track.start_index}"
-    with _recording(path, identity, _episode_blueprint(cave)) as stream:
+    with _recording(path, identity, _episode_blueprint(cave, track)) as stream:
         _log_properties(stream, track)
         _log_cave(stream, cave)
         _log_vehicle(stream, track, hull)
@@ -237,30 +242,53 @@ def _time_column(times: Array) -> Any:
     return rr.TimeColumn(TIMELINE, duration=times)
 
 
-def _episode_blueprint(cave: CaveModel) -> Any:
+def _episode_blueprint(cave: CaveModel, track: Track) -> Any:
+    """Return the layout: the whole cave, a close view that follows the vehicle, and the plots beside them."""
     import rerun.blueprint as rrb
 
-    scene = rrb.Spatial3DView(
-        origin="/", contents=["+ /**", "- /plots/**", "- /state"], name=cave.scenario.name, eye_controls=_eye(cave)
+    contents = ["+ /**", "- /plots/**", "- /state"]
+    scenes = rrb.Vertical(
+        rrb.Spatial3DView(contents=contents, name=cave.scenario.name, eye_controls=_eye(cave), line_grid=False),
+        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave, track), line_grid=False),
+        row_shares=[2, 3],
     )
     plots = rrb.Vertical(
         rrb.StateTimelineView(origin="state", name="state"),
         rrb.TimeSeriesView(origin="plots/clearance", name="clearance, m"),
         rrb.TimeSeriesView(origin="plots/progress", name="progress, m"),
-        rrb.TimeSeriesView(origin="plots/reward", name="reward, by term"),
+        rrb.TimeSeriesView(origin="plots/reward", contents=_lasting_terms(track), name="reward, by term"),
         rrb.TimeSeriesView(origin="plots/cost", name="cost"),
         row_shares=[1, 2, 2, 2, 2],
     )
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
-    return rrb.Blueprint(rrb.Horizontal(scene, plots, column_shares=[2, 1]), panel, collapse_panels=True)
+    return rrb.Blueprint(rrb.Horizontal(scenes, plots, column_shares=[2, 1]), panel, collapse_panels=True)
+
+
+def _lasting_terms(track: Track) -> list[str]:
+    """Return the plots of reward terms that are paid more than once: a goal's 500 would flatten all others."""
+    return [f"plots/reward/{name}" for name, values in track.reward_terms.items() if np.count_nonzero(values) > 1]
 
 
 def _eye(cave: CaveModel) -> Any:
     """Return a camera that looks at the long side of the cave from a little above."""
     import rerun.blueprint as rrb
 
-    _, section = plan_and_section(cave.scenario.guide.centreline)
     low, high = cave.mesh.vertices.min(axis=0), cave.mesh.vertices.max(axis=0)
-    centre, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
-    offset = section.towards + np.array([0.0, 0.0, 0.6])
-    return rrb.EyeControls3D(position=centre + 0.8 * size * offset, look_target=centre, eye_up=[0.0, 0.0, 1.0])
+    plan, _ = plan_and_section(cave.scenario.guide.centreline)
+    length, width = np.ptp(plan.project(cave.mesh.vertices), axis=0)
+    distance = 0.3 * length + 0.6 * (width + high[2] - low[2])  # chosen by eye, for a pane wider than high
+    centre = 0.5 * (low + high)
+    return rrb.EyeControls3D(position=centre + distance * cave.aside, look_target=centre, eye_up=[0.0, 0.0, 1.0])
+
+
+def _following_eye(cave: CaveModel, track: Track) -> Any:
+    """Return a camera that stays beside the vehicle."""
+    import rerun.blueprint as rrb
+
+    begin = track.positions[0]
+    return rrb.EyeControls3D(
+        position=begin + FOLLOW_DISTANCE * cave.aside,
+        look_target=begin,
+        eye_up=[0.0, 0.0, 1.0],
+        tracking_entity="/vehicle",
+    )
