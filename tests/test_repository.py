@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,15 @@ MAX_FUNCTION_LINES = 50
 """Without the docstring."""
 SOURCES = sorted((REPOSITORY / "aquanav_tools").rglob("*.py"))
 PYTHONS = ("3.10", "3.11")
+PACKAGE_OF = {
+    "PIL": "pillow",
+    "cv2": "opencv-python-headless",
+    "fcl": "python-fcl",
+    "igl": "libigl",
+    "rerun": "rerun-sdk",
+    "skimage": "scikit-image",
+}
+"""Packages whose modules have another name."""
 
 
 def pins(python: str) -> dict[str, str]:
@@ -47,6 +57,25 @@ def test_every_dependency_is_pinned_to_a_version_that_is_allowed(python: str) ->
         pin = pinned[canonicalize_name(need.name)]
         assert re.fullmatch(r"==[0-9][0-9a-z.]*", pin), f"{need.name}{pin} is no exact version"
         assert need.specifier.contains(pin.removeprefix("==")), f"{need} does not allow {pin}"
+
+
+def test_what_is_imported_is_what_is_required() -> None:
+    modules = (
+        {module for path in SOURCES for module in _imported(path)} - set(sys.stdlib_module_names) - {"aquanav_tools"}
+    )
+    imported = {canonicalize_name(PACKAGE_OF.get(module, module)) for module in modules - {"tomllib"}}
+    required = {canonicalize_name(Requirement(text).name) for text in pyproject()["project"]["dependencies"]}
+    assert imported == required
+
+
+def _imported(path: Path) -> set[str]:
+    names = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            names |= {alias.name.split(".")[0] for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+            names.add(node.module.split(".")[0])
+    return names
 
 
 def test_torch_is_pinned_so_that_the_cpu_build_satisfies_the_pin() -> None:
