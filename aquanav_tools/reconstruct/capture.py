@@ -8,9 +8,9 @@ import numpy as np
 
 from aquanav_tools.types import Array
 
-SHOTS_DEG = ((33.0, 17.0), (-33.0, 17.0), (-33.0, -15.0), (33.0, -15.0))
-"""(yaw to the left, pitch up) of a station's shots against the passage's direction: each piece of wall is seen by
-several stations from different places, which is what structure from motion needs (measured: 106 of 108 register)."""
+SHOTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
+"""Signs of yaw (positive to the left) and pitch (positive up) of a station's shots: each piece of wall is seen by
+several stations from different places, which is what structure from motion needs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,10 @@ class CaptureOptions:
     """Distance of the first station from the opening the diver comes in by, m."""
     end_margin: float = 3.0
     """Distance of the last station from the other opening, m; all photos look that way and must still see rock."""
+    yaw_deg: float = 33.0
+    """How far each photo looks to the side of the passage's direction, degrees."""
+    pitch_deg: float = 16.0
+    """How far each photo looks up or down, degrees."""
     unsteady_m: float = 0.06
     """Standard deviation of the camera's place about the centreline, m."""
     unsteady_deg: float = 3.0
@@ -55,10 +59,11 @@ def plan_capture(centreline: Array, options: CaptureOptions) -> list[Camera]:
     for station in np.linspace(options.start_margin, arc[-1] - options.end_margin, options.stations):
         before, here, after = (_along(centreline, arc, station + offset) for offset in (-0.5, 0.0, 0.5))
         heading = np.arctan2(after[1] - before[1], after[0] - before[0])
-        for yaw_deg, pitch_deg in SHOTS_DEG:
+        for side, rise in SHOTS:
             centre = here + rng.normal(0.0, options.unsteady_m, 3)
             shake = np.radians(rng.normal(0.0, options.unsteady_deg, 3))
-            yaw, pitch = heading + np.radians(yaw_deg) + shake[0], np.radians(pitch_deg) + shake[1]
+            yaw = heading + side * np.radians(options.yaw_deg) + shake[0]
+            pitch = rise * np.radians(options.pitch_deg) + shake[1]
             cameras.append(Camera(centre, look(yaw, pitch, shake[2])))
     return cameras
 

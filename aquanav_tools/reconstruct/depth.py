@@ -81,9 +81,8 @@ def estimate_depth(folder: Path, options: DepthOptions, progress: Progress = ign
     chosen = [(view, ranked) for view, ranked in chosen if len(ranked) >= 2]
     if not chosen:
         raise ReconstructionError(
-            f"None of the {len(views)} registered photos shares rock with two others at a useful angle, so no depth can "
-            "be found. The camera turned on the spot or moved too far between photos. Take photos from places side by "
-            "side."
+            f"None of the {len(views)} registered photos shares rock with two others at a useful angle, so no depth "
+            "can be found. The camera turned on the spot or moved too far. Take photos from places side by side."
         )
     paths = []
     for index, (view, ranked) in enumerate(chosen):

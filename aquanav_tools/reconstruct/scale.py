@@ -192,7 +192,7 @@ def _fit(sfm: Array, world: Array, options: GeoreferenceOptions) -> tuple[Sim3, 
     ransac = pycolmap.RANSACOptions(max_error=options.max_error, random_seed=options.seed)
     found = pycolmap.estimate_sim3d_robust(sfm, world, ransac)
     if found is not None:
-        is_believed = np.linalg.norm(_sim3(found).apply(sfm) - world, axis=1) <= options.max_error
+        is_believed = np.linalg.norm(_sim3(found["tgt_from_src"]).apply(sfm) - world, axis=1) <= options.max_error
         if is_believed.sum() >= MIN_POSITIONS:
             return _sim3(pycolmap.estimate_sim3d(sfm[is_believed], world[is_believed])), is_believed
     raise InputError(

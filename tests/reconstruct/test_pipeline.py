@@ -1,0 +1,146 @@
+"""Pixels in, surface out: a rendered cave is reconstructed and held against its truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from aquanav_tools.errors import ReconstructionError
+from aquanav_tools.reconstruct.colmap import load_pycolmap
+from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth
+from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
+from aquanav_tools.reconstruct.reconstruction import reconstruct
+from aquanav_tools.reconstruct.render import RayScene
+from aquanav_tools.reconstruct.scale import upright
+from aquanav_tools.reconstruct.views import read_views
+from tests.reconstruct.conftest import SMALL_OPTIONS, Dive
+from tests.reconstruct.scenes import scores, true_centres
+
+
+def test_all_photos_register_where_they_were_taken(dive: Dive) -> None:
+    assert dive.result.statistics["registered"] == len(dive.photos.photos)
+    errors = np.linalg.norm(
+        dive.result.camera_centres - true_centres(dive.photos.folder, dive.result.camera_names), axis=1
+    )
+    assert errors.mean() < 0.01  # a third of a pixel at 2 m is 2 mm; drift over the passage adds some
+    assert dive.result.statistics["positions_rms_m"] < 0.01
+
+
+def test_cloud_lies_on_the_true_wall_and_covers_what_was_seen(dive: Dive) -> None:
+    figures = scores(dive.cave, dive.photos.folder, dive.result.cloud.points)
+    print(figures)
+    assert figures["median"] < 0.01
+    assert figures["precision"] > 0.95
+    assert figures["recall"] > 0.6  # at 240 px; the demo's 480 px reaches more
+
+
+def test_normals_point_into_the_water(dive: Dive) -> None:
+    cloud = dive.result.cloud
+    assert cloud.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-3)
+    chosen = slice(None, None, 37)
+    steps, wall_normals = RayScene(dive.cave.mesh).cast(
+        dive.cave.centreline[0], cloud.points[chosen] - dive.cave.centreline[0]
+    )
+    is_seen = np.abs(steps - 1.0) < 0.03
+    agreement = np.einsum("ij,ij->i", -wall_normals[is_seen], cloud.normals[chosen][is_seen])
+    assert np.median(agreement) > 0.8
+    assert np.mean(agreement > 0.0) > 0.95
+
+
+def test_colours_come_with_every_point(dive: Dive) -> None:
+    colours = dive.result.cloud.colours
+    assert colours is not None
+    assert colours.shape == dive.result.cloud.points.shape
+    assert 20 < colours.mean() < 235
+
+
+def test_statistics_can_be_written_as_json(dive: Dive) -> None:
+    assert json.loads(json.dumps(dive.result.statistics, allow_nan=False))["photos"] == len(dive.photos.photos)
+
+
+def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: pytest.MonkeyPatch) -> None:
+    pycolmap = load_pycolmap()
+
+    def refuse(*args: object, **kwargs: object) -> None:
+        raise AssertionError("done again")
+
+    for name in ("match_image_pairs", "incremental_mapping", "undistort_images"):
+        monkeypatch.setattr(pycolmap, name, refuse)
+    monkeypatch.setattr("aquanav_tools.reconstruct.depth._depth_of", refuse)
+    again = reconstruct(dive.photos.folder, dive.workspace, SMALL_OPTIONS, dive.photos.folder / "positions.csv")
+    np.testing.assert_array_equal(again.camera_centres, dive.result.camera_centres)
+    np.testing.assert_array_equal(again.cloud.points, dive.result.cloud.points)
+
+
+def test_a_killed_dense_step_loses_one_photo_and_ends_the_same_for_any_number_of_threads(dive: Dive) -> None:
+    dense = dive.workspace / "dense"
+    path = depth_path(dense, dive.result.camera_names[0])
+    first = load_depth(path)
+    path.unlink()
+    threads = numba.get_num_threads()
+    numba.set_num_threads(1)
+    try:
+        estimate_depth(dense, SMALL_OPTIONS.depth)
+    finally:
+        numba.set_num_threads(threads)
+    again = load_depth(path)
+    np.testing.assert_array_equal(again.depth, first.depth)
+    np.testing.assert_array_equal(again.normals, first.normals)
+
+
+def test_another_seed_gives_another_depth(dive: Dive) -> None:
+    dense = dive.workspace / "dense"
+    path = depth_path(dense, dive.result.camera_names[0])
+    first = path.read_bytes()
+    kept = load_depth(path)
+    path.unlink()
+    estimate_depth(dense, replace(SMALL_OPTIONS.depth, seed=1))
+    assert not np.array_equal(load_depth(path).depth, kept.depth)
+    path.write_bytes(first)
+
+
+def test_moving_a_reconstruction_scales_distances_and_turns_normals(dive: Dive) -> None:
+    views = read_views(load_pycolmap().Reconstruction(dive.workspace / "dense" / "sparse"))
+    rotations = np.array([view.rotation for view in views])
+    sim3 = upright(rotations, dive.result.camera_centres, 2.0)
+    moved = dive.result.moved(sim3)
+    before = np.linalg.norm(np.diff(dive.result.camera_centres, axis=0), axis=1)
+    after = np.linalg.norm(np.diff(moved.camera_centres, axis=0), axis=1)
+    np.testing.assert_allclose(after, 2.0 * before)
+    assert moved.cloud.normals is not None
+    np.testing.assert_allclose(np.linalg.norm(moved.cloud.normals, axis=1), 1.0, atol=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"width": 10}, {"sources": 1}, {"radius": 0}, {"iterations": 0}])
+def test_senseless_depth_options_are_refused(wrong: dict[str, int]) -> None:
+    with pytest.raises(ValueError, match=next(iter(wrong))):
+        DepthOptions(**wrong)
+
+
+def test_photos_without_neighbours_at_a_useful_angle_end_the_dense_step(
+    dive: Dive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aquanav_tools.reconstruct.depth.rank_sources", lambda views, count: [[]] * len(views))
+    with pytest.raises(ReconstructionError, match=r"None of the 12 registered photos shares rock with two others"):
+        estimate_depth(dive.workspace / "dense", SMALL_OPTIONS.depth)
+
+
+def test_depth_maps_without_a_sure_pixel_end_the_fusion(dive: Dive, tmp_path: Path) -> None:
+    dense = tmp_path / "dense"
+    shutil.copytree(dive.workspace / "dense", dense)
+    paths = sorted((dense / "depth").iterdir())
+    with pytest.raises(ReconstructionError, match=r"depth maps of 12 photos agree on no point"):
+        fuse_depth(dense, paths, FusionOptions(max_cost=1e-9))
+
+
+@pytest.mark.parametrize("wrong", [{"max_cost": 0.0}, {"min_photos": 1}, {"max_depth_error": 0.0}])
+def test_senseless_fusion_options_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ValueError, match="FusionOptions"):
+        FusionOptions(**wrong)  # type: ignore[arg-type]
