@@ -11,7 +11,7 @@ from aquanav_tools.types import Array, BoolArray
 
 BAND = 3
 """Samples of rock behind the walls that have their exact distance; deeper ones repeat the last, -BAND * spacing."""
-MAX_SAMPLES = 20_000_000
+MAX_SAMPLES = 6_000_000
 CHUNK = 500_000
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
@@ -13,6 +15,8 @@ from aquanav_tools.cave.route import Route
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array
 
+CHAIN_WINDOW = 30
+"""A gap of more panels than this cannot be bridged when panels that cut each other are left out."""
 MAX_OVERLAP = 0.02
 """Share of a panel's outline that may lie on the wrong side of its neighbour's plane."""
 
@@ -43,7 +47,14 @@ def place_panels(cavity: Cavity, field: DistanceField, route: Route, inset: floa
     count = max(2, round((len(centreline) - 1) * step / options.spacing) + 1)
     stations = np.unique(np.round(np.linspace(0, len(centreline) - 1, count)).astype(int))
     panels = [_panel(cavity, field, centreline[n], tangents[n], n * step) for n in stations]
-    return Guide(centreline, _without_crossings([panel for panel in panels if panel is not None]))
+    kept = _longest_chain([panel for panel in panels if panel is not None])
+    if len(kept) < 2:
+        raise MeshError(
+            f"All {len(stations)} cross-sections along the route of {route.length:.2f} m cut each other: the cave is "
+            "wider than its passage is long. Scan more of the passage, or set a smaller --panels.spacing."
+        )
+    first, last = (round(panel.arc_length / step) for panel in (kept[0], kept[-1]))
+    return Guide(centreline[first : last + 1], tuple(_moved(panel, kept[0].arc_length) for panel in kept))
 
 
 def _tangents(points: Array, half_window: int) -> Array:
@@ -63,15 +74,24 @@ def _panel(cavity: Cavity, field: DistanceField, centre: Array, normal: Array, a
     return Panel(centre, normal, outline, float(arc_length), field.clearance_at(centre))
 
 
-def _without_crossings(panels: list[Panel]) -> tuple[Panel, ...]:
-    """Return the panels without those whose outline cuts that of the one before; first and last always stay."""
-    kept = [panels[0]]
-    for panel in panels[1:-1]:
-        if not _cross(kept[-1], panel):
-            kept.append(panel)
-    while len(kept) > 1 and _cross(kept[-1], panels[-1]):
-        kept.pop()
-    return (*kept, panels[-1])
+def _longest_chain(panels: list[Panel]) -> list[Panel]:
+    """Return the most panels, in order, of which none cuts the one before.
+
+    In a sharp bend of a wide passage neighbouring cross-sections cut each other on the inside.
+    """
+    lengths, previous = [1] * len(panels), [-1] * len(panels)
+    for after in range(len(panels)):
+        for before in range(after - 1, max(-1, after - CHAIN_WINDOW), -1):
+            if lengths[before] >= lengths[after] and not _cross(panels[before], panels[after]):
+                lengths[after], previous[after] = lengths[before] + 1, before
+    chain = [int(np.argmax(lengths))]
+    while previous[chain[-1]] >= 0:
+        chain.append(previous[chain[-1]])
+    return [panels[n] for n in reversed(chain)]
+
+
+def _moved(panel: Panel, start: float) -> Panel:
+    return replace(panel, arc_length=panel.arc_length - start)
 
 
 def _cross(before: Panel, after: Panel) -> bool:
