@@ -186,7 +186,7 @@ def _log_vehicle(stream: Any, track: Track, hull: Capsule) -> None:
     )
     stream.log("vehicle/hull", capsule, static=True, strict=True)
     segments = np.stack([track.positions[:-1], track.positions[1:]], axis=1)
-    trail = rr.LineStrips3D(list(segments), colors=_distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=0.015)
+    trail = rr.LineStrips3D(segments, colors=_distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=0.015)
     stream.log("trail", trail, static=True, strict=True)
 
 
@@ -199,7 +199,7 @@ def _log_rays(stream: Any, track: Track, directions: Array) -> None:
     strips = np.zeros((num_states * num_rays, 2, 3), dtype=np.float32)
     strips[:, 1] = (ranges[..., None] * directions).reshape(-1, 3)
     colours = _distance_colours(ranges.ravel(), float(track.rays.max()))
-    columns = rr.LineStrips3D.columns(strips=list(strips), colors=colours).partition([num_rays] * num_states)
+    columns = rr.LineStrips3D.columns(strips=strips, colors=colours).partition([num_rays] * num_states)
     stream.send_columns("vehicle/rays", [_time_column(track.times[::every])], columns, strict=True)
     stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=0.004), static=True, strict=True)
 
