@@ -43,7 +43,9 @@ class ActuatorModel:
         actuators, wrenches = self._actuators, self._wrenches
         wrenches[:, SURGE] = actuators.surge_force * (thrust if thrust > 0.0 else thrust * actuators.reverse_share)
         wrenches[:, YAW] = steer * self._yaw_moment
-        for wrench in wrenches:
-            self.trim = min(max(self.trim + ballast * self._trim_step, -1.0), 1.0)
-            wrench[HEAVE] = actuators.heave_force * self.trim
+        heave, change = [], ballast * self._trim_step
+        for _ in wrenches:
+            self.trim = min(max(self.trim + change, -1.0), 1.0)
+            heave.append(actuators.heave_force * self.trim)
+        wrenches[:, HEAVE] = heave
         return wrenches

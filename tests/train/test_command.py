@@ -1,0 +1,43 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from aquanav_tools.cli.train import main
+from aquanav_tools.scenario.folder import write_scenario
+from tests.caves import tube_scenario
+
+
+def exit_code(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ending:
+        main(arguments)
+    return int(ending.value.code or 0)
+
+
+def test_command_trains_and_says_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_scenario(tube_scenario(), tmp_path / "tube")
+    pipeline = tmp_path / "small.toml"
+    pipeline.write_text('buffer = 256\nbatch = 64\nnum_envs = 2\nhidden = [8]\nobservation = "paper"\nsteps = 9999\n')
+    folders = ["--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run")]
+    main([*folders, "--pipeline", str(pipeline), "--steps", "256"])
+    said = capsys.readouterr().out
+    assert "Learned from 256 decisions" in said
+    assert f"aquanav-eval {tmp_path / 'run' / 'policy.zip'}" in said
+    assert (tmp_path / "run" / "policy.zip").is_file()
+
+
+def test_missing_scenario_ends_with_a_sentence_and_its_code(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code("--scenario", str(tmp_path / "none")) == 5
+    assert "is not a scenario" in capsys.readouterr().err
+
+
+def test_pipeline_with_an_unknown_key_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "wrong.toml").write_text("step = 5\n")
+    assert exit_code("--scenario", ".", "--pipeline", str(tmp_path / "wrong.toml")) == 2
+    assert "unknown key 'step'. Did you mean 'steps'" in capsys.readouterr().err
+
+
+def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code("--scenario", ".", "--num-envs", "3") == 2
+    assert "must be a multiple of num_envs" in capsys.readouterr().err.replace("\n", " ")

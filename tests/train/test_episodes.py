@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary, LearningCurve, SummaryWrapper
+
+
+def test_curve_averages_the_last_episodes() -> None:
+    curve = LearningCurve()
+    curve.add([{}, {SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
+    curve.add([{SUMMARY: EpisodeSummary(20.0, 300, 3, True)}, {SUMMARY: EpisodeSummary(0.0, 200, 0, False)}])
+    point = curve.mark(600, 1.5)
+    assert (point.steps, point.episodes) == (600, 3)
+    assert (point.mean_reward, point.mean_length, point.mean_collisions) == (10.0, 200.0, 1.0)
+    assert point.success_rate == pytest.approx(2 / 3, abs=1e-4)
+    assert point.clean_success_rate == pytest.approx(1 / 3, abs=1e-4)
+
+
+def test_curve_has_no_numbers_before_the_first_episode() -> None:
+    assert math.isnan(LearningCurve().mark(10, 0.1).success_rate)
+
+
+def test_wrapper_sums_up_an_episode_at_its_end(tube: Scenario) -> None:
+    env = SummaryWrapper(CaveEnv(tube, max_decisions=5))
+    env.reset(seed=0)
+    steps = [env.step(np.array([1, 1, 2])) for _ in range(5)]
+    assert all(not step[4] for step in steps[:-1])
+    summary = steps[-1][4][SUMMARY]
+    assert (summary.length, summary.num_collisions, summary.is_success) == (5, 0, False)
+    assert summary.reward == pytest.approx(sum(step[1] for step in steps))
+    env.close()
