@@ -39,8 +39,8 @@ IMPORTERS = {
 """Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
 DOCTOR = "cli/doctor.py"
 
-HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib"}
-"""Libraries that take long to import."""
+HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "numpy"}
+"""Libraries that take long to import, down to a tenth of a second for numpy."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -18,7 +18,9 @@ from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
 from aquanav_tools.cli.command import run_command
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.types import Progress
+
+if TYPE_CHECKING:
+    from aquanav_tools.types import Progress
 
 DESCRIPTION = """Build a scenario from a real cave.
 
