@@ -5,7 +5,9 @@ World frame: metres, right-handed, z up. Body frame: x ahead, y left, z up. Quat
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,6 +23,15 @@ BoolArray = npt.NDArray[np.bool_]
 
 Progress = Callable[[int, int], None]
 """Called with (units done, units in all) by work that takes long; whoever shows it decides how."""
+
+Stages = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a stage of long work under a title; leaving the context ends it."""
+
+
+@contextlib.contextmanager
+def silent(title: str) -> Iterator[Progress]:
+    """Show nothing: the Stages of whoever does not want to see progress."""
+    yield lambda done, total: None
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.cave.closing import close_surface, from_manifold
 from aquanav_tools.cave.distance import choose_spacing, distance_field
 from aquanav_tools.cave.enclosure import check_enclosure
+from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.panels import place_panels
 from aquanav_tools.cave.portals import cut_portals, find_openings
 from aquanav_tools.cave.route import find_route
@@ -21,11 +22,12 @@ from aquanav_tools.cave.statistics import CaveStatistics, ScanFit, measure_cave,
 from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle
-from aquanav_tools.types import Capsule, Mesh, PointCloud
+from aquanav_tools.types import Array, Capsule, Mesh, PointCloud
 
 COLLISION_ERROR_SHARE = 0.05
 """The collision mesh may differ from the cavity by this share of the vehicle's radius."""
 FIT_SAMPLES = 50_000
+NUM_VIEWPOINTS = 200
 MIN_OBSERVED_SHARE = 0.9
 
 
@@ -40,7 +42,7 @@ class BuiltCave:
     method: str
     """How the surface was closed: "lids" or "winding"."""
     enclosure: float
-    """Median share of the view along the route that is scanned wall."""
+    """Median share of the view from roomy places that is scanned wall."""
 
 
 def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Journal) -> BuiltCave:
@@ -60,9 +62,9 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
         cavity = cut_portals(closed, surface, openings, voxel)
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, capsule.radius))
+        share = check_enclosure(surface, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
         route = find_route(cavity, field, capsule.radius)
-        share = check_enclosure(surface, route.points, "the middle of the passage")
         guide = place_panels(cavity, field, route, _inset(capsule), options.panels)
     with journal.stage("Placing the starts"):
         starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
@@ -81,6 +83,13 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
     _note_weaknesses(statistics, fit, voxel, journal)
     scenario = Scenario(settings, cavity, collision, field, guide, starts)
     return BuiltCave(scenario, statistics, fit, voxel, closed.method, share)
+
+
+def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
+    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m."""
+    roomy = np.argwhere(field.values >= 0.5 * field.values.max())
+    chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
+    return field.positions(roomy[chosen])
 
 
 def _inset(capsule: Capsule) -> float:

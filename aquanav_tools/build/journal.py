@@ -5,14 +5,10 @@ from __future__ import annotations
 import contextlib
 import resource
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from aquanav_tools.types import Progress
-
-Display = Callable[[str], AbstractContextManager[Progress]]
-"""Opens a progress display for a stage with a title; closing it ends the stage."""
+from aquanav_tools.types import Progress, Stages
 
 
 @dataclass(frozen=True)
@@ -29,7 +25,7 @@ class StageRecord:
 class Journal:
     """Collects the stages of one build."""
 
-    display: Display
+    display: Stages
     stages: list[StageRecord] = field(default_factory=list)
     notices: list[tuple[str, str]] = field(default_factory=list)
     """(code, sentence) of results that are poor but usable."""
@@ -46,9 +42,3 @@ class Journal:
     def warn(self, code: str, sentence: str) -> None:
         """Note a result that is poor but usable."""
         self.notices.append((code, sentence))
-
-
-@contextlib.contextmanager
-def silent(title: str) -> Iterator[Progress]:
-    """A display that shows nothing."""
-    yield lambda done, total: None

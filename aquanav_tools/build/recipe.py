@@ -10,19 +10,14 @@ from typing import Any
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
-from aquanav_tools.build.journal import Display, Journal, silent
+from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.photo_stages import (
-    PhotoRecipe,
-    check_is_cave,
-    hash_photos,
-    in_metres,
-    reconstruct,
-    write_cloud,
-)
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key, write_cloud
 from aquanav_tools.cave.scan import read_scan
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
+from aquanav_tools.reconstruct.scale import read_positions
 from aquanav_tools.report.html import write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording import CaveModel, record_cave
@@ -30,6 +25,7 @@ from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenar
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.types import Stages, silent
 
 WORK_DIR = "work"
 """Where photo stages keep what a later run can take up; safe to delete."""
@@ -45,7 +41,7 @@ class BuildResult:
     journal: Journal
 
 
-def build_cave(options: BuildOptions, display: Display = silent) -> BuildResult:
+def build_cave(options: BuildOptions, display: Stages = silent) -> BuildResult:
     """Build a scenario folder from photos or a scan.
 
     Nothing is written before the input has been read and found sound. A build that stops later leaves no scenario.toml:
@@ -71,33 +67,38 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
-    recipe = _photo_recipe(options)
+    settings = _photo_settings(options)
     with journal.stage("Reading the photos") as progress:
         photos = read_photos(options.input, progress)
         inputs = {name: file_hash(photos.path(name)) for name in photos.names}
-        key = hash_photos(photos, recipe, options.scale)
-    work_dir = options.output / WORK_DIR / key[:16]
-    work_dir.mkdir(parents=True, exist_ok=True)
+        if options.scale.positions is not None:
+            read_positions(options.scale.positions, photos.names)
+    workspace = options.output / WORK_DIR / workspace_key(photos, settings, options.scale.positions)
+    workspace.mkdir(parents=True, exist_ok=True)
     facts: dict[str, Any] = {}
     try:
-        photo_cloud = reconstruct(photos, options.scale, recipe, work_dir, journal)
-        facts |= photo_cloud.facts
-        write_cloud(photo_cloud.cloud, options.output / "cloud.ply")
-        check_is_cave(photo_cloud, journal)
-        photo_cloud = in_metres(photo_cloud, options.scale, journal)
-        built = build_scenario(photo_cloud.cloud, options, journal)
+        reconstruction = reconstruct(photos, workspace, settings, options.scale.positions, journal.stage)
+        facts |= reconstruction.statistics
+        for caution in reconstruction.warnings:
+            journal.warn(caution.code, caution.message)
+        write_cloud(reconstruction.cloud, options.output / "cloud.ply")
+        with journal.stage("Checking that it is a cave"):
+            preview = preview_surface(reconstruction.cloud)
+            facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
+            reconstruction = in_metres(reconstruction, preview, options.scale, journal)
+        built = build_scenario(reconstruction.cloud, options, journal)
     except AquanavError as error:
         _report_failure(error, options, journal, inputs, facts)
         raise
-    return _finish(built, options, journal, inputs, photo_cloud.facts)
+    return _finish(built, options, journal, inputs, facts)
 
 
-def _photo_recipe(options: BuildOptions) -> PhotoRecipe:
+def _photo_settings(options: BuildOptions) -> ReconstructOptions:
     """Return the photo stages' settings from the recipe file, with the build's seed where the file names none."""
     table = {} if options.recipe is None else read_toml(options.recipe).get("photos", {})
-    for stage in ("matching", "mapping", "positions", "depth"):
+    for stage in ("matching", "mapping", "georeference", "depth"):
         table[stage] = {"seed": options.seed, **table.get(stage, {})}
-    return from_table(PhotoRecipe, table, f"{options.recipe or 'recipe'}: photos")
+    return from_table(ReconstructOptions, table, f"{options.recipe or 'recipe'}: photos")
 
 
 def _check_output(options: BuildOptions) -> None:

@@ -113,16 +113,18 @@ def find_route(cavity: Cavity, field: DistanceField, vehicle_radius: float) -> R
 
 
 def _choose_ends(cavity: Cavity, field: DistanceField, vehicle_radius: float) -> tuple[Array, Array]:
-    graph = WaterGraph(field, 0.5 * vehicle_radius, MAX_SEARCH_SAMPLES // 8)
     doors = [_behind(portal, field) for portal in cavity.portals]
     if len(doors) >= 2:
+        graph = WaterGraph(field, 0.5 * vehicle_radius, MAX_SEARCH_SAMPLES // 8)
         indices = tuple(np.transpose([graph.nearest_open(door) for door in doors]))
         lengths = np.array([graph.ways_from(door).lengths[indices] for door in doors])
         first, last = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
         return doors[min(first, last)], doors[max(first, last)]
+    # The vehicle must be able to reach the farthest place, so the search keeps its clearance all the way.
+    graph = WaterGraph(field, vehicle_radius)
     widest = graph.field.positions(np.array(np.unravel_index(np.argmax(graph.field.values), graph.field.values.shape)))
-    start = doors[0] if doors else _farthest(graph, widest, vehicle_radius)
-    return start, _farthest(graph, start, vehicle_radius)
+    start = doors[0] if doors else _farthest(graph, widest)
+    return start, _farthest(graph, start)
 
 
 def _behind(portal: Portal, field: DistanceField) -> Array:
@@ -132,11 +134,10 @@ def _behind(portal: Portal, field: DistanceField) -> Array:
     return np.asarray(points[np.argmax(field.clearance(points))])
 
 
-def _farthest(graph: WaterGraph, point: Array, vehicle_radius: float) -> Array:
-    """Return the farthest place from a point where the vehicle fits, or the point itself where it fits nowhere."""
+def _farthest(graph: WaterGraph, point: Array) -> Array:
+    """Return the place with the longest way from a point."""
     lengths = graph.ways_from(point).lengths
-    fits = np.isfinite(lengths) & (graph.field.values >= vehicle_radius)
-    index = np.unravel_index(np.argmax(np.where(fits, lengths, -1.0)), lengths.shape)
+    index = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
     return graph.field.positions(np.array(index))
 
 

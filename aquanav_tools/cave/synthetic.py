@@ -34,7 +34,7 @@ class CaveOptions:
 
     seed: int = 0
     """Picks the cave."""
-    length: float = 12.0
+    length: float = 9.0
     """Distance between the two openings, m."""
     radius: float = 1.6
     """Mean radius of the passage, m; it varies by a quarter."""

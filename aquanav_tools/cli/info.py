@@ -67,8 +67,8 @@ class Render:
     """Folder for the photos, their positions (positions.csv) and the true cameras (truth.json)."""
     seed: int = 0
     """Picks the cave, its rock and the noise."""
-    stations: int = 10
-    """Places along the passage; four photos are taken at each."""
+    stations: int = 13
+    """Places along the passage; five photos are taken at each."""
     width: int = 960
     """Width of a photo, px; its height is three quarters of that."""
 

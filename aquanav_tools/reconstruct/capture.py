@@ -8,9 +8,10 @@ import numpy as np
 
 from aquanav_tools.types import Array
 
-SHOTS = ((1, 1), (-1, 1), (-1, -1), (1, -1))
-"""Signs of yaw (positive to the left) and pitch (positive up) of a station's shots: each piece of wall is seen by
-several stations from different places, which is what structure from motion needs."""
+SHOTS = ((55.0, 0.0), (-55.0, 0.0), (0.0, 50.0), (125.0, 0.0), (-125.0, 0.0))
+"""Yaw (positive to the left of the passage) and pitch (positive up) of a station's shots, degrees. With a wide lens and
+a station per metre two stations or more see 88 % of the demo cave's wall; looking ahead only leaves 40 % in the shadow
+of its bulges (measured by casting rays)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,16 +30,14 @@ class CaptureOptions:
 
     seed: int = 0
     """Picks the unsteadiness of the diver's hands."""
-    stations: int = 10
-    """Places along the passage; four photos are taken at each."""
-    start_margin: float = 0.8
+    stations: int = 13
+    """Places along the passage."""
+    shots: tuple[tuple[float, float], ...] = SHOTS
+    """Yaw and pitch of the photos at each station, from the passage's direction, degrees."""
+    start_margin: float = 0.4
     """Distance of the first station from the opening the diver comes in by, m."""
-    end_margin: float = 3.0
-    """Distance of the last station from the other opening, m; all photos look that way and must still see rock."""
-    yaw_deg: float = 33.0
-    """How far each photo looks to the side of the passage's direction, degrees."""
-    pitch_deg: float = 16.0
-    """How far each photo looks up or down, degrees."""
+    end_margin: float = 0.4
+    """Distance of the last station from the other opening, m."""
     unsteady_m: float = 0.06
     """Standard deviation of the camera's place about the centreline, m."""
     unsteady_deg: float = 3.0
@@ -59,11 +58,11 @@ def plan_capture(centreline: Array, options: CaptureOptions) -> list[Camera]:
     for station in np.linspace(options.start_margin, arc[-1] - options.end_margin, options.stations):
         before, here, after = (_along(centreline, arc, station + offset) for offset in (-0.5, 0.0, 0.5))
         heading = np.arctan2(after[1] - before[1], after[0] - before[0])
-        for side, rise in SHOTS:
+        for yaw_deg, pitch_deg in options.shots:
             centre = here + rng.normal(0.0, options.unsteady_m, 3)
             shake = np.radians(rng.normal(0.0, options.unsteady_deg, 3))
-            yaw = heading + side * np.radians(options.yaw_deg) + shake[0]
-            pitch = rise * np.radians(options.pitch_deg) + shake[1]
+            yaw = heading + np.radians(yaw_deg) + shake[0]
+            pitch = np.radians(pitch_deg) + shake[1]
             cameras.append(Camera(centre, look(yaw, pitch, shake[2])))
     return cameras
 

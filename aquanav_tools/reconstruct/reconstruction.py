@@ -1,11 +1,7 @@
-"""The whole way from a folder of photos to a cloud in metres, one call per stage.
-
-A recipe that wants its own order or progress calls the stages itself; this is how they fit together.
-"""
+"""The whole way from a set of photos to a cloud in metres, one call per stage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +12,7 @@ from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undist
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
-from aquanav_tools.reconstruct.images import PhotoSet, ignore_progress, read_photos
+from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
 from aquanav_tools.reconstruct.scale import (
     Georeference,
@@ -27,10 +23,7 @@ from aquanav_tools.reconstruct.scale import (
     move_model,
     read_positions,
 )
-from aquanav_tools.types import Array, PointCloud, Progress
-
-StageProgress = Callable[[str], Progress]
-"""Given the name of a stage that begins, returns what to call as it advances."""
+from aquanav_tools.types import Array, PointCloud, Stages, silent
 
 
 @dataclass(frozen=True)
@@ -67,40 +60,42 @@ class Reconstruction:
 
 
 def reconstruct(
-    photos_dir: Path,
+    photos: PhotoSet,
     workspace: Path,
     options: ReconstructOptions,
     positions: Path | None = None,
-    progress: StageProgress = lambda stage: ignore_progress,
+    stage: Stages = silent,
 ) -> Reconstruction:
-    """Return the passage that a folder of photos shows.
+    """Return the passage that a set of photos shows.
 
     Args:
-        photos_dir: JPEG, PNG or TIFF photos.
+        photos: From `read_photos`.
         workspace: What every stage makes is kept there, and taken up again by a second call. It belongs to one photo
             set, one choice of options and one positions file.
         options: Of all stages.
         positions: CSV file (name, x, y, z) of known camera positions in metres; without it the scale is arbitrary.
-        progress: Shows the stages.
+        stage: Shows the stages.
 
     Raises:
         InputError: photos or positions cannot be used.
         ReconstructionError: too few photos register, or their depths do not agree.
     """
-    photos = read_photos(photos_dir, progress("images"))
-    database = workspace / "database.db"
-    extract_features(photos, database, options.features, progress("features"))
-    match_features(photos, database, options.matching, progress("matching"))
-    sparse = map_photos(photos, database, workspace / "models", options.mapping, progress("mapping"))
-    if positions is None:
-        placement = level(sparse)
-    else:
-        placement = georeference(sparse, read_positions(positions, photos.names), options.georeference)
-    placed = move_model(sparse, placement.world_from_sfm)
-    dense_dir = workspace / "dense"
-    undistort(photos, placed, dense_dir, options.depth)
-    depth_paths = estimate_depth(dense_dir, options.depth, progress("depth"))
-    cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress("fusion"))
+    # Read first: a wrong file must not cost an hour before it is noticed.
+    known = None if positions is None else read_positions(positions, photos.names)
+    database, dense_dir = workspace / "database.db", workspace / "dense"
+    with stage("Finding features") as progress:
+        extract_features(photos, database, options.features, progress)
+    with stage("Matching photos") as progress:
+        match_features(photos, database, options.matching, progress)
+    with stage("Placing cameras") as progress:
+        sparse = map_photos(photos, database, workspace / "models", options.mapping, progress)
+        placement = level(sparse) if known is None else georeference(sparse, known, options.georeference)
+        placed = move_model(sparse, placement.world_from_sfm)
+    with stage("Measuring depth") as progress:
+        undistort(photos, placed, dense_dir, options.depth)
+        depth_paths = estimate_depth(dense_dir, options.depth, progress)
+    with stage("Fusing depth maps") as progress:
+        cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress)
     return assemble(photos, placed, placement, cloud)
 
 

@@ -38,8 +38,8 @@ class RenderOptions:
     """px."""
     height: int = 720
     """px."""
-    focal_35mm: int = 20
-    """Focal length, as on 35 mm film, mm; 20 sees 82 degrees across in a 4:3 photo."""
+    focal_35mm: int = 16
+    """Focal length, as on 35 mm film, mm; 16 sees 95 degrees across in a 4:3 photo."""
     noise: float = 1.0
     """Sensor noise, relative to a small camera's in lamp light."""
     seed: int = 0

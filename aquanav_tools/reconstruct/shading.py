@@ -69,11 +69,23 @@ def _bump(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
 def _rock_colour(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
-    """Return red, green and blue in [0, 1]: limestone in beds, with grain, and stains of iron and manganese."""
+    """Return red, green and blue in [0, 1]: limestone in beds, with grain, dark pits, and stains of iron and manganese."""
     grain = 0.17 * fractal(x, y, z, 7.0, 6, 0.88, finest, seed + 211)
     warp = 0.3 * fractal(x, y, z, 0.9, 3, 0.5, finest, seed + 231)
     beds = 0.07 * np.sin(17.0 * (z + warp)) + 0.04 * np.sin(53.0 * (z + warp))
     manganese = min(1.0, max(0.0, 2.5 * fractal(x, y, z, 1.4, 4, 0.6, finest, seed + 201) - 0.5))
+    pits = _pits(x, y, z, 9.0, finest, seed + 281) + _pits(x, y, z, 21.0, finest, seed + 291)
     iron = min(1.0, max(0.0, 0.4 + 1.2 * noise(0.6 * x, 0.6 * y, 0.6 * z, seed + 261) + 2.0 * beds))
-    grey = min(1.0, max(0.04, (0.46 + grain + beds) * (1.0 - 0.6 * manganese)))
+    grey = min(1.0, max(0.04, (0.5 + grain + beds) * (1.0 - 0.6 * manganese) * (1.0 - 0.55 * min(1.0, pits))))
     return grey * (1.0 + 0.18 * iron), grey * (0.9 + 0.02 * iron), grey * (0.78 - 0.16 * iron)
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+def _pits(x, y, z, frequency, finest, seed):  # type: ignore[no-untyped-def]
+    """Return how deep in a pit of the rock a point is, in [0, 1]: sharp spots, a tenth of the wall."""
+    if frequency > finest:
+        return 0.0
+    # Bent coordinates, or the spots would show the noise's cubic lattice.
+    bend = 0.35 * noise(1.7 * frequency * x, 1.7 * frequency * y, 1.7 * frequency * z, seed + 1)
+    u, v, w = frequency * (x + 0.6 * y) + bend, frequency * (y + 0.6 * z) - bend, frequency * (z - 0.6 * x) + bend
+    return min(1.0, max(0.0, 4.0 * (noise(u, v, w, seed) - 0.42)))

@@ -38,5 +38,5 @@ def dive(small_photos: tuple[SyntheticCave, PhotoSet], tmp_path_factory: pytest.
     """The short cave reconstructed from its photos and the surveyed camera positions."""
     cave, photos = small_photos
     workspace = tmp_path_factory.mktemp("workspace")
-    result = reconstruct(photos.folder, workspace, SMALL_OPTIONS, photos.folder / "positions.csv")
+    result = reconstruct(photos, workspace, SMALL_OPTIONS, photos.folder / "positions.csv")
     return Dive(cave, photos, workspace, result)

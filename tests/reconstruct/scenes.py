@@ -17,7 +17,13 @@ SMALL_CAVE = CaveOptions(length=5.0, radius=1.2, winding=0.3, voxel=0.06)
 SMALL_RENDER = RenderOptions(
     width=480,
     height=360,
-    capture=CaptureOptions(stations=3, start_margin=0.5, end_margin=3.5, yaw_deg=16.0, pitch_deg=10.0, unsteady_m=0.12),
+    capture=CaptureOptions(
+        stations=3,
+        start_margin=0.5,
+        end_margin=3.5,
+        shots=((16, 10), (-16, 10), (-16, -10), (16, -10)),
+        unsteady_m=0.12,
+    ),
 )
 
 

@@ -1,0 +1,125 @@
+"""The command aquanav-build-cave on photos."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.options import PhotoScaleOptions
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key
+from aquanav_tools.cave.synthetic import tube
+from aquanav_tools.errors import MeshError, ReconstructionError
+from aquanav_tools.reconstruct.images import PhotoSet, read_photos
+from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
+from aquanav_tools.types import PointCloud, silent
+from tests.build.test_scan_build import run
+
+
+@pytest.fixture
+def photos(rng: np.random.Generator, tmp_path: Path) -> PhotoSet:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for n in range(4):
+        Image.fromarray(rng.integers(0, 255, (60, 80, 3), dtype=np.uint8)).save(folder / f"p{n}.png")
+    return read_photos(folder)
+
+
+def in_a_tube(scale: float, rng: np.random.Generator) -> Reconstruction:
+    """What photos of a tube of radius 1 give, in arbitrary units: `scale` times too large."""
+    import trimesh
+
+    points, _ = trimesh.sample.sample_surface(tube(1.0, 8.0).mesh.to_trimesh(), 20_000, seed=1)
+    normals = np.asarray(points) * [0.0, -1.0, -1.0]
+    cameras = np.stack([np.linspace(1, 7, 9), rng.uniform(-0.2, 0.2, 9), rng.uniform(-0.2, 0.2, 9)], axis=1)
+    cloud = PointCloud(scale * np.asarray(points), normals / np.linalg.norm(normals, axis=1, keepdims=True))
+    return Reconstruction(cloud, scale * cameras, tuple(f"{n}.jpg" for n in range(9)), (), {})
+
+
+def test_the_workspace_changes_with_photos_settings_and_positions(photos: PhotoSet, tmp_path: Path) -> None:
+    from aquanav_tools.reconstruct.depth import DepthOptions
+
+    positions = tmp_path / "positions.csv"
+    positions.write_text("name,x,y,z\n")
+    keys = [workspace_key(photos, ReconstructOptions(), None), workspace_key(photos, ReconstructOptions(), positions)]
+    keys.append(workspace_key(photos, ReconstructOptions(depth=DepthOptions(width=320)), None))
+    Image.new("RGB", (80, 60)).save(photos.path("p0.png"))
+    keys.append(workspace_key(photos, ReconstructOptions(), None))
+    assert len(set(keys)) == 4
+
+
+def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(rng: np.random.Generator) -> None:
+    reconstruction = in_a_tube(37.0, rng)
+    assert check_is_cave(reconstruction, preview_surface(reconstruction.cloud)) > 0.9
+
+
+def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> None:
+    flat = np.stack([rng.uniform(-5, 5, 8000), np.zeros(8000), rng.uniform(0, 8, 8000)], axis=1)
+    facade = flat + [0.0, 0.2, 0.0] * np.sin(flat[:, :1])
+    cameras = np.stack([np.linspace(-4, 4, 9), np.full(9, -6.0), np.full(9, 1.7)], axis=1)
+    cloud = PointCloud(facade, np.tile([0.0, -1.0, 0.0], (8000, 1)))
+    reconstruction = Reconstruction(cloud, cameras, tuple("abcdefghi"), (), {})
+    with pytest.raises(MeshError, match=r"no cave: from the cameras, the scanned surface fills only \d+%"):
+        check_is_cave(reconstruction, preview_surface(cloud))
+
+
+def test_the_passage_height_gives_the_scale(rng: np.random.Generator) -> None:
+    reconstruction, journal = in_a_tube(5.0, rng), Journal(silent)
+    preview = preview_surface(reconstruction.cloud)
+    scaled = in_metres(reconstruction, preview, PhotoScaleOptions(passage_height=2.0), journal)
+    # Through a camera 0.1 m off the axis the tube is 1 % lower; the coarse surface adds as much.
+    assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(8.0, rel=0.04)
+    assert [code for code, _ in journal.notices] == ["rough-scale"]
+
+
+def test_without_any_scale_the_build_asks_for_one(rng: np.random.Generator) -> None:
+    reconstruction = in_a_tube(5.0, rng)
+    with pytest.raises(ReconstructionError, match=r"--positions FILE\.csv .* or a typical height with --passage-height"):
+        in_metres(reconstruction, preview_surface(reconstruction.cloud), PhotoScaleOptions(), Journal(silent))
+
+
+@pytest.mark.parametrize(("count", "message"), [(0, "holds 0 photos"), (1, "holds 1 photos")])
+def test_too_few_photos_end_with_a_sentence_and_write_nothing(count: int, message: str, tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for n in range(count):
+        Image.new("RGB", (64, 48)).save(folder / f"{n}.jpg")
+    result = run(folder, "-o", tmp_path / "out")
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_missing_positions_file_is_noticed_before_any_work(photos: PhotoSet, tmp_path: Path) -> None:
+    result = run(photos.folder, "-o", tmp_path / "out", "--positions", tmp_path / "none.csv")
+    assert result.returncode == 2
+    assert "none.csv" in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: PhotoSet, tmp_path: Path) -> None:
+    result = run(photos.folder, "-o", tmp_path / "out")
+    assert result.returncode == 3
+    assert "Traceback" not in result.stderr
+    left = {path.name for path in (tmp_path / "out").iterdir()}
+    assert left == {"work", "report.html", "report.json", "build.json"}
+    assert json.loads((tmp_path / "out" / "report.json").read_text())["error"] in result.stderr
+
+
+@pytest.mark.slow
+def test_the_fountain_is_reconstructed_and_then_refused_as_no_cave(data_dir: Path, tmp_path: Path) -> None:
+    folder = data_dir / "img_strecha_fountain_p11_half" / "images"
+    if not folder.is_dir():
+        pytest.skip(f"No real data: {folder} does not exist.")
+    result = run(folder, "-o", tmp_path / "out")
+    assert result.returncode == 4
+    assert "This is no cave: from the cameras" in result.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["registered"] == 11
+    assert (tmp_path / "out" / "cloud.ply").stat().st_size > 1_000_000
+    assert not (tmp_path / "out" / "scenario.toml").exists()

@@ -1,0 +1,145 @@
+"""The command aquanav-build-cave on scans, run as a user runs it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from aquanav_tools.cave.synthetic import tube
+from aquanav_tools.scenario.folder import read_scenario
+from tests.cave.open_caves import wavy_sheet
+
+OUTPUTS = {
+    "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "guide.json", "starts.json",
+    "report.html", "report.json", "build.rrd", "build.json", "cave.png",
+}  # fmt: skip
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", "from aquanav_tools.cli.build_cave import main; main()", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+
+
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scan") / "tube.stl"
+    tube(1.0, 8.0, sections=32, rings=41).mesh.to_trimesh().export(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def built(scan: Path) -> Path:
+    folder = scan.parent / "built"
+    result = run(scan, "-o", folder, "--name", "tube", "--starts.count", 20)
+    assert result.returncode == 0, result.stderr
+    assert "watertight; 2 portals" in result.stdout
+    return folder
+
+
+def test_a_build_leaves_a_complete_scenario_folder(built: Path) -> None:
+    assert {path.name for path in built.iterdir()} == OUTPUTS
+    scenario = read_scenario(built)
+    assert scenario.name == "tube"
+    assert len(scenario.starts) == 20
+    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 8.0, rel=1e-4)
+    with Image.open(built / "cave.png") as picture:
+        assert min(picture.size) > 300
+
+
+def test_the_same_scan_and_seed_give_the_same_bytes(scan: Path, built: Path, tmp_path: Path) -> None:
+    assert run(scan, "-o", tmp_path / "again", "--name", "tube", "--starts.count", 20).returncode == 0
+    assert read_scenario(tmp_path / "again").content_hash == read_scenario(built).content_hash
+
+
+def test_the_record_names_versions_options_and_input_hash(built: Path, scan: Path) -> None:
+    import hashlib
+
+    record = json.loads((built / "build.json").read_text())
+    assert record["inputs"] == {"tube.stl": hashlib.sha256(scan.read_bytes()).hexdigest()}
+    assert record["options"]["starts"]["count"] == 20
+    assert record["libraries"]["trimesh"] == trimesh.__version__
+    assert [stage["title"] for stage in record["stages"]][:2] == ["Reading the scan", "Preparing the surface"]
+
+
+def test_unit_up_axis_and_recipe_are_applied_and_flags_win(built: Path, scan: Path, tmp_path: Path) -> None:
+    mesh = trimesh.load(scan)
+    mesh.vertices = 100.0 * mesh.vertices[:, [1, 2, 0]]  # world x, y, z from the file's z, x, y: up is y
+    mesh.export(tmp_path / "tube.ply")
+    (tmp_path / "mine.toml").write_text('[scan]\nunit = "cm"\n[panels]\nspacing = 2.0\n[starts]\ncount = 7\n')
+    flags = ("--up", "y", "--recipe", tmp_path / "mine.toml", "--starts.count", 5)
+    result = run(tmp_path / "tube.ply", "-o", tmp_path / "out", *flags)
+    assert result.returncode == 0, result.stderr
+    scenario = read_scenario(tmp_path / "out")
+    assert scenario.cavity.volume == pytest.approx(read_scenario(built).cavity.volume, rel=1e-4)
+    assert len(scenario.starts) == 5
+    assert np.diff(scenario.guide.arc_lengths).min() > 1.5
+
+
+def test_a_finished_scenario_is_only_replaced_when_told_so(scan: Path, built: Path) -> None:
+    before = (built / "scenario.toml").read_bytes()
+    result = run(scan, "-o", built)
+    assert result.returncode == 2
+    assert "already holds a scenario" in result.stderr
+    assert (built / "scenario.toml").read_bytes() == before
+
+
+def a_sheet(path: Path) -> None:
+    wavy_sheet().to_trimesh().export(path)
+
+
+def a_mesh_with_nan(path: Path) -> None:
+    box = trimesh.creation.box()
+    lines = box.export(file_type="obj").splitlines()
+    first = next(n for n, line in enumerate(lines) if line.startswith("v "))
+    path.write_text("\n".join([*lines[:first], "v nan 0 0", *lines[first + 1 :]]))
+
+
+def a_thin_pipe(path: Path) -> None:
+    tube(0.1, 8.0).mesh.to_trimesh().export(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "flags", "code", "message"),
+    [
+        ("missing.stl", None, (), 2, "There is no file or folder"),
+        ("sheet.ply", a_sheet, (), 4, "This is no cave"),
+        ("nan.obj", a_mesh_with_nan, (), 2, "1 of 8 points with coordinates that are not finite"),
+        ("pipe.stl", a_thin_pipe, (), 4, "choose a smaller vehicle"),
+        ("sheet.ply", a_sheet, ("--vehicle", "bluerov"), 2, "Did you mean 'bluerov2'"),
+        ("sheet.ply", a_sheet, ("--unit", "furlong"), 2, "furlong"),
+        ("sheet.ply", a_sheet, ("--recipe", "none.toml"), 2, "There is no file none.toml"),
+    ],
+)
+def test_bad_input_ends_with_a_sentence_and_writes_nothing(
+    name: str, make: object, flags: tuple[str, ...], code: int, message: str, tmp_path: Path
+) -> None:
+    if make is not None:
+        make(tmp_path / name)  # type: ignore[operator]
+    result = run(tmp_path / name, "-o", tmp_path / "out", *flags)
+    assert result.returncode == code, result.stderr
+    assert message in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out.partial").exists()
+
+
+def test_an_unknown_key_in_a_recipe_is_refused_with_the_closest_match(scan: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.toml").write_text("[panels]\nspacng = 2.0\n")
+    result = run(scan, "-o", tmp_path / "out", "--recipe", tmp_path / "mine.toml")
+    assert result.returncode == 2
+    assert "unknown key 'spacng'. Did you mean 'spacing'?" in result.stderr
+
+
+def test_a_folder_with_other_files_is_left_alone(scan: Path, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("years of work")
+    result = run(scan, "-o", tmp_path)
+    assert result.returncode == 2
+    assert "holds other files (thesis.tex)" in result.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
