@@ -78,7 +78,7 @@ def test_the_passage_height_gives_the_scale(rng: np.random.Generator) -> None:
 
 def test_without_any_scale_the_build_asks_for_one(rng: np.random.Generator) -> None:
     reconstruction = in_a_tube(5.0, rng)
-    with pytest.raises(ReconstructionError, match=r"--positions FILE\.csv .* or a typical height with --passage-height"):
+    with pytest.raises(ReconstructionError, match=r"--positions FILE\.csv .*, or .* --passage-height"):
         in_metres(reconstruction, preview_surface(reconstruction.cloud), PhotoScaleOptions(), Journal(silent))
 
 
