@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import os
+import sys
+from collections.abc import Iterator
 from typing import Any
 
 
@@ -19,3 +23,18 @@ def load_open3d() -> Any:
 
     open3d.utility.set_verbosity_level(open3d.utility.VerbosityLevel.Error)
     return open3d
+
+
+@contextlib.contextmanager
+def stderr_silenced() -> Iterator[None]:
+    """Drop what native code writes to stderr meanwhile, such as PyBullet's greeting at import. Exceptions pass."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)

@@ -69,7 +69,7 @@ def _bump(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
 def _rock_colour(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
-    """Return red, green and blue in [0, 1]: limestone in beds, with grain, dark pits, and stains of iron and manganese."""
+    """Return red, green and blue in [0, 1]: limestone in beds, with grain, dark pits, stains of iron and manganese."""
     grain = 0.17 * fractal(x, y, z, 7.0, 6, 0.88, finest, seed + 211)
     warp = 0.3 * fractal(x, y, z, 0.9, 3, 0.5, finest, seed + 231)
     beds = 0.07 * np.sin(17.0 * (z + warp)) + 0.04 * np.sin(53.0 * (z + warp))

@@ -12,16 +12,19 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-import pybullet
 
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contact import take_over_contact
 from aquanav_tools.sim.hull import glide, hull_clearance
 from aquanav_tools.sim.hydrodynamics import STATE_SIZE, mean_velocity
 from aquanav_tools.sim.vehicle import Vehicle
 from aquanav_tools.types import Array, Mesh, Pose
+
+with stderr_silenced():
+    import pybullet
 
 FRICTION = 0.3
 """Between plastic and wet rock; chosen."""
