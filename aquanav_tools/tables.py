@@ -30,9 +30,22 @@ def read_toml(path: Path, error: type[AquanavError] = InputError) -> dict[str, A
     if path.stat().st_size > 1_000_000:
         raise error(f"{path} has {path.stat().st_size} bytes; a settings file has at most 1,000,000. Check the path.")
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as cause:
         raise error(f"{path} is not valid TOML: {cause}. Correct the file there.") from cause
+    return parse_toml(text, str(path), error)
+
+
+def parse_toml(text: str, where: str, error: type[AquanavError] = InputError) -> dict[str, Any]:
+    """Return the table in a TOML text; `where` is what the message calls it.
+
+    Raises:
+        error: it is not TOML; the message names the place.
+    """
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as cause:
+        raise error(f"{where} is not valid TOML: {cause}. Correct the file there.") from cause
 
 
 def from_table(cls: type[T], table: object, where: str, error: type[AquanavError] = InputError) -> T:

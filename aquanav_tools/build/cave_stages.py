@@ -21,7 +21,7 @@ from aquanav_tools.cave.starts import draw_starts
 from aquanav_tools.cave.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
-from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.types import Array, Capsule, Mesh, PointCloud
 
 COLLISION_ERROR_SHARE = 0.05
@@ -51,7 +51,8 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
     Raises:
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
-    capsule = load_vehicle(options.vehicle).capsule
+    vehicle = load_vehicle(options.vehicle)
+    capsule = vehicle.capsule
     rng = np.random.default_rng(options.seed)
     with journal.stage("Preparing the surface"):
         voxel = options.closing.voxel or choose_voxel(scan, capsule.radius)
@@ -76,12 +77,13 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
         name=options.name or options.output.resolve().name,
         built=BuiltBy(__version__, options.kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
-        vehicle=options.vehicle,
+        vehicle=vehicle.name,
         collision_error=tolerance,
     )
     statistics = measure_cave(cavity, field, guide)
     _note_weaknesses(statistics, fit, voxel, journal)
-    scenario = Scenario(settings, cavity, collision, field, guide, starts)
+    vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
+    scenario = Scenario(settings, cavity, collision, field, guide, starts, vehicle_toml)
     return BuiltCave(scenario, statistics, fit, voxel, closed.method, share)
 
 

@@ -20,7 +20,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.actuators import ActuatorModel
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
-from aquanav_tools.sim.vehicle import Vehicle, load_vehicle
+from aquanav_tools.sim.vehicle import Vehicle, load_vehicle, parse_vehicle
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
@@ -216,6 +216,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 def _load_vehicle(vehicle: str | Path | Vehicle | None, scenario: Scenario) -> Vehicle:
     if isinstance(vehicle, Vehicle):
         return vehicle
+    if vehicle is None and scenario.vehicle_toml:
+        return parse_vehicle(scenario.vehicle_toml, f"vehicle of the scenario {scenario.name}")
     return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
 
 

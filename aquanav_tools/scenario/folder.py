@@ -19,6 +19,8 @@ from aquanav_tools.tables import from_table, read_toml
 
 SETTINGS_FILE = "scenario.toml"
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
+VEHICLE_FILE = "vehicle.toml"
+"""Only there when the scenario carries its vehicle."""
 MAX_FILE_BYTES = 4 << 30
 
 
@@ -34,7 +36,11 @@ def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
     geometry.write_field(scenario.field, folder / "field.npz")
     geometry.write_guide(scenario.guide, scenario.cavity.portals, folder / "guide.json")
     geometry.write_starts(scenario.starts, folder / "starts.json")
-    _write_settings(scenario.settings, folder)
+    names = list(GEOMETRY_FILES)
+    if scenario.vehicle_toml:
+        (folder / VEHICLE_FILE).write_text(scenario.vehicle_toml, encoding="utf-8")
+        names.append(VEHICLE_FILE)
+    _write_settings(scenario.settings, names, folder)
     return read_scenario(folder)
 
 
@@ -65,6 +71,7 @@ def read_scenario(folder: str | Path) -> Scenario:
         field=geometry.read_field(folder / "field.npz"),
         guide=guide,
         starts=geometry.read_starts(folder / "starts.json"),
+        vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
         content_hash=_content_hash(folder, hashes),
         folder=folder.resolve(),
     )
@@ -79,18 +86,18 @@ def file_hash(path: Path) -> str:
     return digest.hexdigest()
 
 
-def _write_settings(settings: ScenarioSettings, folder: Path) -> None:
+def _write_settings(settings: ScenarioSettings, names: list[str], folder: Path) -> None:
     import tomli_w
 
     table: dict[str, Any] = {"format": FORMAT, **dataclasses.asdict(settings)}
-    table["files"] = {name: file_hash(folder / name) for name in GEOMETRY_FILES}
+    table["files"] = {name: file_hash(folder / name) for name in names}
     partial = folder / (SETTINGS_FILE + ".partial")
     partial.write_text(tomli_w.dumps(table), encoding="utf-8")
     os.replace(partial, folder / SETTINGS_FILE)
 
 
 def _check_files(folder: Path, files: object) -> dict[str, str]:
-    if not isinstance(files, dict) or set(files) != set(GEOMETRY_FILES):
+    if not isinstance(files, dict) or set(files) - {VEHICLE_FILE} != set(GEOMETRY_FILES):
         listed = sorted(files) if isinstance(files, dict) else files
         raise ScenarioError(
             f"{SETTINGS_FILE} must list exactly the files {', '.join(GEOMETRY_FILES)}, not {listed}. Build it again."

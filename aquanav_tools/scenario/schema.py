@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -87,6 +88,11 @@ class ScenarioSettings:
     collision_error: float = 0.0
     """Bound on the distance between the collision mesh and the cavity, m."""
 
+    def __post_init__(self) -> None:
+        # A scenario is untrusted: its vehicle is a name, never a path.
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", self.vehicle):
+            raise ValueError(f"vehicle = '{self.vehicle}' is no name of letters, digits, '-' and '_'.")
+
 
 @dataclass(frozen=True, eq=False)
 class Scenario:
@@ -99,6 +105,8 @@ class Scenario:
     field: DistanceField
     guide: Guide
     starts: tuple[Start, ...]
+    vehicle_toml: str = ""
+    """The vehicle's file, so that the folder is enough by itself; empty when it names a shipped vehicle only."""
     content_hash: str = ""
     """SHA-256 over the hashes of all its files; empty before it is written."""
     folder: Path | None = None

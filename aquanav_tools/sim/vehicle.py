@@ -10,7 +10,7 @@ import numpy as np
 
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.sim.hydrodynamics import pack_parameters
-from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.tables import from_table, parse_toml, read_toml
 from aquanav_tools.types import Array, Capsule
 
 VEHICLE_DIR = Path(__file__).parent / "vehicles"
@@ -138,12 +138,30 @@ def load_vehicle(name: str | Path) -> Vehicle:
         InputError: no such vehicle (with the closest name), or the file has an unknown, missing or senseless value
             (with the name of the field).
     """
-    path = Path(name)
-    if path.suffix != ".toml":
-        if str(name) not in known_vehicles():
-            raise InputError(f"There is no vehicle '{name}'.{did_you_mean(str(name), known_vehicles())}")
-        path = VEHICLE_DIR / f"{name}.toml"
+    path = vehicle_path(name)
     return from_table(Vehicle, read_toml(path), path.name)
+
+
+def vehicle_path(name: str | Path) -> Path:
+    """Return the file of a shipped vehicle by its name; a path that ends in .toml is returned as it is.
+
+    Raises:
+        InputError: no vehicle of that name ships with aquanav; the message has the closest one.
+    """
+    if Path(name).suffix == ".toml":
+        return Path(name)
+    if str(name) not in known_vehicles():
+        raise InputError(f"There is no vehicle '{name}'.{did_you_mean(str(name), known_vehicles())}")
+    return VEHICLE_DIR / f"{name}.toml"
+
+
+def parse_vehicle(text: str, where: str) -> Vehicle:
+    """Return the vehicle in the text of a TOML file; `where` is what messages call it.
+
+    Raises:
+        InputError: as `load_vehicle`.
+    """
+    return from_table(Vehicle, parse_toml(text, where), where)
 
 
 def _check_positive(name: str, *values: float) -> None:

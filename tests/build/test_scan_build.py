@@ -18,7 +18,7 @@ from tests.cave.open_caves import wavy_sheet
 
 OUTPUTS = {
     "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "guide.json", "starts.json",
-    "report.html", "report.json", "build.rrd", "build.json", "cave.png",
+    "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png",
 }  # fmt: skip
 
 

@@ -90,6 +90,17 @@ def test_a_folder_without_settings_is_not_a_scenario(tmp_path: Path) -> None:
         read_scenario(tmp_path)
 
 
+def test_a_scenario_carries_its_vehicle(tube: Scenario, tmp_path: Path) -> None:
+    text = 'name = "mine"  # a vehicle\'s own file\n'
+    assert write_scenario(dataclasses.replace(tube, vehicle_toml=text), tmp_path / "tube").vehicle_toml == text
+
+
+def test_a_vehicle_that_is_a_path_is_refused(folder: Path) -> None:
+    replace_in(folder / "scenario.toml", 'vehicle = "bluerov2"', 'vehicle = "../other.toml"')
+    with pytest.raises(ScenarioError, match=r"vehicle = '\.\./other\.toml' is no name"):
+        read_scenario(folder)
+
+
 def test_a_guide_with_a_non_finite_number_is_refused(tube: Scenario, tmp_path: Path) -> None:
     from aquanav_tools.scenario import geometry
 
