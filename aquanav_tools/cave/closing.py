@@ -14,7 +14,7 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import prove_watertight, to_manifold
 from aquanav_tools.cave.surface import boundary_loops
-from aquanav_tools.errors import MeshError
+from aquanav_tools.errors import MeshError, ResourceError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)
@@ -26,6 +26,8 @@ SCAN_VOXELS = 0.75
 """A resampled face follows the scan when its middle is within this distance of it, voxels."""
 SIMPLIFY_VOXELS = 0.1
 """Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
+MAX_GRID_SAMPLES = 200_000_000
+"""Closing takes about 60 bytes per sample of its grid."""
 MIN_ROCK_SHARE = 1e-4
 """Pieces of rock floating in the water that are smaller than this share of it are noise."""
 
@@ -143,6 +145,13 @@ def _grid_around(points: Array, voxel: float) -> tuple[Array, tuple[int, int, in
     margin = (BAND_VOXELS + 2) * voxel
     low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
     nx, ny, nz = np.ceil((high - low) / voxel).astype(int) + 1
+    if int(nx) * int(ny) * int(nz) > MAX_GRID_SAMPLES:
+        coarser = voxel * float(np.cbrt(float(nx) * ny * nz / MAX_GRID_SAMPLES))
+        raise ResourceError(
+            f"Closing {nx * voxel:.0f} x {ny * voxel:.0f} x {nz * voxel:.0f} m at {voxel:.3g} m takes {nx} x {ny} x {nz} "
+            f"samples, more than {MAX_GRID_SAMPLES:.0e} (12 GB). Give --voxel {coarser:.2g} or more, or build the cave in "
+            "parts; if it is not that large, check --unit."
+        )
     return low, (int(nx), int(ny), int(nz))
 
 

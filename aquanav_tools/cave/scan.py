@@ -9,7 +9,7 @@ import numpy as np
 
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.errors import InputError, ResourceError, did_you_mean
-from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
+from aquanav_tools.types import Array, Mesh, PointCloud
 
 METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
 TABLE_SUFFIXES = (".xyz", ".txt", ".csv", ".pts", ".asc")
@@ -141,13 +141,3 @@ def _world_from_file(up: str) -> Array:
 def _unit(vectors: Array) -> Array:
     unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     return unit
-
-
-def clean_mesh(mesh: Mesh) -> Mesh:
-    """Return the mesh with equal vertices merged and degenerate and repeated faces removed."""
-    solid = mesh.to_trimesh()
-    solid.merge_vertices()
-    solid.update_faces(solid.nondegenerate_faces() & solid.unique_faces())
-    solid.remove_unreferenced_vertices()
-    faces: IntArray = np.array(solid.faces, dtype=np.int64)
-    return Mesh(np.array(solid.vertices), faces)

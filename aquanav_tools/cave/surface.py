@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from aquanav_tools.cave.scan import clean_mesh
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
@@ -58,7 +57,7 @@ def surface_from_mesh(mesh: Mesh) -> Mesh:
     pieces = solid.split(only_watertight=False, repair=False)
     areas = np.array([piece.area for piece in pieces])
     kept = [piece for piece, area in zip(pieces, areas, strict=True) if area >= MIN_COMPONENT_SHARE * areas.max()]
-    logger.info("Kept %d of %d pieces, %.1f %% of the area", len(kept), len(pieces), 100 * kept_share(kept, areas))
+    logger.info("Kept %d of %d pieces of the scan", len(kept), len(pieces))
     import trimesh
 
     merged = trimesh.util.concatenate(kept)
@@ -67,9 +66,13 @@ def surface_from_mesh(mesh: Mesh) -> Mesh:
     return Mesh(np.array(merged.vertices), np.array(merged.faces, dtype=np.int64))
 
 
-def kept_share(kept: list[Any], areas: Array) -> float:
-    """Return the share of all area that the kept pieces hold."""
-    return float(sum(piece.area for piece in kept) / areas.sum())
+def clean_mesh(mesh: Mesh) -> Mesh:
+    """Return the mesh with equal vertices merged and degenerate and repeated faces removed."""
+    solid = mesh.to_trimesh()
+    solid.merge_vertices()
+    solid.update_faces(solid.nondegenerate_faces() & solid.unique_faces())
+    solid.remove_unreferenced_vertices()
+    return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
 
 
 def surface_from_cloud(cloud: PointCloud, voxel: float) -> Mesh:

@@ -8,7 +8,7 @@ from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing import close_surface
 from aquanav_tools.cave.portals import cut_portals, find_openings
 from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
-from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.errors import InputError, MeshError, ResourceError
 from aquanav_tools.types import Mesh, PointCloud
 from tests.cave.open_caves import RADIUS, bend, straight, tube_volume, wavy_sheet, without_faces_near
 
@@ -103,6 +103,12 @@ def test_a_bend_keeps_its_volume() -> None:
 def test_a_single_wall_encloses_no_space() -> None:
     with pytest.raises(MeshError, match=r"722 triangles encloses no space at 0\.1 m"):
         close(wavy_sheet())
+
+
+def test_a_grid_that_does_not_fit_into_memory_is_refused_with_a_voxel_that_does() -> None:
+    far = Mesh(1000.0 * straight().vertices, straight().faces)
+    with pytest.raises(ResourceError, match=r"more than 2e\+08 \(12 GB\)\. Give --voxel \d"):
+        close_surface(far, VOXEL, keep_triangles=False)
 
 
 def test_points_in_one_place_are_refused() -> None:
