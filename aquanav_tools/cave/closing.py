@@ -147,10 +147,11 @@ def _grid_around(points: Array, voxel: float) -> tuple[Array, tuple[int, int, in
     nx, ny, nz = np.ceil((high - low) / voxel).astype(int) + 1
     if int(nx) * int(ny) * int(nz) > MAX_GRID_SAMPLES:
         coarser = voxel * float(np.cbrt(float(nx) * ny * nz / MAX_GRID_SAMPLES))
+        size = " x ".join(f"{count * voxel:.0f}" for count in (nx, ny, nz))
         raise ResourceError(
-            f"Closing {nx * voxel:.0f} x {ny * voxel:.0f} x {nz * voxel:.0f} m at {voxel:.3g} m takes {nx} x {ny} x {nz} "
-            f"samples, more than {MAX_GRID_SAMPLES:.0e} (12 GB). Give --voxel {coarser:.2g} or more, or build the cave in "
-            "parts; if it is not that large, check --unit."
+            f"Closing {size} m at {voxel:.3g} m takes {nx} x {ny} x {nz} samples, more than {MAX_GRID_SAMPLES:.0e} "
+            f"(12 GB). Give --voxel {coarser:.2g} or more, or build the cave in parts; if it is not that large, check "
+            "--unit."
         )
     return low, (int(nx), int(ny), int(nz))
 
