@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.cavity import Cavity, Portal
 from aquanav_tools.cave.closing import close_surface
 from aquanav_tools.cave.distance import distance_field
 from aquanav_tools.cave.enclosure import check_enclosure, enclosure, free_height
@@ -106,8 +106,9 @@ def test_a_narrow_place_in_a_wide_passage_is_named_with_its_clearance() -> None:
     pipe = np.where((x > 0) & (x < 4), 0.15 - np.hypot(y, z), -1.0)
     values = np.maximum(chambers, pipe).astype(np.float32)
     field = DistanceField(np.array([-1.2, -1.2, -1.2]), 0.05, values)
+    ends = tuple(Portal(n + 1, np.array([4.0 * n, 0, 0]), np.array([2.0 * n - 1, 0, 0]), 0.5) for n in range(2))
     with pytest.raises(MeshError, match=r"its radius is 0\.20 m, the clearance at \[.*\] m is 0\.1\d m"):
-        find_route(replace(tube_cavity(), portals=()), field, CAPSULE.radius)
+        find_route(replace(tube_cavity(), portals=ends), field, CAPSULE.radius)
 
 
 def test_starts_touch_nothing_and_look_along_the_tube(rng: np.random.Generator) -> None:

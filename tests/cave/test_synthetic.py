@@ -35,7 +35,8 @@ def test_demo_cave_is_a_closed_passage_with_two_openings(options: dict[str, int]
 
 
 def test_demo_cave_has_the_promised_size(cave: SyntheticCave) -> None:
-    assert 12.0 < length(cave) < 16.0
+    # From opening to opening, and no more than a third longer for its windings.
+    assert 9.0 <= length(cave) < 12.0
     mean_radius = np.sqrt(volume(cave) / length(cave) / np.pi)
     assert 1.2 < mean_radius < 2.0
 
