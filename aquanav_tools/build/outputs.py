@@ -64,14 +64,14 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
     }
 
 
-def cave_page(built: BuiltCave, picture: Path, journal: Journal) -> Page:
-    """Return the report of a finished build."""
+def cave_page(built: BuiltCave, picture: Path, journal: Journal, facts: dict[str, Any]) -> Page:
+    """Return the report of a finished build; `facts` tells how the scan or the photos fared."""
     numbers = built.statistics
     summary = (
         f"A closed passage of {numbers.route_length:.1f} m and {numbers.volume:.1f} m³ with {numbers.num_portals} open "
         f"ends; the narrowest place of the route leaves {numbers.min_clearance:.2f} m to the wall."
     )
-    facts = (
+    headline = (
         Fact("Route", f"{numbers.route_length:.1f} m", f"{numbers.num_panels} panels"),
         Fact("Water", f"{numbers.volume:.1f} m³", f"{numbers.num_triangles} triangles, watertight"),
         Fact("Clearance", f"{numbers.min_clearance:.2f} m", f"narrowest; {numbers.max_clearance:.2f} m at the widest"),
@@ -95,24 +95,33 @@ def cave_page(built: BuiltCave, picture: Path, journal: Journal) -> Page:
     return Page(
         title=f"Cave {built.scenario.name}",
         summary=summary,
-        facts=facts,
+        facts=headline,
         warnings=_notices(journal),
         figures=(Figure(picture, caption),),
-        tables=(portals, stage_table(journal)),
+        tables=(portals, *_photo_tables(facts), stage_table(journal)),
         footer=_footer(),
     )
 
 
+def _photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
+    """Return how the photos fared and what became of those that did not register; nothing for a scan."""
+    if "registered" not in facts:
+        return ()
+    plain = {name: value for name, value in facts.items() if not isinstance(value, list | dict)}
+    tables = [Table("Photos", ("fact", "value"), tuple((name.replace("_", " "), str(plain[name])) for name in plain))]
+    if facts["unregistered"]:
+        rows = tuple((photo["name"], photo["cause"], photo["sentence"]) for photo in facts["unregistered"])
+        tables.append(Table("Photos that did not register", ("photo", "cause", "why"), rows))
+    return tuple(tables)
+
+
 def failure_page(options: BuildOptions, error: Exception, journal: Journal, facts: dict[str, Any]) -> Page:
     """Return the report of a build that stopped."""
-    rows = tuple(
-        (name.replace("_", " "), str(value)) for name, value in facts.items() if not isinstance(value, list | dict)
-    )
     return Page(
         title=f"Build of {options.output.name} stopped",
         summary=str(error),
         warnings=_notices(journal),
-        tables=(Table("What is known", ("fact", "value"), rows), stage_table(journal)),
+        tables=(*_photo_tables(facts), stage_table(journal)),
         footer=_footer(),
     )
 

@@ -132,12 +132,13 @@ def _finish(
         outputs.write_viewer_model(scenario.cavity, partial / "cave.glb")
         draw_cave(scenario, partial / "cave.png")
         record_cave(CaveModel(scenario), partial / "build.rrd")
+    page = outputs.cave_page(built, partial / "cave.png", journal, facts)
     facts = {**facts, **outputs.cave_facts(built)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
         {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, partial / "report.json"
     )
-    write_page(outputs.cave_page(built, partial / "cave.png", journal), partial / "report.html")
+    write_page(page, partial / "report.html")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SETTINGS_FILE).unlink(missing_ok=True)
     for path in sorted(partial.iterdir(), key=lambda path: path.name == SETTINGS_FILE):
