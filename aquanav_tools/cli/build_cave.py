@@ -105,5 +105,9 @@ def _bar(title: str) -> Iterator[Progress]:
             bar.total = total
             bar.update(done - bar.n)
 
-        yield progress
+        try:
+            yield progress
+        except BaseException:
+            bar.leave = False  # the message that follows says where it stopped
+            raise
         bar.update((bar.total or 1) - bar.n)

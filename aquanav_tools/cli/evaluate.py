@@ -29,7 +29,8 @@ def evaluate_policy(options: EvaluateOptions) -> None:
 
     from aquanav_tools.evaluate.evaluation import evaluate
 
-    with tqdm(total=options.episodes, unit="episode", file=sys.stderr) as bar:
+    # The delay keeps an error in the arguments from leaving an empty bar behind.
+    with tqdm(total=options.episodes, unit="episode", file=sys.stderr, delay=0.5) as bar:
 
         def show(done: int, total: int) -> None:
             bar.update(done - bar.n)
