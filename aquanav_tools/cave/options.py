@@ -56,7 +56,7 @@ class StartOptions:
     """Number of start poses."""
     last_share: float = 0.6
     """Starts lie on the first part of the guide, up to this share of its length."""
-    margin: float = 0.05
+    margin: float = 0.1
     """Distance that the vehicle keeps from the wall at the start, m."""
     max_yaw_error_deg: float = 30.0
     """Starts look along the passage within this angle."""
