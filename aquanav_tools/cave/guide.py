@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numba
 import numpy as np
 
 from aquanav_tools.types import Array
@@ -85,8 +86,8 @@ class Guide:
         nearest = self.centreline[np.argmin(np.linalg.norm(self.centreline - position, axis=1))]
         ahead = np.einsum("pi,pi->p", nearest - self.centres, self.normals) >= 0.0
         # Of the panels behind the point, the last within reach of it: planes of far panels mean nothing here.
-        reach = np.linalg.norm(self.centres - nearest, axis=1) <= self._spacing_at_panels + self.radii
-        passed = np.flatnonzero(ahead & reach)
+        is_near = np.linalg.norm(self.centres - nearest, axis=1) <= self._reach
+        passed = np.flatnonzero(ahead & is_near)
         return int(np.clip(passed[-1] if len(passed) else 0, 0, self.num_gates - 1))
 
     def track(self, position: Array, gate: int) -> int:
@@ -94,31 +95,47 @@ class Guide:
 
         A panel counts as crossed where its outline is: within its radius of its centre.
         """
-        while gate < self.num_gates - 1 and self._has_crossed(position, gate + 1, forward=True):
-            gate += 1
-        while gate > 0 and self._has_crossed(position, gate, forward=False):
-            gate -= 1
-        return gate
+        return int(_track(position, gate, self.centres, self.normals, self._reach))
 
     def progress(self, position: Array, gate: int) -> float:
         """Return the metres along the guide, in [0, length], of a (3,) world position in `gate`."""
-        behind = max(float((position - self.centres[gate]) @ self.normals[gate]), 0.0)
-        ahead = max(float((self.centres[gate + 1] - position) @ self.normals[gate + 1]), 0.0)
-        share = behind / (behind + ahead) if behind + ahead > 0.0 else 1.0
-        return float(self.arc_lengths[gate] + share * (self.arc_lengths[gate + 1] - self.arc_lengths[gate]))
+        return float(_progress(position, gate, self.centres, self.normals, self.arc_lengths))
 
     def remaining(self, position: Array, gate: int) -> float:
         """Return the metres still to go to the last panel, in [0, length]."""
         return self.length - self.progress(position, gate)
 
     @cached_property
-    def _spacing_at_panels(self) -> Array:
-        """(P,) distance along the guide to the next panel, m; the last panel repeats its predecessor's."""
+    def _reach(self) -> Array:
+        """(P,) distance from a panel's centre within which its plane means something, m: its outline and one gate."""
         spacing = np.diff(self.arc_lengths)
-        return np.append(spacing, spacing[-1])
+        return self.radii + np.append(spacing, spacing[-1])
 
-    def _has_crossed(self, position: Array, panel: int, *, forward: bool) -> bool:
-        offset = position - self.centres[panel]
-        along = float(offset @ self.normals[panel])
-        is_past = along >= 0.0 if forward else along < 0.0
-        return is_past and float(np.linalg.norm(offset)) <= self.radii[panel] + self._spacing_at_panels[panel]
+
+@numba.njit(cache=True)
+def _track(position, gate, centres, normals, reach):  # type: ignore[no-untyped-def]
+    while gate < len(centres) - 2 and _is_past(position, centres[gate + 1], normals[gate + 1], reach[gate + 1], 1.0):
+        gate += 1
+    while gate > 0 and _is_past(position, centres[gate], normals[gate], reach[gate], -1.0):
+        gate -= 1
+    return gate
+
+
+@numba.njit(cache=True)
+def _is_past(position, centre, normal, reach, direction):  # type: ignore[no-untyped-def]
+    """Return whether a position near a panel lies beyond it (direction 1) or strictly before it (-1)."""
+    x, y, z = position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]
+    along = x * normal[0] + y * normal[1] + z * normal[2]
+    is_past = along >= 0.0 if direction > 0.0 else along < 0.0
+    return is_past and x * x + y * y + z * z <= reach * reach
+
+
+@numba.njit(cache=True)
+def _progress(position, gate, centres, normals, arc_lengths):  # type: ignore[no-untyped-def]
+    behind, ahead = 0.0, 0.0
+    for axis in range(3):
+        behind += (position[axis] - centres[gate, axis]) * normals[gate, axis]
+        ahead += (centres[gate + 1, axis] - position[axis]) * normals[gate + 1, axis]
+    behind, ahead = max(behind, 0.0), max(ahead, 0.0)
+    share = behind / (behind + ahead) if behind + ahead > 0.0 else 1.0
+    return arc_lengths[gate] + share * (arc_lengths[gate + 1] - arc_lengths[gate])
