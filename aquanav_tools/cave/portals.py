@@ -25,6 +25,14 @@ OBSERVED_VOXELS = 2.0
 """A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
 MAX_SECTION_RATIO = 2.0
 """An open end's cross-section just inside is at most this many times its own area."""
+FLAT_RIM_DEPTH = 0.25
+"""A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
+NUM_DIRECTIONS = 64
+"""Normals of a patch that are tried as its main direction."""
+MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
+"""Faces of one opening face its main direction within 50 degrees."""
+MAX_RIM_DEPTH = 0.5
+"""The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
 
@@ -54,7 +62,14 @@ class Opening:
 
 def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
     """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
-    openings = [_measure(closed.mesh, patch, min_diameter) for patch in _unobserved_patches(closed)]
+    openings = []
+    for patch in _unobserved_patches(closed):
+        whole = _measure(closed.mesh, patch, min_diameter)
+        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter:
+            openings.append(whole)
+        else:
+            parts = _split_by_direction(closed.mesh, patch)
+            openings += [_measure(closed.mesh, part, min_diameter) for part in parts]
     large = [opening for opening in openings if opening.diameter >= min_diameter]
     return tuple(sorted(large, key=lambda opening: -opening.area))
 
@@ -103,6 +118,30 @@ def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:
     return [np.asarray(group, dtype=np.int64) for group in groups]
 
 
+def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
+    """Return the parts of a patch that face one way each, largest first.
+
+    Where a hole in the floor runs into the open end of a passage, both are one patch; a plane through it would cut the
+    passage slantwise. Its end faces along the passage, its floor down.
+    """
+    import trimesh
+
+    corners = mesh.triangles[patch]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = vectors / np.maximum(areas, 1e-15)[:, None]
+    adjacency = trimesh.graph.face_adjacency(mesh.faces[patch])
+    parts, is_left = [], areas > 0.0
+    while is_left.any():
+        largest = np.flatnonzero(is_left)[np.argsort(-areas[is_left])[:NUM_DIRECTIONS]]
+        agreeing = (normals @ normals[largest].T > MIN_AGREEMENT) & is_left[:, None]
+        facing = agreeing[:, np.argmax(areas @ agreeing)]
+        is_left &= ~facing
+        pairs = adjacency[facing[adjacency].all(axis=1)]
+        parts += trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(facing), min_len=1)
+    return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
+
+
 def _measure(mesh: Mesh, patch: IntArray, min_diameter: float) -> Opening:
     corners = mesh.triangles[patch]
     vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -130,6 +169,8 @@ def _rim(faces: IntArray) -> IntArray:
 def _is_open_end(mesh: Mesh, opening: Opening) -> bool:
     """Return whether the cross-section a quarter diameter inside the opening is of about its own size."""
     depth = opening.innermost - 0.25 * opening.diameter
+    if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
+        return False
     section = section_polygon(mesh, opening.centre + depth * opening.normal, opening.normal)
     return section is not None and section.area <= MAX_SECTION_RATIO * opening.area
 

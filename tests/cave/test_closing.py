@@ -61,6 +61,22 @@ def test_a_large_hole_in_the_roof_is_no_open_end() -> None:
     assert cavity.observed_share < 1.0
 
 
+def test_an_open_end_that_runs_into_a_hole_in_the_floor_is_cut_straight_across() -> None:
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    is_floor = (middles[:, 0] > 5.0) & (middles[:, 2] < -0.7 * RADIUS)
+    surface = surface_from_mesh(Mesh(mesh.vertices, mesh.faces[~is_floor]))
+    closed = close_surface(surface, VOXEL, keep_triangles=False)
+    cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), VOXEL)
+    assert len(cavity.portals) == 2
+    end = max(cavity.portals, key=lambda portal: portal.centre[0])
+    assert end.normal[0] > 0.95
+    # The floor is closed by a flat sheet over 5 of 10 m: a circular segment of half angle acos(0.7) less.
+    half = np.arccos(0.7)
+    segment = RADIUS**2 * (half - np.sin(half) * np.cos(half))
+    assert cavity.volume == pytest.approx(tube_volume(10.0) - 5.0 * segment, rel=0.1)
+
+
 def test_a_soup_with_crossing_sheets_and_scraps_is_resampled_to_the_same_tube() -> None:
     tube = straight().to_trimesh()
     scraps = trimesh.creation.icosphere(1, 0.05).apply_translation([0, 0, 3])
