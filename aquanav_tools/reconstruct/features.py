@@ -116,6 +116,10 @@ def _extract(folder: Path, database: Path, camera_id: int, names: list[str], opt
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = CAMERA_MODEL
     reader.existing_camera_id = camera_id
+    with pycolmap.Database.open(database) as store:
+        new = [name for name in names if not store.exists_image(name)]
+    if new:  # entered in order first: the extractor's threads would number the photos in the order they finish
+        pycolmap.import_images(database, folder, image_names=new, options=reader)
     pycolmap.extract_features(
         database,
         folder,

@@ -84,6 +84,7 @@ def _run_mapper(photos: PhotoSet, database: Path, folder: Path, options: Mapping
     pycolmap.set_random_seed(options.seed)
     pipeline = pycolmap.IncrementalPipelineOptions()
     pipeline.min_model_size = 3
+    pipeline.num_threads = 1  # with more, sums are added in another order every time
     for part in (pipeline, pipeline.mapper, pipeline.triangulation):
         part.random_seed = options.seed
     tolerance = _tolerance_px(photos)
