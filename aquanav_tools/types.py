@@ -24,6 +24,11 @@ BoolArray = npt.NDArray[np.bool_]
 Progress = Callable[[int, int], None]
 """Called with (units done, units in all) by work that takes long; whoever shows it decides how."""
 
+
+def ignore_progress(done: int, total: int) -> None:
+    """Show no progress."""
+
+
 Stages = Callable[[str], AbstractContextManager[Progress]]
 """Opens a stage of long work under a title; leaving the context ends it."""
 
@@ -31,7 +36,7 @@ Stages = Callable[[str], AbstractContextManager[Progress]]
 @contextlib.contextmanager
 def silent(title: str) -> Iterator[Progress]:
     """Show nothing: the Stages of whoever does not want to see progress."""
-    yield lambda done, total: None
+    yield ignore_progress
 
 
 @dataclass(frozen=True)

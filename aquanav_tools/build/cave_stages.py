@@ -22,7 +22,7 @@ from aquanav_tools.cave.statistics import CaveStatistics, ScanFit, measure_cave,
 from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
-from aquanav_tools.types import Array, Capsule, Mesh, PointCloud
+from aquanav_tools.types import Array, Mesh, PointCloud
 
 COLLISION_ERROR_SHARE = 0.05
 """The collision mesh may differ from the cavity by this share of the vehicle's radius."""
@@ -66,7 +66,8 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
         share = check_enclosure(surface, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
         route = find_route(cavity, field, capsule.radius)
-        guide = place_panels(cavity, field, route, _inset(capsule), options.panels)
+        # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
+        guide = place_panels(cavity, field, route, capsule.length, options.panels)
     with journal.stage("Placing the starts"):
         starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
     with journal.stage("Simplifying the collision mesh"):
@@ -92,11 +93,6 @@ def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
     roomy = np.argwhere(field.values >= 0.5 * field.values.max())
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])
-
-
-def _inset(capsule: Capsule) -> float:
-    """Return how far the first and last panel stand from the route's ends: the vehicle must not touch the lid."""
-    return capsule.length
 
 
 def _simplify(cavity: Cavity, tolerance: float) -> Mesh:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import dataclasses
 import sys
@@ -16,7 +15,7 @@ import tyro
 
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
-from aquanav_tools.cli.command import run_command
+from aquanav_tools.cli.command import file_after, run_command
 from aquanav_tools.tables import from_table, read_toml
 
 if TYPE_CHECKING:
@@ -52,9 +51,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _read_defaults(arguments: Sequence[str]) -> Options | None:
     """Return the options with the settings of the file after --recipe; None without one."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--recipe", type=Path)
-    path = parser.parse_known_args(arguments)[0].recipe
+    path = file_after("--recipe", arguments)
     if path is None:
         return None
     tables: dict[str, Any] = {name: table for name, table in read_toml(path).items() if name != "photos"}

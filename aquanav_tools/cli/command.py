@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TypeVar
 
 from aquanav_tools.errors import AquanavError
@@ -52,6 +54,14 @@ def run_command(
     except KeyboardInterrupt:
         print("error: stopped by Ctrl-C.", file=sys.stderr)
         sys.exit(INTERRUPTED)
+
+
+def file_after(flag: str, arguments: Sequence[str]) -> Path | None:
+    """Return the path that follows a flag on a command line, before the rest of it can be parsed; None without it."""
+    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
+    parser.add_argument(flag, type=Path, dest="path")
+    path: Path | None = parser.parse_known_args(arguments)[0].path
+    return path
 
 
 def _parse(

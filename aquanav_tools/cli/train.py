@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from aquanav_tools.cli.command import run_command
+from aquanav_tools.cli.command import file_after, run_command
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.train.settings import TrainSettings
 
@@ -42,9 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _read_defaults(arguments: Sequence[str]) -> TrainOptions | None:
     """Return the options with the settings of the file after --pipeline; None without one."""
-    parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    parser.add_argument("--pipeline", type=Path)
-    path = parser.parse_known_args(arguments)[0].pipeline
+    path = file_after("--pipeline", arguments)
     if path is None:
         return None
     return TrainOptions(scenario=tyro.MISSING, settings=from_table(TrainSettings, read_toml(path), path.name))

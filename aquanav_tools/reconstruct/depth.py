@@ -11,10 +11,10 @@ import numpy.typing as npt
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.images import PhotoSet, ignore_progress
+from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.mapping import SparseModel
 from aquanav_tools.reconstruct.views import View, rank_sources, read_views
-from aquanav_tools.types import Progress
+from aquanav_tools.types import Progress, ignore_progress
 
 FloatImage = npt.NDArray[np.float32]
 

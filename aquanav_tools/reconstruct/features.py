@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.images import Photo, PhotoSet, ignore_progress
-from aquanav_tools.types import Progress
+from aquanav_tools.reconstruct.images import Photo, PhotoSet
+from aquanav_tools.types import Progress, ignore_progress
 
 CAMERA_MODEL = "SIMPLE_RADIAL"
 _UNKNOWN_FOCAL = 1.2

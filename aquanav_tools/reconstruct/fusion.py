@@ -12,8 +12,7 @@ from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.depth import load_depth
-from aquanav_tools.reconstruct.images import ignore_progress
-from aquanav_tools.types import PointCloud, Progress
+from aquanav_tools.types import PointCloud, Progress, ignore_progress
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from pathlib import Path
 from PIL import Image
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.types import Progress
+from aquanav_tools.types import Progress, ignore_progress
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 MIN_PHOTOS = 3
@@ -19,10 +19,6 @@ FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 EXIF_IFD = 0x8769
 FOCAL_LENGTH_TAG = 0x920A
 FOCAL_LENGTH_35MM_TAG = 0xA405
-
-
-def ignore_progress(done: int, total: int) -> None:
-    """Show no progress."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
-from aquanav_tools.reconstruct.images import PhotoSet, ignore_progress
-from aquanav_tools.types import Array, Progress
+from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.types import Array, Progress, ignore_progress
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,9 @@ from aquanav_tools.reconstruct.images import (
     FOCAL_LENGTH_35MM_TAG,
     FOCAL_LENGTH_TAG,
     PhotoSet,
-    ignore_progress,
     read_photos,
 )
-from aquanav_tools.types import Array, Mesh, Progress
+from aquanav_tools.types import Array, Mesh, Progress, ignore_progress
 
 _CROP_FACTOR = 5.6
 """Film diagonal over sensor diagonal of the action camera we pretend to be (1/2.3 inch)."""
