@@ -36,16 +36,20 @@ class ClosingOptions:
 class PanelOptions:
     """Where panels stand."""
 
-    spacing: float = 1.0
-    """Distance between panels along the route, m."""
+    spacing: float = 2.0
+    """Distance between panels where the passage is wide and straight, m; they stand no farther apart anywhere."""
+    min_spacing: float = 0.4
+    """Distance between panels in narrow places and bends, m; closer only where one would not see the next."""
     tangent_length: float = 1.0
     """Length of route over which a panel's direction is averaged, m."""
+    margin: float = 0.1
+    """Room beside the vehicle on straight ways from panel to panel, where the passage leaves it, m."""
 
     def __post_init__(self) -> None:
-        if not self.spacing > 0.0 or not self.tangent_length > 0.0:
-            raise ValueError(
-                f"spacing and tangent_length must be positive, not {self.spacing} and {self.tangent_length}."
-            )
+        if not 0.0 < self.min_spacing <= self.spacing:
+            raise ValueError(f"min_spacing = {self.min_spacing} must be in (0, spacing = {self.spacing}].")
+        if not self.tangent_length > 0.0 or not self.margin >= 0.0:
+            raise ValueError(f"tangent_length = {self.tangent_length} or margin = {self.margin} is out of range.")
 
 
 @dataclass(frozen=True)

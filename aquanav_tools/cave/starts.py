@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.contact import CapsuleChecker
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.guide import Guide
 from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.route import WaterGraph
 from aquanav_tools.cave.shortcut import shortest_length
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Capsule, Pose, rotation_matrix, yaw_quaternion
+from aquanav_tools.types import Capsule, Pose, yaw_quaternion
 
 TRIES_PER_START = 200
 
@@ -60,38 +61,6 @@ def draw_starts(
             )
         )
     return tuple(starts)
-
-
-class CapsuleChecker:
-    """Tells exactly how far a capsule is from the walls (FCL), and on which side of them."""
-
-    def __init__(self, cavity: Cavity, field: DistanceField, capsule: Capsule) -> None:
-        import fcl
-
-        model = fcl.BVHModel()
-        model.beginModel(len(cavity.mesh.vertices), len(cavity.mesh.faces))
-        model.addSubModel(cavity.mesh.vertices, cavity.mesh.faces)
-        model.endModel()
-        self._walls = fcl.CollisionObject(model)
-        self._shape = fcl.Capsule(capsule.radius, capsule.axis_length)
-        self._capsule = capsule
-        self._field = field
-
-    def distance(self, pose: Pose) -> float:
-        """Return the gap between the capsule and the nearest wall, m; not positive when it touches or is in rock."""
-        import fcl
-
-        rotation = rotation_matrix(pose.orientation)
-        half_axis = 0.5 * self._capsule.axis_length * rotation[:, 0]
-        ends = pose.position + np.array([[-1.0], [0.0], [1.0]]) * half_axis
-        if self._field.clearance(ends).min() <= 0.0:
-            return 0.0
-        # FCL's capsule lies along its own z axis, the vehicle's along body x.
-        body_from_shape = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        body = fcl.CollisionObject(self._shape, fcl.Transform(rotation @ body_from_shape, pose.position))
-        if fcl.collide(self._walls, body):
-            return 0.0
-        return float(fcl.distance(self._walls, body))
 
 
 def _draw_pose(
