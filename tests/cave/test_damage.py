@@ -236,9 +236,7 @@ def test_normals_of_a_cloud_look_into_the_water_or_not(tube: DamagedScan, kind: 
 def test_density_falls_to_half(tube: DamagedScan) -> None:
     x = _cloud(damage.sample_cloud(tube, 0.02, "none", seed=1, fall_off=2.5)).points[:, 0]
     counts = np.histogram(x, bins=4, range=(0.0, LENGTH))[0]
-    assert counts[1:] / counts[:-1] == pytest.approx(
-        0.5, abs=0.05
-    )  # 3,500 points in the last quarter: 4 standard errors
+    assert counts[1:] / counts[:-1] == pytest.approx(0.5, abs=0.05)  # 3,500 points in the last: 4 sigma
 
 
 def test_a_cloud_cannot_lose_faces(tube: DamagedScan) -> None:
