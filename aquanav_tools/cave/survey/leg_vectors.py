@@ -5,7 +5,7 @@ of where on the station each end was taken ("position", a third of its variance 
 clino and for Cartesian data this is, measured with loops of one leg each, what Survex's `cavern` 1.4.4 does. In three
 places we keep to the propagation where that version does not: depth gauge and cylindrical legs (its covariances are
 permuted, some not positive definite), Topofil counts (taken as exact), and foresights averaged with backsights of
-another standard deviation (its mean lies outside both). Only loops with such legs, and such averages, come out different.
+another standard deviation (its mean lies outside both). Only such averages, and loops with such legs, differ.
 """
 
 from __future__ import annotations
