@@ -59,11 +59,13 @@ class StartOptions:
     count: int = 40
     """Number of start poses."""
     last_share: float = 0.6
-    """Starts lie on the first part of the guide, up to this share of its length."""
+    """Starts lie in the far part of the cave: this share of the longest way to the goal; 1 is all of it."""
+    min_goal_distance: float = 2.0
+    """No start is nearer to the goal than this, along the shortest way, m."""
     margin: float = 0.1
     """Distance that the vehicle keeps from the wall at the start, m."""
     max_yaw_error_deg: float = 30.0
-    """Starts look along the passage within this angle."""
+    """Starts look along the shortest way to the goal within this angle."""
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -72,3 +74,5 @@ class StartOptions:
             raise ValueError(f"last_share = {self.last_share} is outside (0, 1].")
         if not self.margin >= 0.0 or not 0.0 <= self.max_yaw_error_deg <= 180.0:
             raise ValueError(f"margin = {self.margin} or max_yaw_error_deg = {self.max_yaw_error_deg} is out of range.")
+        if not self.min_goal_distance >= 0.0:
+            raise ValueError(f"min_goal_distance = {self.min_goal_distance} must not be negative.")
