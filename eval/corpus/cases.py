@@ -159,6 +159,7 @@ def generated_cases() -> list[Case]:
 
 def all_cases(data_dir: Path) -> list[Case]:
     """Return the whole corpus but the bad inputs; caves of `data_dir` only where it exists."""
+    from eval.corpus.networks import network_cases
     from eval.corpus.scanned import original_cases, scan_cases
 
-    return [*generated_cases(), *original_cases(data_dir), *scan_cases(data_dir)]
+    return [*generated_cases(), *network_cases(), *original_cases(data_dir), *scan_cases(data_dir)]

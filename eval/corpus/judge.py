@@ -94,7 +94,7 @@ def between_portals(solid: Mesh, cavity: Cavity) -> Mesh:
 def depth_below(mesh: Mesh, points: Array) -> Array:
     """Return the (N,) depths in the water of a closed mesh, negative in rock, by open3d's ray casting."""
     open3d = load_open3d()
-    depth: Array = -_scene(mesh).compute_signed_distance(open3d.core.Tensor(points.astype(np.float32))).numpy()
+    depth: Array = -scene_of(mesh).compute_signed_distance(open3d.core.Tensor(points.astype(np.float32))).numpy()
     return depth
 
 
@@ -104,11 +104,12 @@ def num_blocked(mesh: Mesh, starts: Array, ends: Array) -> int:
         return 0
     open3d = load_open3d()
     rays = np.concatenate([starts, ends - starts], axis=1).astype(np.float32)
-    hit = _scene(mesh).cast_rays(open3d.core.Tensor(rays))["t_hit"].numpy()
+    hit = scene_of(mesh).cast_rays(open3d.core.Tensor(rays))["t_hit"].numpy()
     return int((hit <= 1.0).sum())
 
 
-def _scene(mesh: Mesh) -> Any:
+def scene_of(mesh: Mesh) -> Any:
+    """Return open3d's ray casting scene of a mesh."""
     scene = load_open3d().t.geometry.RaycastingScene()
     scene.add_triangles(mesh.vertices.astype(np.float32), mesh.faces.astype(np.uint32))
     return scene
