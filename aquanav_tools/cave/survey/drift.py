@@ -13,7 +13,7 @@ import numpy as np
 from aquanav_tools.cave.survey.model import StationFlag, Survey
 from aquanav_tools.cave.survey.passage_graph import PassageGraph, passage_graph
 from aquanav_tools.errors import InputError
-from aquanav_tools.types import Array, BoolArray, Mesh
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MIN_SPLAYS = 20
 """Fewer ends of splays than this do not hold the seven numbers of a similarity."""
@@ -26,8 +26,11 @@ MIN_SPREAD = 0.01
 """Least spread, m: a laser's own error. Keeps a perfect fit from trusting only its best points."""
 DAMPING = 1e-6
 """Share of the normal equations' mean diagonal added to it: a direction in which a smooth tube slides freely stays."""
-STRAY_MEDIANS = 4.0
-"""A splay counts towards the drift up to this multiple of the median distance: beyond, it found an opening."""
+MIN_AT_STATION = 6
+"""With this many splays a station's own shift is found: twice as many as it has numbers."""
+SHIFT_ITERATIONS = 8
+SHIFT_DAMPING = 0.02
+"""As DAMPING, for the shift of one station: the few splays of a straight tube hold nothing along it but noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,8 @@ class DriftReport:
     p95_residual: float
     """95 % of the splays end within this distance of the scan, m."""
     drift_per_100_m: float
-    """Growth of that distance per 100 m of survey from its first entrance, m; slope by Theil and Sen."""
+    """Growth, per 100 m of survey from its first entrance, of the shift that brings each station's splays onto the
+    wall, m; slope by Theil and Sen. A shift along a smooth passage cannot be seen and counts as none."""
     fit: Similarity
     """What brings the survey onto the scan best."""
     median_after_fit: float
@@ -108,8 +112,8 @@ def check_drift(survey: Survey, mesh: Mesh, start: Similarity = IDENTITY) -> Dri
     splays = [splay for splay in survey.splays if graph.node_of[splay.start] >= 0]
     if len(splays) < MIN_SPLAYS:
         raise InputError(
-            f"The survey '{survey.title}' has {len(splays)} splays; at least {MIN_SPLAYS} are needed to hold it against "
-            "a scan. Shoot some to the walls at each station."
+            f"The survey '{survey.title}' has {len(splays)} splays; to hold it against a scan takes "
+            f"at least {MIN_SPLAYS}. Shoot some to the walls at each station."
         )
     ends = survey.positions[[splay.end for splay in splays]]
     nodes = graph.node_of[[splay.start for splay in splays]]
@@ -123,7 +127,7 @@ def check_drift(survey: Survey, mesh: Mesh, start: Similarity = IDENTITY) -> Dri
         num_splays=len(splays),
         median_residual=float(np.median(residuals)),
         p95_residual=float(np.percentile(residuals, 95)),
-        drift_per_100_m=100.0 * _trend(_way_from_entrance(survey, graph)[nodes], residuals),
+        drift_per_100_m=100.0 * _trend(_way_from_entrance(survey, graph), nodes, start.apply(ends), mesh),
         fit=fit,
         median_after_fit=float(np.median(_to_wall(mesh, fit.apply(ends))[0])),
     )
@@ -231,13 +235,26 @@ def _way_from_entrance(survey: Survey, graph: PassageGraph) -> Array:
     return way
 
 
-def _trend(way: Array, residuals: Array) -> float:
-    """Return how much the median residual of a station grows per metre of way (Theil-Sen slope over stations)."""
+def _trend(way: Array, nodes: IntArray, ends: Array, mesh: Mesh) -> float:
+    """Return how much the stations' shifts grow per metre of way (Theil-Sen slope)."""
     from scipy.stats import theilslopes
 
-    kept = residuals <= STRAY_MEDIANS * max(float(np.median(residuals)), MIN_SPREAD)
-    places = np.unique(way[kept])
-    if len(places) < 3:
+    known = np.flatnonzero(np.bincount(nodes, minlength=len(way)) >= MIN_AT_STATION)
+    if len(known) < 3:
         return 0.0
-    medians = [float(np.median(residuals[kept & (way == place)])) for place in places]
-    return float(theilslopes(medians, places)[0])
+    shifts = [float(np.linalg.norm(_shift(ends[nodes == node], mesh))) for node in known]
+    return float(theilslopes(shifts, way[known])[0])
+
+
+def _shift(points: Array, mesh: Mesh) -> Array:
+    """Return the (3,) shift that brings points onto the surface best, m."""
+    shift = np.zeros(3)
+    for _ in range(SHIFT_ITERATIONS):
+        _, nearest, normals = _to_wall(mesh, points + shift)
+        gap = np.einsum("ki,ki->k", points + shift - nearest, normals)
+        spread = max(1.4826 * float(np.median(np.abs(gap))), MIN_SPREAD)
+        weights = 1.0 / (1.0 + (gap / (ROBUST_SPREADS * spread)) ** 2) ** 2
+        matrix = normals.T @ (weights[:, None] * normals)
+        matrix += SHIFT_DAMPING * np.trace(matrix) / 3.0 * np.eye(3)
+        shift = shift - np.linalg.solve(matrix, normals.T @ (weights * gap))
+    return shift

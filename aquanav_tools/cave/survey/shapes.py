@@ -140,7 +140,9 @@ class Core:
     def distance(self, points: Array) -> Array:
         """Return how far points are from its surface, negative inside."""
         leg = self.end - self.start
-        share = np.clip((points - self.start) @ leg / max(leg @ leg, 1e-12), 0.0, 1.0)  # a leg of no length is a ball
+        share = np.clip(
+            (points - self.start) @ leg / max(float(leg @ leg), 1e-12), 0.0, 1.0
+        )  # a leg of no length is a ball
         return np.linalg.norm(points - self.start - share[:, None] * leg, axis=1) - self.radius
 
 
