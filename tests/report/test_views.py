@@ -9,8 +9,8 @@ from PIL import Image
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.sections import cross_sections
+from aquanav_tools.report.cave_map import CaveMap, Mark
 from aquanav_tools.report.faults import MAX_LISTED, draw_faults
-from aquanav_tools.report.survey import Mark, Survey
 from aquanav_tools.report.views import FILLED, LID, ROCK, draw_views, paint
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
@@ -33,21 +33,21 @@ def share_of_hue(pixels: np.ndarray, colour: np.ndarray) -> float:
     return float(((np.abs(hue - colour / colour.max()).max(axis=-1) < 0.08) & (brightness[..., 0] > 0.15)).mean())
 
 
-def half_seen(tube: Scenario) -> Survey:
+def half_seen(tube: Scenario) -> CaveMap:
     """The tube, of which the scan saw the upper half."""
     cavity = tube.cavity
     is_upper = cavity.mesh.triangles[..., 2].mean(axis=1) > 0.0
     seen = Cavity(cavity.mesh, cavity.labels, cavity.observed & is_upper, cavity.portals)
     line = tube.guide.centreline
-    return Survey("Tube", seen, line, cross_sections(seen, line, 2.0), (Mark(line[90], "0.40 m", 0.4),))
+    return CaveMap("Tube", seen, line, cross_sections(seen, line, 2.0), (Mark(line[90], "0.40 m", 0.4),))
 
 
 def test_every_face_has_the_colour_of_what_it_is(tube: Scenario) -> None:
-    survey = half_seen(tube)
-    colours = paint(survey.cavity)
-    assert (colours[survey.cavity.labels > 0] == LID).all()
-    assert (colours[survey.cavity.observed] == ROCK).all()
-    assert (colours[~survey.cavity.observed & (survey.cavity.labels == 0)] == FILLED).all()
+    cave = half_seen(tube)
+    colours = paint(cave.cavity)
+    assert (colours[cave.cavity.labels > 0] == LID).all()
+    assert (colours[cave.cavity.observed] == ROCK).all()
+    assert (colours[~cave.cavity.observed & (cave.cavity.labels == 0)] == FILLED).all()
 
 
 def test_views_show_seen_and_unseen_wall_and_portals(tube: Scenario, tmp_path: Path) -> None:
