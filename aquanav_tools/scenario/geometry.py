@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.centreline_graph import NO_NETWORK, CentrelineGraph
 from aquanav_tools.cave.field import BRICK, DistanceField, field_from_bricks
 from aquanav_tools.cave.guide import Guide, Panel
 from aquanav_tools.cave.starts import Start
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario.centreline_table import graph_from_table, graph_to_table
 from aquanav_tools.types import Array, Mesh, Pose
 
 MAX_ARRAY_BYTES = 1_000_000_000
@@ -128,8 +130,8 @@ def _read_member(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], s
     return np.frombuffer(content, dtype=dtype).reshape(have).copy()
 
 
-def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path) -> None:
-    """Write the centreline, panels and portals as JSON."""
+def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path, network: CentrelineGraph = NO_NETWORK) -> None:
+    """Write the centreline, panels, portals and centreline graph as JSON."""
     panels = [
         {
             "centre": panel.centre.tolist(),
@@ -144,7 +146,8 @@ def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path) -> None:
         {"label": lid.label, "centre": lid.centre.tolist(), "normal": lid.normal.tolist(), "area": lid.area}
         for lid in portals
     ]
-    _write_json({"centreline": guide.centreline.tolist(), "panels": panels, "portals": lids}, path)
+    table = {"centreline": guide.centreline.tolist(), "panels": panels, "portals": lids}
+    _write_json({**table, "centreline_graph": graph_to_table(network)}, path)
 
 
 def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
@@ -168,6 +171,15 @@ def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
         return Guide(_array(table["centreline"], (-1, 3)), panels), portals
     except (KeyError, TypeError, ValueError) as cause:
         raise ScenarioError(f"{path} is not a guide: {cause!r}. Build the scenario again.") from cause
+
+
+def read_network(path: Path) -> CentrelineGraph:
+    """Return the centreline graph in a JSON that `write_guide` wrote; folders of earlier versions have none."""
+    table = _read_json(path).get("centreline_graph")
+    try:
+        return graph_from_table(table) if table is not None else NO_NETWORK
+    except (KeyError, TypeError, ValueError) as cause:
+        raise ScenarioError(f"{path} has no valid centreline graph: {cause!r}. Build the scenario again.") from cause
 
 
 def write_starts(starts: tuple[Start, ...], path: Path) -> None:
