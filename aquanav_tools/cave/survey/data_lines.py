@@ -74,17 +74,18 @@ def parse_layout(words: list[str]) -> Layout:
     """Return the layout that a data command's words ask for.
 
     Raises:
-        ValueError: unknown or unfitting words; the message names them and the known ones.
+        KeyError: a word is unknown in this style; it is the argument.
+        ValueError: fields are missing.
     """
     style = STYLE_ALIASES.get(words[0].lower(), words[0].lower())
     if words[0].lower() == "default":
         return Layout()
     if style not in STYLES:
-        raise ValueError(words[0])
+        raise KeyError(words[0])
     fields = [FIELD_ALIASES.get(word.lower(), word.lower()) for word in words[1:]]
     for name, word in zip(fields, words[1:], strict=True):
         if name not in STYLES[style]:
-            raise ValueError(word)
+            raise KeyError(word)
     lines: list[list[str]] = [[]]
     for name in fields:
         if name == "newline":
@@ -93,6 +94,8 @@ def parse_layout(words: list[str]) -> Layout:
             lines[-1].append(name)
     if "station" not in fields and not {"from", "to"} <= set(fields):
         raise ValueError("neither 'station' nor 'from' and 'to' are among the fields")
+    if style == "cartesian" and not {"dx", "dy", "dz"} <= set(fields):
+        raise ValueError("easting, northing and altitude must be among the fields")
     return Layout(style, tuple(tuple(line) for line in lines))
 
 

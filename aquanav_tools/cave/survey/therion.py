@@ -2,8 +2,8 @@
 
 Read: survey, centreline (centerline), input, equate, and in a centreline data, units, calibrate, sd, declination,
 flags, fix, cs, equate, station (for entrances), infer, group, break, station-names. Maps, scraps and what else Therion
-draws is passed over, and so are people, dates and instruments. With a warning are left aside: import, grade, grid-angle,
-and dimensions on the lines of shots (those of "data dimensions" are read). An unknown command is an error.
+draws is passed over, and so are people, dates and instruments. With a warning are left aside: import, grade,
+grid-angle, and dimensions on the lines of shots (those of "data dimensions" are read). An unknown command is an error.
 """
 
 from __future__ import annotations
@@ -211,9 +211,10 @@ def _data(reader: _Reader, words: list[str]) -> None:
         words = ["ignore" if word.lower() in _DIMENSIONS else word for word in words]
     try:
         reader.data = DataLines(parse_layout(words), reader.book)
-    except ValueError as cause:
+    except KeyError as cause:
         known = STYLES.get(style, {*STYLES, "topofil", "dimensions"})
-        raise ValueError(f"'{cause}' is not known here.{did_you_mean(str(cause), known)}") from cause
+        word = str(cause.args[0])
+        raise ValueError(f"'{word}' is not known here.{did_you_mean(word, known)}") from cause
 
 
 def _fix(reader: _Reader, words: list[str]) -> None:
