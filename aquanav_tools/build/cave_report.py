@@ -146,7 +146,7 @@ def _headline(built: BuiltCave, narrows: Sequence[Narrow]) -> tuple[Fact, ...]:
     fit = built.fit
     width = min((narrow.width for narrow in narrows), default=2.0 * numbers.min_clearance)
     return (
-        Fact("Length", f"{numbers.route_length:.1f} m", f"route; {numbers.total_length:.1f} m with all branches"),
+        Fact("Length", f"{numbers.route_length:.1f} m", f"of route, {numbers.total_length:.1f} m of passages"),
         Fact("Depth range", f"{numbers.vertical_range:.1f} m", f"z {numbers.lowest:.1f} to {numbers.highest:.1f} m"),
         Fact("Water", f"{numbers.volume:.1f} m³", f"{numbers.wall_area:.0f} m² of wall"),
         Fact("Mean section", f"{numbers.mean_section:.2f} m²", "across the route"),

@@ -11,6 +11,7 @@ import numpy as np
 from aquanav_tools.cave.sections import Section
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.figures import BAD, BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
+from aquanav_tools.report.labels import Labels
 from aquanav_tools.report.survey_drawing import DPI, FOOT_IN, HEAD_IN, MARGIN_IN, STATION, WIDTH_IN, draw_rings
 
 NUM_COLUMNS = 6
@@ -21,6 +22,7 @@ MAX_SECTION_IN = 2.2
 """Height of the highest section on the sheet."""
 ROSE_IN = (4.4, 4.7)
 SIZES_IN = (9.2, 4.7)
+SIZE_COLOURS = {"width": BLUE, "height": INK}
 
 
 def draw_sections(cave: CaveMap, path: Path) -> None:
@@ -82,23 +84,29 @@ def draw_sizes(cave: CaveMap, path: Path) -> None:
     """Write the width and height of the cross-sections along the route, and the free width of the marked places."""
     figure = new_figure(*SIZES_IN)
     _write_title(figure, cave.name, "Width and height of the passage along the route, m")
-    axes = figure.add_axes((0.06, 0.13, 0.86, 0.62))
+    axes = figure.add_axes((0.06, 0.16, 0.86, 0.59))
     along = [section.arc_length for section in cave.sections]
-    for sizes, colour, name in (
-        ([section.width for section in cave.sections], BLUE, "width"),
-        ([section.height for section in cave.sections], INK, "height"),
-    ):
-        axes.plot(along, sizes, color=colour, linewidth=1.4, marker="o", markersize=3)
-        axes.text(along[-1], sizes[-1], f"  {name}", color=colour, fontsize=9, va="center")
-    for mark in cave.marks:
-        colour = BAD if mark.is_warning else INK
-        axes.plot(cave.along(mark.position), mark.size, marker="D", markersize=5, color=colour)
-        axes.annotate(
-            mark.text, (cave.along(mark.position), mark.size), xytext=(0, -6), textcoords="offset points",
-            ha="center", va="top", color=colour, fontsize=9, fontweight="bold",
-        )  # fmt: skip
+    lines = {
+        "width": np.array([section.width for section in cave.sections]),
+        "height": np.array([section.height for section in cave.sections]),
+    }
+    for name, sizes in lines.items():
+        axes.plot(along, sizes, color=SIZE_COLOURS[name], linewidth=1.4, marker="o", markersize=3)
     axes.set_xlim(0.0, cave.along(cave.centreline[-1]))
     axes.set_ylim(bottom=0.0)
+    labels = Labels(figure, axes)
+    places = np.array([[cave.along(mark.position), mark.size] for mark in cave.marks]).reshape(-1, 2)
+    labels.keep_free(places, 3.0)
+    dense = np.linspace(along[0], along[-1], 200)
+    for sizes in lines.values():
+        labels.keep_free(np.stack([dense, np.interp(dense, along, sizes)], axis=1), 1.0)
+    for place, mark in zip(places, cave.marks, strict=True):
+        colour = BAD if mark.is_warning else INK
+        axes.plot(*place, marker="D", markersize=5, color=colour, clip_on=False)
+        labels.add(place, mark.text, color=colour, fontweight="bold")
+    for name, sizes in lines.items():
+        labels.add(np.array([along[-1], sizes[-1]]), name, color=SIZE_COLOURS[name])
+    axes.set_xlabel("distance along the route, m", color=MUTED, fontsize=9)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(MUTED)
     axes.tick_params(colors=INK, labelsize=9)
