@@ -30,6 +30,8 @@ class Case:
     """Share of the diveable path that must be in the water; the rest is lost where flat cuts take ragged ends away."""
     has_fit: bool = True
     """Whether the cavity should lie near all of the scan; not where a wall was scanned twice."""
+    keeps_handles: bool = True
+    """Whether a lost handle is a fault; not where some are thinner than a voxel, as Han-sur-Lesse's two are."""
     is_quick: bool = field(default=False, kw_only=True)
 
 

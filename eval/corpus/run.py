@@ -115,7 +115,12 @@ def make_input(name: str, folder: Path, data_dir: Path) -> dict[str, Any]:
     case = next(case for case in all_cases(data_dir) if case.name == name)
     scan = case.make()
     expected = {"expected_portals": scan.truth.num_portals, "expected_genus": scan.truth.genus}
-    limits = {"max_volume_error": case.max_volume_error, "min_covered": case.min_covered, "has_fit": case.has_fit}
+    limits = {
+        "max_volume_error": case.max_volume_error,
+        "min_covered": case.min_covered,
+        "has_fit": case.has_fit,
+        "keeps_handles": case.keeps_handles,
+    }
     path = str(write_case(scan, folder))
     return {
         "name": name,
@@ -169,10 +174,11 @@ def faults(result: dict[str, Any]) -> list[str]:
         found.append("passage sealed")
     if result.get("covered") is not None and result["covered"] < result["min_covered"]:
         found.append(f"only {result['covered']:.0%} of the passage left")
-    if result["expected_genus"] is not None and result["genus"] > result["expected_genus"]:
-        found.append(f"{result['genus'] - result['expected_genus']} tunnels invented")
-    if result["expected_genus"] is not None and result["genus"] < result["expected_genus"]:
-        found.append(f"{result['expected_genus'] - result['genus']} pillars or loops lost")
+    more = 0 if result["expected_genus"] is None else result["genus"] - result["expected_genus"]
+    if more > 0:
+        found.append(f"{more} tunnels invented")
+    if more < 0 and result["keeps_handles"]:
+        found.append(f"{-more} pillars or loops lost")
     if result["portals"] != result["expected_portals"]:
         found.append(f"{result['portals']} portals, not {result['expected_portals']}")
     if result["has_fit"] and (result["fit_median"] > 0.25 * result["voxel"] or result["fit_95"] > result["voxel"]):

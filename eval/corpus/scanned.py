@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -45,8 +46,13 @@ def scan_cases(data_dir: Path) -> list[Case]:
     cases = []
     for name, make in (("han", partial(capped_scan, han)), ("finnish", partial(_without_truth, finnish))):
         for suffix, step in damages.items():
-            cases.append(Case(name + suffix, "scan", lambda make=make, step=step: step(make()), is_quick=suffix == ""))
+            step_by_step = partial(_then, make, step)
+            cases.append(Case(name + suffix, "scan", step_by_step, keeps_handles=False, is_quick=suffix == ""))
     return cases
+
+
+def _then(make: Callable[[], DamagedScan], step: Callable[[DamagedScan], DamagedScan]) -> DamagedScan:
+    return step(make())
 
 
 def capped_scan(path: Path) -> DamagedScan:
