@@ -15,25 +15,19 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table
+from aquanav_tools.report.viewer_model import write_glb
 from aquanav_tools.types import Mesh
 
 LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
-WALL_COLOUR = (126, 150, 160, 255)
-PORTAL_COLOUR = (251, 86, 7, 255)
 
 
 def write_viewer_model(cavity: Cavity, path: Path) -> None:
-    """Write the cavity as GLB, portals coloured apart. glTF has y up: (x, y, z) becomes (x, z, -y)."""
-    solid = cavity.mesh.to_trimesh()
-    solid.visual.face_colors = np.where((cavity.labels == WALL)[:, None], WALL_COLOUR, PORTAL_COLOUR).astype(np.uint8)
-    turn = np.eye(4)
-    turn[:3, :3] = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
-    solid.apply_transform(turn)
-    path.write_bytes(solid.export(file_type="glb"))
+    """Write the cavity for viewers, in several levels of detail."""
+    write_glb(cavity, path)
 
 
 def build_record(

@@ -114,7 +114,11 @@ def _faces_near(truth: Mesh, mesh: Mesh, faces: IntArray, distance: float) -> Bo
 
 
 def _decimate(cavity: Cavity, is_protected: BoolArray, tolerance: float) -> Mesh:
-    """Return the simplified surface; edges between portals, wall and each protected face stay where they are."""
+    """Return the surface with triangles merged where each merger moves it by no more than `tolerance`, m.
+
+    Portals stay flat, and protected faces as they are: rims between wall, portals and each protected face only lose
+    vertices. All vertices are the cavity's own, rounded to 32 bits.
+    """
     import manifold3d
 
     labels = cavity.labels.copy()

@@ -97,7 +97,8 @@ def test_coordinates_survive_32_bits(collision: CollisionMesh) -> None:
 
 
 def test_a_wall_much_thinner_than_the_bound_is_not_crossed() -> None:
-    # A ball of water with a thin curved rock wall in it: each side of the wall alone could move by ten times its thickness.
+    # A ball of water with a thin curved rock wall in it: each side
+    # of the wall alone could move by ten times its thickness.
     def ball(radius: float) -> manifold3d.Manifold:
         return manifold3d.Manifold.sphere(radius, 96)
 
