@@ -32,6 +32,11 @@ class MeshError(AquanavError):
 
     exit_code = 4
 
+    def __init__(self, message: str, places: Iterable[tuple[tuple[float, float, float], str]] = ()) -> None:
+        super().__init__(message)
+        self.places = tuple(places)
+        """Where it went wrong, for a picture: world positions (m) and what is there."""
+
 
 class ScenarioError(AquanavError):
     """A scenario folder is missing, damaged or inconsistent."""
