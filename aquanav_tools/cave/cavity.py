@@ -74,6 +74,12 @@ def to_manifold(mesh: Mesh):  # type: ignore[no-untyped-def]  # manifold3d ships
     return solid
 
 
+def from_manifold(solid) -> Mesh:  # type: ignore[no-untyped-def]  # manifold3d ships no types
+    """Return the triangles of a manifold3d solid."""
+    mesh = solid.to_mesh64()
+    return Mesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
+
+
 def prove_watertight(mesh: Mesh) -> None:
     """Check all that is promised of a cavity's surface.
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import prove_watertight, to_manifold
+from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.handles import Handle, find_handles
 from aquanav_tools.cave.intersections import self_intersections
@@ -214,9 +214,3 @@ def _sealed(evidence: Evidence, points: Array, legs: Array) -> MeshError:
         f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
         places,
     )
-
-
-def from_manifold(solid) -> Mesh:  # type: ignore[no-untyped-def]  # manifold3d ships no types
-    """Return the triangles of a manifold3d solid."""
-    mesh = solid.to_mesh64()
-    return Mesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))

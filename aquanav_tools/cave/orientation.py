@@ -38,12 +38,13 @@ class FacingSurface:
     """Share of the area that was left out because it lies behind other wall."""
 
 
-def face_the_water(patches: Patches, offset: float) -> FacingSurface:
+def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True) -> FacingSurface:
     """Return the patches wound with their normals out of the water, without walls hidden behind other walls.
 
     Args:
         patches: any triangles.
         offset: distance from a face at which its rays start, m; beyond its noise.
+        drop_hidden: leave out hidden walls.
     """
     mesh = patches.mesh
     areas, normals = face_areas(mesh)
@@ -51,7 +52,9 @@ def face_the_water(patches: Patches, offset: float) -> FacingSurface:
     votes = _side_votes(mesh, asked, normals[asked], offset)
     is_turned = _turns(patches, areas, asked, votes)
     turned = Mesh(mesh.vertices, np.where(is_turned[:, None], mesh.faces[:, ::-1], mesh.faces))
-    hidden = _hidden_faces(turned, patches, areas, asked, offset)
+    hidden = np.zeros(len(areas), dtype=bool)
+    if drop_hidden:
+        hidden = _hidden_faces(turned, patches, areas, asked, offset)
     total = max(float(areas.sum()), 1e-15)
     return FacingSurface(
         Mesh(turned.vertices, turned.faces[~hidden]),
