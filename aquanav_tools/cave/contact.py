@@ -1,6 +1,9 @@
-"""Exact distances between capsules and the cavity's surface (FCL)."""
+"""Exact distances from the cavity's surface: of points (libigl) and of capsules (FCL)."""
 
 from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +16,33 @@ MIN_AXIS = 1e-9
 
 
 class Surface:
-    """The triangles of a mesh, walls and lids alike, ready for distance queries."""
+    """The triangles of a mesh, ready for exact distance queries."""
 
     def __init__(self, mesh: Mesh) -> None:
+        self._mesh = mesh
+
+    @cached_property
+    def _collider(self) -> Any:
         import fcl
 
         model = fcl.BVHModel()
-        model.beginModel(len(mesh.vertices), len(mesh.faces))
-        model.addSubModel(mesh.vertices, mesh.faces)
+        model.beginModel(len(self._mesh.vertices), len(self._mesh.faces))
+        model.addSubModel(self._mesh.vertices, self._mesh.faces)
         model.endModel()
-        self._surface = fcl.CollisionObject(model)
+        return fcl.CollisionObject(model)
+
+    @cached_property
+    def _tree(self) -> Any:
+        import igl
+
+        tree = igl.AABB()
+        tree.init(self._mesh.vertices, self._mesh.faces)
+        return tree
+
+    def distance(self, points: Array) -> Array:
+        """Return the (N,) distances of (N, 3) points from the surface, m."""
+        squared: Array = self._tree.squared_distance(self._mesh.vertices, self._mesh.faces, points)[0]
+        return np.sqrt(squared)
 
     def gap(self, start: Array, end: Array, radius: float) -> float:
         """Return the distance from the surface to the capsule of `radius` around a segment, m; 0 when they touch.
@@ -38,9 +58,9 @@ class Surface:
         length = float(np.linalg.norm(axis))
         shape = fcl.Capsule(radius, length)
         body = fcl.CollisionObject(shape, fcl.Transform(_frame(axis, length), 0.5 * (np.asarray(start) + end)))
-        if fcl.collide(self._surface, body):
+        if fcl.collide(self._collider, body):
             return 0.0
-        return float(fcl.distance(self._surface, body))
+        return float(fcl.distance(self._collider, body))
 
 
 def _frame(axis: Array, length: float) -> Array:

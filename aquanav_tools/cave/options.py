@@ -36,16 +36,20 @@ class ClosingOptions:
 class PanelOptions:
     """Where panels stand."""
 
-    spacing: float = 1.0
-    """Distance between panels along the route, m."""
+    spacing: float = 2.0
+    """Distance between panels where the passage is wide and straight, m; they stand no farther apart anywhere."""
+    min_spacing: float = 0.4
+    """Distance between panels in narrow places and bends, m; closer only where one would not see the next."""
     tangent_length: float = 1.0
     """Length of route over which a panel's direction is averaged, m."""
+    margin: float = 0.1
+    """Room beside the vehicle on straight ways from panel to panel, where the passage leaves it, m."""
 
     def __post_init__(self) -> None:
-        if not self.spacing > 0.0 or not self.tangent_length > 0.0:
-            raise ValueError(
-                f"spacing and tangent_length must be positive, not {self.spacing} and {self.tangent_length}."
-            )
+        if not 0.0 < self.min_spacing <= self.spacing:
+            raise ValueError(f"min_spacing = {self.min_spacing} must be in (0, spacing = {self.spacing}].")
+        if not self.tangent_length > 0.0 or not self.margin >= 0.0:
+            raise ValueError(f"tangent_length = {self.tangent_length} or margin = {self.margin} is out of range.")
 
 
 @dataclass(frozen=True)
@@ -55,11 +59,13 @@ class StartOptions:
     count: int = 40
     """Number of start poses."""
     last_share: float = 0.6
-    """Starts lie on the first part of the guide, up to this share of its length."""
+    """Starts lie in the far part of the cave: this share of the longest way to the goal; 1 is all of it."""
+    min_goal_distance: float = 2.0
+    """No start is nearer to the goal than this, along the shortest way, m."""
     margin: float = 0.1
     """Distance that the vehicle keeps from the wall at the start, m."""
     max_yaw_error_deg: float = 30.0
-    """Starts look along the passage within this angle."""
+    """Starts look along the shortest way to the goal within this angle."""
 
     def __post_init__(self) -> None:
         if self.count < 1:
@@ -68,3 +74,5 @@ class StartOptions:
             raise ValueError(f"last_share = {self.last_share} is outside (0, 1].")
         if not self.margin >= 0.0 or not 0.0 <= self.max_yaw_error_deg <= 180.0:
             raise ValueError(f"margin = {self.margin} or max_yaw_error_deg = {self.max_yaw_error_deg} is out of range.")
+        if not self.min_goal_distance >= 0.0:
+            raise ValueError(f"min_goal_distance = {self.min_goal_distance} must not be negative.")

@@ -143,7 +143,7 @@ def _chords(points: Array, lengths: Array, stations: Array) -> Array:
 def _section(solid: Any, arc_length: float, centre: Array, normal: Array) -> Section | None:
     import shapely
 
-    polygon = _water_around(solid, centre, normal)
+    polygon = water_around(solid, centre, normal)
     if polygon is None:
         return None
     origin = shapely.Point(0.0, 0.0)
@@ -164,7 +164,7 @@ def _section(solid: Any, arc_length: float, centre: Array, normal: Array) -> Sec
     )  # fmt: skip
 
 
-def _water_around(solid: Any, centre: Array, normal: Array) -> Any:
+def water_around(solid: Any, centre: Array, normal: Array) -> Any:
     """Return the shapely polygon of the water around a station, in plane coordinates; None where it is in rock."""
     import shapely
 

@@ -1,21 +1,28 @@
-"""Start poses along the route where a vehicle floats free."""
+"""Start poses all over the reachable water, where a vehicle floats free and looks the way to the goal."""
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.contact import CapsuleChecker
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.guide import Guide
 from aquanav_tools.cave.options import StartOptions
-from aquanav_tools.cave.route import WaterGraph
-from aquanav_tools.cave.shortcut import shortest_length
+from aquanav_tools.cave.route import WaterGraph, Ways
+from aquanav_tools.cave.shortcut import pull_tight
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Capsule, Pose, rotation_matrix, yaw_quaternion
+from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
+
+logger = logging.getLogger(__name__)
 
 TRIES_PER_START = 200
+MIN_FILLED = 0.5
+"""With fewer starts than this share of those asked for, success rates would speak of a small part of the cave."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +36,18 @@ class Start:
     geodesic_to_goal: float
     """Length of the shortest way through the water to the goal, m."""
     difficulty: float
-    """In [0, 1]: share of the guide still to go."""
+    """In [0, 1]: that length as a share of the longest there is, from the farthest place with room for a start."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where a vehicle can float and from where it can reach the goal."""
+
+    ways: Ways
+    points: Array
+    """(N, 3) m."""
+    lengths: Array
+    """(N,) way to the goal, m."""
 
 
 def draw_starts(
@@ -40,83 +58,87 @@ def draw_starts(
     options: StartOptions,
     rng: np.random.Generator,
 ) -> tuple[Start, ...]:
-    """Return start poses spread evenly along the guide, level, at random places of its cross-sections.
+    """Return level start poses, the first nearest to the goal: one each from equal ranges of the way to the goal.
+
+    Within its range a start is drawn evenly from all water that the vehicle can reach and keep its margin in, side
+    passages and dead ends too. Where a range has no free pose there is no start; the caller sees it by their number.
 
     Raises:
-        MeshError: no free pose is found on a stretch of the guide.
+        MeshError: no place is far enough from the goal, or at least half of the ranges have no free pose.
     """
-    checker = CapsuleChecker(cavity, field, capsule)
-    arcs = np.linspace(0.0, options.last_share * guide.length, options.count)
-    poses = [_draw_pose(guide, field, checker, arc, options, rng) for arc in arcs]
-    ways = WaterGraph(field, 0.8 * capsule.radius).ways_from(guide.centres[-1])
-    starts = []
-    for arc, pose in zip(arcs, poses, strict=True):
-        starts.append(
-            Start(
-                pose,
-                field.clearance_at(pose.position),
-                shortest_length(ways, pose.position),
-                float(1.0 - arc / guide.length),
-            )
+    places = _places(field, guide.centres[-1], capsule.radius, options.margin)
+    farthest = float(places.lengths.max())
+    nearest = max((1.0 - options.last_share) * farthest, options.min_goal_distance)
+    if nearest >= farthest:
+        raise MeshError(
+            f"No start: the farthest place with room for the vehicle is {farthest:.2f} m from the goal, and starts "
+            f"keep {nearest:.2f} m from it. Scan more of the passage, or set a smaller --starts.min-goal-distance."
         )
+    checker = CapsuleChecker(cavity, field, capsule)
+    starts = []
+    for low, high in pairwise(np.linspace(nearest, farthest, options.count + 1)):
+        inside = np.flatnonzero((places.lengths >= low) & (places.lengths <= high))
+        found = _draw(places, inside, checker, capsule.radius, options, rng)
+        if found is None:
+            logger.warning("No free start pose between %.2f m and %.2f m from the goal", low, high)
+        else:
+            pose, length = found
+            starts.append(Start(pose, field.clearance_at(pose.position), length, min(length / farthest, 1.0)))
+    _check_number(len(starts), options, nearest, farthest)
     return tuple(starts)
 
 
-class CapsuleChecker:
-    """Tells exactly how far a capsule is from the walls (FCL), and on which side of them."""
-
-    def __init__(self, cavity: Cavity, field: DistanceField, capsule: Capsule) -> None:
-        import fcl
-
-        model = fcl.BVHModel()
-        model.beginModel(len(cavity.mesh.vertices), len(cavity.mesh.faces))
-        model.addSubModel(cavity.mesh.vertices, cavity.mesh.faces)
-        model.endModel()
-        self._walls = fcl.CollisionObject(model)
-        self._shape = fcl.Capsule(capsule.radius, capsule.axis_length)
-        self._capsule = capsule
-        self._field = field
-
-    def distance(self, pose: Pose) -> float:
-        """Return the gap between the capsule and the nearest wall, m; not positive when it touches or is in rock."""
-        import fcl
-
-        rotation = rotation_matrix(pose.orientation)
-        half_axis = 0.5 * self._capsule.axis_length * rotation[:, 0]
-        ends = pose.position + np.array([[-1.0], [0.0], [1.0]]) * half_axis
-        if self._field.clearance(ends).min() <= 0.0:
-            return 0.0
-        # FCL's capsule lies along its own z axis, the vehicle's along body x.
-        body_from_shape = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        body = fcl.CollisionObject(self._shape, fcl.Transform(rotation @ body_from_shape, pose.position))
-        if fcl.collide(self._walls, body):
-            return 0.0
-        return float(fcl.distance(self._walls, body))
+def _places(field: DistanceField, goal: Array, radius: float, margin: float) -> _Places:
+    graph = WaterGraph(field, radius)
+    ways = graph.ways_from(goal)
+    free = np.argwhere((graph.field.values >= radius + margin) & np.isfinite(ways.lengths))
+    if not len(free):
+        raise MeshError(
+            f"No start: no place from which the goal can be reached has {radius + margin:.2f} m of clearance (the "
+            f"vehicle's radius and --starts.margin {margin:.2f}). Choose a smaller vehicle or margin."
+        )
+    return _Places(ways, graph.field.positions(free), ways.lengths[tuple(free.T)])
 
 
-def _draw_pose(
-    guide: Guide,
-    field: DistanceField,
+def _draw(
+    places: _Places,
+    inside: Array,
     checker: CapsuleChecker,
-    arc: float,
+    radius: float,
     options: StartOptions,
     rng: np.random.Generator,
-) -> Pose:
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(guide.centreline, axis=0), axis=1))])
-    index = int(np.clip(np.searchsorted(lengths, arc), 1, len(lengths) - 1))
-    centre = guide.centreline[index]
-    ahead = guide.centreline[min(index + 5, len(lengths) - 1)] - guide.centreline[max(index - 5, 0)]
-    room = field.clearance_at(centre)
+) -> tuple[Pose, float] | None:
+    """Return a free pose near one of some places, drawn evenly, and its way to the goal, m; None when none is found."""
+    half_cell = 0.5 * places.ways.graph.field.spacing
     spread = np.deg2rad(options.max_yaw_error_deg)
-    for attempt in range(TRIES_PER_START):
-        # The search draws in towards the centreline, so that tight places end on it.
-        reach = 1.0 - attempt / TRIES_PER_START
-        offset = reach * rng.uniform(-room, room, 3)
-        yaw = np.arctan2(ahead[1], ahead[0]) + reach * rng.uniform(-spread, spread)
-        pose = Pose(centre + offset, yaw_quaternion(float(yaw)))
+    for _ in range(TRIES_PER_START if len(inside) else 0):
+        position = places.points[rng.choice(inside)] + rng.uniform(-half_cell, half_cell, 3)
+        way = _way_to_goal(places.ways, position)
+        yaw = _yaw_along(way, radius) + rng.uniform(-spread, spread)
+        pose = Pose(position, yaw_quaternion(float(yaw)))
         if checker.distance(pose) > options.margin:
-            return pose
-    raise MeshError(
-        f"No free start pose near {centre.round(2)} m: the clearance there is {room:.2f} m and the vehicle keeps "
-        f"{options.margin:.2f} m from the walls. Choose a smaller vehicle, or fewer starts with --starts.count."
-    )
+            return pose, float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    return None
+
+
+def _way_to_goal(ways: Ways, position: Array) -> Array:
+    """Return the (C, 3) corners of the shortest way from a position that can reach the goal, m."""
+    path = ways.path_to(position)
+    assert path is not None
+    return pull_tight(np.vstack([path, position]), ways.graph)[::-1]
+
+
+def _yaw_along(way: Array, radius: float) -> float:
+    """Return the direction of a way's first part that leads away sideways, rad; 0 for a way straight up or down."""
+    offsets = way - way[0]
+    aside = np.flatnonzero(np.hypot(offsets[:, 0], offsets[:, 1]) > radius)
+    return float(np.arctan2(offsets[aside[0], 1], offsets[aside[0], 0])) if len(aside) else 0.0
+
+
+def _check_number(found: int, options: StartOptions, nearest: float, farthest: float) -> None:
+    if found < MIN_FILLED * options.count:
+        raise MeshError(
+            f"Only {found} of {options.count} starts have a free pose {nearest:.2f} to {farthest:.2f} m from the goal: "
+            f"the passage is too tight to float in with {options.margin:.2f} m around the vehicle. Choose a smaller "
+            "vehicle with --vehicle, or a smaller --starts.margin."
+        )

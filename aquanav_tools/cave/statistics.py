@@ -15,7 +15,7 @@ from aquanav_tools.cave.sections import arc_lengths, cross_sections
 from aquanav_tools.types import Array, Mesh
 
 NUM_MEAN_SECTIONS = 60
-"""Stretches between the true sections that the mean is taken over; chosen: four times as many change a real cave's by 0.5 % at most."""
+"""Stretches between the sections that the mean is taken over; four times as many change a real cave's by 0.5 %."""
 ROSE_BIN_DEG = 10
 """Width of a sector of the rose diagram, degrees; the first is centred on north."""
 ROSE_LEG = 1.0
@@ -145,7 +145,8 @@ def rose_of(lines: Sequence[Array]) -> Array:
     legs = np.concatenate([np.diff(resample(line, ROSE_LEG), axis=0) for line in lines])
     bearings = np.degrees(np.arctan2(legs[:, 0], legs[:, 1]))
     sectors = np.floor(bearings / ROSE_BIN_DEG + 0.5).astype(int) % (180 // ROSE_BIN_DEG)
-    return np.bincount(sectors, weights=np.hypot(legs[:, 0], legs[:, 1]), minlength=180 // ROSE_BIN_DEG)
+    rose: Array = np.bincount(sectors, np.hypot(legs[:, 0], legs[:, 1]), 180 // ROSE_BIN_DEG).astype(float)
+    return rose
 
 
 def measure_fit(cavity: Cavity, points: Array, voxel: float) -> ScanFit:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aquanav_tools.report.figures import INK, MUTED, PAPER, new_figure, save_figure
+from aquanav_tools.report.figures import INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
 from aquanav_tools.report.track import Track
 from aquanav_tools.types import Mesh, rotation_matrix
@@ -30,7 +30,7 @@ FEW_CONTACTS = 20
 """Beyond this number the crosses shrink, or they would hide the trails."""
 
 ROUTE = "#ffb703"
-GOAL = "#fb5607"
+GOAL = PORTAL
 CRASH = "#e5383b"
 
 
@@ -65,7 +65,7 @@ class CavePicture:
             else:
                 _draw_starts(axes, self._scenario, view)
             _label_ends(axes, self._scenario, view)
-        _draw_scale_bar(figure, self._inches, height)
+        draw_scale_bar(figure, self._inches, MARGIN_IN, 0.28)
         _draw_key(figure, height, tracks)
         if trails is not None:
             _draw_clearance_bar(figure, height, trails)
@@ -161,19 +161,6 @@ def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
             color=INK, fontsize=11, fontweight="bold", zorder=10,
             path_effects=[withStroke(linewidth=3.0, foreground=PAPER)],
         )  # fmt: skip
-
-
-def _draw_scale_bar(figure: Any, inches: float, height: float) -> None:
-    """Draw a bar of 1, 2 or 5 times a power of ten metres, about an eighth of the page wide."""
-    target = WIDTH_IN / 8.0 / inches
-    decade = 10.0 ** np.floor(np.log10(target))
-    metres = decade * max(step for step in (1.0, 2.0, 5.0) if step * decade <= target)
-    axes = figure.add_axes((MARGIN_IN / WIDTH_IN, 0.28 / height, metres * inches / WIDTH_IN, 0.07 / height))
-    axes.set_axis_off()
-    axes.set_xlim(0.0, 4.0)
-    for quarter in range(4):
-        axes.axvspan(quarter, quarter + 1, facecolor=INK if quarter % 2 == 0 else PAPER, edgecolor=INK, linewidth=0.8)
-    axes.text(2.0, 1.8, f"{metres:g} m", ha="center", va="bottom", color=INK, fontsize=10)
 
 
 def _draw_key(figure: Any, height: float, tracks: Sequence[Track]) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 from aquanav_tools.cave.cavity import Cavity, Portal
 from aquanav_tools.cave.closing import close_surface
+from aquanav_tools.cave.contact import CapsuleChecker
 from aquanav_tools.cave.distance import distance_field
 from aquanav_tools.cave.enclosure import check_enclosure, enclosure, free_height
 from aquanav_tools.cave.field import DistanceField
@@ -15,7 +16,7 @@ from aquanav_tools.cave.panels import place_panels
 from aquanav_tools.cave.portals import cut_portals, find_openings
 from aquanav_tools.cave.route import WaterGraph, find_route
 from aquanav_tools.cave.shortcut import shortest_length
-from aquanav_tools.cave.starts import CapsuleChecker, draw_starts
+from aquanav_tools.cave.starts import draw_starts
 from aquanav_tools.cave.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion

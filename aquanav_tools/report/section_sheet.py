@@ -1,0 +1,125 @@
+"""The sheet of cross-sections with their LRUD, all on one scale, and the rose diagram; each as SVG and PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.sections import Section
+from aquanav_tools.report.figures import BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
+from aquanav_tools.report.survey import Survey
+from aquanav_tools.report.survey_drawing import DPI, FOOT_IN, HEAD_IN, MARGIN_IN, STATION, WIDTH_IN, draw_rings
+
+NUM_COLUMNS = 6
+GUTTER_IN = 0.3
+TEXT_IN = 0.62
+"""Height of the three lines below each section."""
+MAX_SECTION_IN = 2.2
+"""Height of the highest section on the sheet."""
+ROSE_IN = (4.4, 4.7)
+
+
+def draw_sections(survey: Survey, path: Path) -> None:
+    """Write the cross-sections in order, as a diver sees them on the way in: left is left.
+
+    Args:
+        survey: its sections are drawn.
+        path: of the SVG; the PNG goes beside it.
+    """
+    sections = survey.sections
+    cell = (WIDTH_IN - 2 * MARGIN_IN - (NUM_COLUMNS - 1) * GUTTER_IN) / NUM_COLUMNS
+    scale = min(cell / max(s.width for s in sections), MAX_SECTION_IN / max(s.height for s in sections))
+    rows = [sections[first : first + NUM_COLUMNS] for first in range(0, len(sections), NUM_COLUMNS)]
+    heights = [scale * max(section.height for section in row) + TEXT_IN + GUTTER_IN for row in rows]
+    page = HEAD_IN + sum(heights) + FOOT_IN
+    figure = new_figure(WIDTH_IN, page)
+    _write_title(figure, survey.name, "Cross-sections, looking along the route; L, R, U, D in metres from the station")
+    top = page - HEAD_IN - GUTTER_IN
+    for number, section in enumerate(sections):
+        row, column = divmod(number, NUM_COLUMNS)
+        left = MARGIN_IN + column * (cell + GUTTER_IN)
+        _draw_cell(figure, section, number, (left, top - sum(heights[:row])), cell, heights[row], scale)
+    draw_scale_bar(figure, scale, MARGIN_IN, 0.28)
+    save_drawing(figure, path, DPI)
+
+
+def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path) -> None:
+    """Write the rose diagram: sectors as long as the share of the passages that run that way, north up.
+
+    Args:
+        name: of the cave.
+        rose: metres of passage by bearing over half a turn, the first centred on north; see `statistics.rose_of`.
+        path: of the SVG; the PNG goes beside it.
+    """
+    from matplotlib.ticker import MaxNLocator
+
+    metres = np.concatenate([rose, rose])
+    share = 100.0 * metres / max(float(np.sum(rose)), 1e-12)
+    width = 2.0 * np.pi / len(metres)
+    figure = new_figure(*ROSE_IN)
+    _write_title(figure, name, "Rose: share of the passage by bearing")
+    axes = figure.add_axes((0.12, 0.06, 0.76, 0.71), projection="polar")
+    axes.set_theta_zero_location("N")
+    axes.set_theta_direction(-1)
+    axes.bar(width * np.arange(len(metres)), share, width=width, color=BLUE, edgecolor="white", linewidth=0.8)
+    axes.set_xticks(np.radians(np.arange(0, 360, 30)), ["N", "30°", "60°", "E", "120°", "150°", "S", "210°", "240°",
+                                                        "W", "300°", "330°"])  # fmt: skip
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
+    axes.set_rlabel_position(_quietest(share))
+    axes.tick_params(colors=INK, labelsize=9)
+    axes.tick_params(axis="y", colors=MUTED, labelsize=8)
+    axes.grid(color=MUTED, alpha=0.3, linewidth=0.6)
+    axes.spines["polar"].set_color(MUTED)
+    save_drawing(figure, path, DPI)
+
+
+def _quietest(share: np.ndarray) -> float:
+    """Return the bearing, degrees, between two neighbouring sectors that are short, for the radial labels."""
+    return float((np.argmin(share + np.roll(share, -1)) + 0.5) * 360.0 / len(share))
+
+
+def _write_title(figure: Any, name: str, title: str) -> None:
+    width, height = figure.get_size_inches()
+    left = min(MARGIN_IN, 0.06 * width) / width
+    figure.text(left, 1.0 - 0.22 / height, name, color=INK, fontsize=13, fontweight="bold", va="top")
+    figure.text(left, 1.0 - 0.46 / height, title, color=MUTED, fontsize=10, va="top")
+
+
+def _draw_cell(
+    figure: Any, section: Section, number: int, corner: tuple[float, float], cell: float, height: float, scale: float
+) -> None:
+    """Draw one section in the cell whose upper left corner is given in inches, with its numbers below."""
+    page_width, page_height = figure.get_size_inches()
+    left, top = corner
+    room = height - TEXT_IN - GUTTER_IN
+    axes = figure.add_axes((left / page_width, (top - room) / page_height, cell / page_width, room / page_height))
+    axes.set_axis_off()
+    flip = np.array([-1.0, 1.0])  # plane coordinates run to the left, pages to the right
+    rings = [section.outline * flip, *(hole * flip for hole in section.holes)]
+    middle = 0.5 * (rings[0].min(axis=0) + rings[0].max(axis=0))
+    axes.set_xlim(middle[0] - 0.5 * cell / scale, middle[0] + 0.5 * cell / scale)
+    axes.set_ylim(middle[1] - 0.5 * room / scale, middle[1] + 0.5 * room / scale)
+    draw_rings(axes, [rings[0][::-1], *(ring[::-1] for ring in rings[1:])])
+    axes.plot([-section.left, section.right], [0.0, 0.0], color=BLUE, linewidth=0.7, zorder=2)
+    axes.plot([0.0, 0.0], [-section.down, section.up], color=BLUE, linewidth=0.7, zorder=2)
+    axes.plot(0.0, 0.0, **STATION, markersize=4, zorder=3)
+    lines = (
+        f"{number}   at {section.arc_length:g} m",
+        f"{_short(section.area)} m²,  {_short(section.width)} x {_short(section.height)} m",
+        f"L {_short(section.left)}  R {_short(section.right)}  U {_short(section.up)}  D {_short(section.down)}",
+    )
+    for line, text in enumerate(lines):
+        figure.text(
+            (left + 0.5 * cell) / page_width, (top - room - 0.1 - 0.16 * line) / page_height, text, ha="center",
+            va="top", color=MUTED if line else INK, fontsize=7.5 if line else 9.0,
+            fontweight="normal" if line else "bold",
+        )  # fmt: skip
+
+
+def _short(metres: float) -> str:
+    """Return a number with centimetres, or with decimetres where the cell would grow too narrow."""
+    return f"{metres:.2f}" if metres < 9.995 else f"{metres:.1f}"

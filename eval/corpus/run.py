@@ -1,0 +1,194 @@
+"""Build every scan of the corpus and hold the results against the truth.
+
+    python eval/corpus/run.py                # all; takes up where the last run stopped; keeps eval/results/corpus.*
+    python eval/corpus/run.py --fresh        # all, from the beginning
+    python eval/corpus/run.py --quick        # a dozen small ones
+    python eval/corpus/run.py --only demo-0  # those whose name contains it
+
+Each case is written as a file and built by the command aquanav-build-cave in a process of its own. Inputs, scenarios
+and one JSON line per finished case are kept in out/corpus.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import shutil
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the corpus is no part of the package
+
+from eval.corpus.child import Ended, run_child
+from eval.corpus.table import print_tables, write_tables
+
+BUILD = "from aquanav_tools.cli.build_cave import main; main()"
+ERROR_CODES = range(2, 7)
+ROOT = Path(__file__).parents[2]
+DATA_DIR = ROOT.parent / "shared" / "data"
+
+
+def parse_arguments() -> argparse.Namespace:
+    """Return the command line."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="only a dozen small cases")
+    parser.add_argument("--only", default="", help="only cases whose name contains this")
+    parser.add_argument("--fresh", action="store_true", help="forget earlier results")
+    parser.add_argument("--timeout", type=float, default=300.0, help="seconds a build may take")
+    parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real scans; skipped when absent")
+    parser.add_argument("--output", type=Path, default=ROOT / "out" / "corpus", help="where inputs and results go")
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Run what is not done yet and print the tables."""
+    arguments = parse_arguments()
+    store = arguments.output / "results.jsonl"
+    arguments.output.mkdir(parents=True, exist_ok=True)
+    # A fresh process per case: what makes and judges may crash, and the children's memory is counted from the parent's.
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        names = pool.submit(list_names, arguments.data, arguments.quick, arguments.only).result()
+        done = {} if arguments.fresh else read_results(store)
+        if arguments.fresh:
+            store.unlink(missing_ok=True)
+        todo = [name for name in names if name not in done]
+        print(f"{len(names)} inputs, {len(names) - len(todo)} done before.", flush=True)
+        began = time.monotonic()
+        for place, name in enumerate(todo):
+            done[name] = run_case(pool, name, arguments)
+            with store.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(done[name]) + "\n")
+            left = (time.monotonic() - began) / (place + 1) * (len(todo) - place - 1)
+            print(f"{place + 1}/{len(todo)} {summary(done[name])}; {left / 60:.0f} min left", flush=True)
+    results = [done[name] for name in names]
+    print_tables(results)
+    if not arguments.quick and not arguments.only:
+        write_tables(results, ROOT / "eval" / "results")
+    sys.exit(not all(result["ok"] for result in results))
+
+
+def list_names(data_dir: Path, is_quick: bool, only: str) -> list[str]:
+    """Return the names of the wanted cases, bad inputs last."""
+    from eval.corpus.bad_inputs import bad_inputs
+    from eval.corpus.cases import all_cases
+
+    cases = [case.name for case in all_cases(data_dir) if case.is_quick or not is_quick]
+    bad = [] if is_quick else [f"bad-{bad.name}" for bad in bad_inputs()]
+    return [name for name in [*cases, *bad] if only in name]
+
+
+def run_case(pool: ProcessPoolExecutor, name: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the result of one case."""
+    folder = arguments.output / name
+    case = pool.submit(make_input, name, folder, arguments.data).result()
+    shutil.rmtree(folder / "cave", ignore_errors=True)
+    command = [sys.executable, "-c", BUILD, case["path"], "-o", str(folder / "cave"), *case["flags"]]
+    ended = run_child(command, arguments.timeout)
+    result = case | {"outcome": outcome(ended), "seconds": ended.seconds, "peak_gb": ended.peak_gb}
+    result |= {"exit_code": ended.exit_code, "sentence": sentence(ended)}
+    if result["outcome"] == "proven":
+        result |= pool.submit(judge_build, folder).result()
+    return result | {"faults": faults(result), "ok": not faults(result)}
+
+
+def make_input(name: str, folder: Path, data_dir: Path) -> dict[str, Any]:
+    """Write a case's input into its folder; return what is known about it."""
+    from eval.corpus.bad_inputs import bad_inputs
+    from eval.corpus.cases import all_cases
+    from eval.corpus.files import write_case
+
+    folder.mkdir(parents=True, exist_ok=True)
+    if name.startswith("bad-"):
+        bad = next(bad for bad in bad_inputs() if f"bad-{bad.name}" == name)
+        bad.write(folder / bad.file_name)
+        about = {"path": folder / bad.file_name, "group": "bad input", "error": bad.error, "flags": ()}
+        return {"name": name, **about, "path": str(about["path"])}
+    case = next(case for case in all_cases(data_dir) if case.name == name)
+    scan = case.make()
+    expected = {"expected_portals": scan.truth.num_portals, "expected_genus": scan.truth.genus}
+    limits = {"max_volume_error": case.max_volume_error, "min_covered": case.min_covered, "has_fit": case.has_fit}
+    path = str(write_case(scan, folder))
+    return {
+        "name": name,
+        "path": path,
+        "group": case.group,
+        "error": case.error,
+        "flags": case.flags,
+        **expected,
+        **limits,
+    }
+
+
+def judge_build(folder: Path) -> dict[str, Any]:
+    """Return how a finished build compares with its case's truth; nothing for a bad input that was built."""
+    from eval.corpus.files import read_truth
+    from eval.corpus.judge import judge
+
+    return judge(folder / "cave", *read_truth(folder)) if (folder / "truth.npz").exists() else {}
+
+
+def outcome(ended: Ended) -> str:
+    """Return "proven", "error" (a sentence and its code), "crash" or "timeout"."""
+    if ended.exit_code is None:
+        return "timeout"
+    if ended.exit_code == 0:
+        return "proven"
+    is_clear = ended.exit_code in ERROR_CODES and "Traceback" not in ended.errors
+    return "error" if is_clear else "crash"
+
+
+def sentence(ended: Ended) -> str:
+    """Return the last line the command said, without the progress bars."""
+    lines = [line.split("\r")[-1].strip() for line in (ended.errors or ended.output).splitlines()]
+    said = [line for line in lines if line and "%" not in line[:60].split("|")[0]]
+    return said[-1] if said else ""
+
+
+def faults(result: dict[str, Any]) -> list[str]:
+    """Return what is wrong with a result, in words."""
+    found = []
+    if result["outcome"] in ("crash", "timeout"):
+        return [result["outcome"]]
+    if result["error"]:
+        is_right = result["outcome"] == "error" and re.search(result["error"], result["sentence"])
+        return [] if is_right else [f"should stop with a sentence about {result['error']}"]
+    if result["outcome"] == "error":
+        return ["not proven"]
+    if abs(result.get("volume_error", 0.0)) > result["max_volume_error"]:
+        found.append(f"volume off by {result['volume_error']:+.1%}")
+    if result.get("path_points_in_rock", 0) or result.get("path_segments_blocked", 0):
+        found.append("passage sealed")
+    if result.get("covered") is not None and result["covered"] < result["min_covered"]:
+        found.append(f"only {result['covered']:.0%} of the passage left")
+    if result["expected_genus"] is not None and result["genus"] > result["expected_genus"]:
+        found.append(f"{result['genus'] - result['expected_genus']} tunnels invented")
+    if result["expected_genus"] is not None and result["genus"] < result["expected_genus"]:
+        found.append(f"{result['expected_genus'] - result['genus']} pillars or loops lost")
+    if result["portals"] != result["expected_portals"]:
+        found.append(f"{result['portals']} portals, not {result['expected_portals']}")
+    if result["has_fit"] and (result["fit_median"] > 0.25 * result["voxel"] or result["fit_95"] > result["voxel"]):
+        found.append("loose fit")
+    return found
+
+
+def summary(result: dict[str, Any]) -> str:
+    """Return one line about a result."""
+    verdict = "as expected" if result["ok"] else "; ".join(result["faults"])
+    return f"{result['name']}: {result['outcome']} in {result['seconds']:.0f} s, {verdict}"
+
+
+def read_results(store: Path) -> dict[str, dict[str, Any]]:
+    """Return the results kept so far by name."""
+    if not store.is_file():
+        return {}
+    rows = [json.loads(line) for line in store.read_text(encoding="utf-8").splitlines()]
+    return {row["name"]: row for row in rows}
+
+
+if __name__ == "__main__":
+    main()
