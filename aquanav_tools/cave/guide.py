@@ -14,7 +14,13 @@ from functools import cached_property
 import numba
 import numpy as np
 
-from aquanav_tools.types import Array
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.flood import nearest_through_water
+from aquanav_tools.types import Array, IntArray
+
+CATCH = 0.25
+"""A lost vehicle within this distance of a panel is found again, m: more than a step at 2 m/s and ten decisions per
+second, less than the rock between two passages."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,21 +87,27 @@ class Guide:
         """Number of stretches between panels."""
         return len(self.panels) - 1
 
-    def locate(self, position: Array) -> int:
-        """Return the gate of a (3,) world position that was not tracked before, by the nearest centreline point."""
-        nearest = self.centreline[np.argmin(np.linalg.norm(self.centreline - position, axis=1))]
-        ahead = np.einsum("pi,pi->p", nearest - self.centres, self.normals) >= 0.0
-        # Of the panels behind the point, the last within reach of it: planes of far panels mean nothing here.
-        is_near = np.linalg.norm(self.centres - nearest, axis=1) <= self._reach
-        passed = np.flatnonzero(ahead & is_near)
-        return int(np.clip(passed[-1] if len(passed) else 0, 0, self.num_gates - 1))
+    def locate(self, position: Array, field: DistanceField | None = None) -> int:
+        """Return the gate of a (3,) world position that was not tracked before.
+
+        With a field, it is the gate where the way through the water from there meets the centreline, which is right in
+        side passages and dead ends, too. Without one, it is that of the nearest centreline point, be it behind rock.
+        """
+        nearest = None if field is None else nearest_through_water(position, self.centreline, field)
+        if nearest is None:
+            nearest = int(np.argmin(np.linalg.norm(self.centreline - position, axis=1)))
+        passed = int(np.searchsorted(self._stations, nearest, side="right")) - 1
+        return int(np.clip(passed, 0, self.num_gates - 1))
 
     def track(self, position: Array, gate: int) -> int:
         """Return the gate after a small move to a (3,) world position from somewhere in `gate`.
 
-        A panel counts as crossed where its outline is: within its radius of its centre.
+        A panel counts as crossed where its outline is: within its radius of its centre. A vehicle that has left its
+        gate sideways, through a loop or around a pillar, is found again where it passes through a panel's outline.
         """
-        return int(_track(position, gate, self.centres, self.normals, self._reach))
+        corners, ends = self._outlines
+        arrays = self.centres, self.normals, self._reach, corners, ends
+        return int(_track(np.asarray(position, dtype=np.float64), gate, *arrays))
 
     def progress(self, position: Array, gate: int) -> float:
         """Return the metres along the guide, in [0, length], of a (3,) world position in `gate`."""
@@ -106,19 +118,78 @@ class Guide:
         return self.length - self.progress(position, gate)
 
     @cached_property
+    def _stations(self) -> IntArray:
+        """(P,) centreline points at the panels."""
+        return np.array([np.argmin(np.linalg.norm(self.centreline - centre, axis=1)) for centre in self.centres])
+
+    @cached_property
+    def _outlines(self) -> tuple[Array, IntArray]:
+        """(K, 2) corners of all outlines in their panels' planes, m, and the (P,) ends of each in them."""
+        flat = [(panel.polygon - panel.centre) @ _plane(panel.normal).T for panel in self.panels]
+        return np.concatenate(flat), np.cumsum([len(outline) for outline in flat])
+
+    @cached_property
     def _reach(self) -> Array:
         """(P,) distance from a panel's centre within which its plane means something, m: its outline and one gate."""
         spacing = np.diff(self.arc_lengths)
         return self.radii + np.append(spacing, spacing[-1])
 
 
+def _plane(normal: Array) -> Array:
+    """Return two unit vectors across a normal."""
+    return np.stack(_across(np.asarray(normal, dtype=np.float64)))
+
+
 @numba.njit(cache=True)
-def _track(position, gate, centres, normals, reach):  # type: ignore[no-untyped-def]
+def _across(normal):  # type: ignore[no-untyped-def]
+    helper = np.zeros(3)
+    helper[np.argmin(np.abs(normal))] = 1.0
+    first = np.cross(normal, helper)
+    first /= np.sqrt((first * first).sum())
+    return first, np.cross(normal, first)
+
+
+@numba.njit(cache=True)
+def _track(position, gate, centres, normals, reach, corners, ends):  # type: ignore[no-untyped-def]
     while gate < len(centres) - 2 and _is_past(position, centres[gate + 1], normals[gate + 1], reach[gate + 1], 1.0):
         gate += 1
     while gate > 0 and _is_past(position, centres[gate], normals[gate], reach[gate], -1.0):
         gate -= 1
+    if _is_far(position, centres[gate], reach[gate]) and _is_far(position, centres[gate + 1], reach[gate + 1]):
+        return _found_again(position, gate, centres, normals, corners, ends)
     return gate
+
+
+@numba.njit(cache=True)
+def _is_far(position, centre, reach):  # type: ignore[no-untyped-def]
+    x, y, z = position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]
+    return x * x + y * y + z * z > reach * reach
+
+
+@numba.njit(cache=True)
+def _found_again(position, gate, centres, normals, corners, ends):  # type: ignore[no-untyped-def]
+    """Return the gate beside the panel that a position is in, within CATCH of its plane; the same gate if in none."""
+    for panel in range(len(centres)):
+        offset = position - centres[panel]
+        along = (offset * normals[panel]).sum()
+        if abs(along) > CATCH:
+            continue
+        first, second = _across(normals[panel])
+        start = ends[panel - 1] if panel > 0 else 0
+        if _is_inside((offset * first).sum(), (offset * second).sum(), corners[start : ends[panel]]):
+            return min(max(panel if along >= 0.0 else panel - 1, 0), len(centres) - 2)
+    return gate
+
+
+@numba.njit(cache=True)
+def _is_inside(u, v, outline):  # type: ignore[no-untyped-def]
+    """Return whether a point of the plane is inside a closed polygon (even-odd rule)."""
+    is_inside = False
+    for n in range(len(outline)):
+        a, b = outline[n - 1], outline[n]
+        if (a[1] > v) != (b[1] > v) and u < a[0] + (v - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
+            is_inside = not is_inside
+    return is_inside
 
 
 @numba.njit(cache=True)

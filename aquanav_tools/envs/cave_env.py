@@ -144,7 +144,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._episode = Episode(self._rules)
         self._world.reset(self.scenario.starts[self._start_index].pose)
         self._actuators.reset()
-        self._gate = self.scenario.guide.locate(self._world.state[:3])
+        self._gate = self.scenario.guide.locate(self._world.state[:3], self.scenario.field)
         self._remaining = self.scenario.guide.remaining(self._world.state[:3], self._gate)
         rays = self._sensor.sense(self._world.state)
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
