@@ -1,0 +1,111 @@
+"""Moving a line to the middle of its passage."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.types import Array, BoolArray
+
+SMOOTHING = 2.0
+"""Half the length of line that a smoothed point is fitted to, in clearances: a cubic over two widths of passage
+follows bends and drops the relief of the walls."""
+MIN_WINDOW = 4.0
+"""The least such half length, in steps of the line: a cubic has four coefficients."""
+FIRST_MOVE = 0.4
+"""First trial distance across the passage, in clearances."""
+NUM_HALVINGS = 7
+"""How often the trial distance is halved: down to 0.3 % of the clearance."""
+PIN_WEIGHT = 1e4
+"""Weight of an end that a fit must pass through, against 1 of other points."""
+
+
+class Wall:
+    """Exact distances to the wall of a cavity; portals are openings here, no walls."""
+
+    def __init__(self, cavity: Cavity, field: DistanceField) -> None:
+        import igl
+
+        self.field = field
+
+        self.vertices = np.ascontiguousarray(cavity.mesh.vertices)
+        self.faces = np.ascontiguousarray(cavity.mesh.faces[cavity.labels == WALL])
+        self.tree = igl.AABB()
+        self.tree.init(self.vertices, self.faces)
+
+    def clearance(self, points: Array) -> Array:
+        """Return the (N,) distance from (N, 3) points to the nearest wall, m."""
+        squared = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))[0]
+        return np.asarray(np.sqrt(squared))
+
+    def is_water(self, points: Array) -> BoolArray:
+        """Return which of (N, 3) points are in the water and not beyond a portal."""
+        return np.asarray(self.field.clearance(points) > 0.0)
+
+    def ahead(self, point: Array, direction: Array, limit: float) -> float:
+        """Return the metres from a (3,) point to the wall in a (3,) unit direction, `limit` at most."""
+        way = 0.0
+        while way < limit:
+            free = float(self.clearance((point + way * direction)[None])[0])
+            if free < 1e-3 * limit:
+                break
+            way += free
+        return min(way, limit)
+
+
+def centre(points: Array, wall: Wall) -> Array:
+    """Return the points of a (K, 3) line moved across it to where the clearance is largest nearby.
+
+    A point stays in its first ball, so that it crosses no wall, and in front of portals.
+    """
+    ahead = _directions(points)
+    side = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead), axis=1)])
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    up = np.cross(ahead, side)
+    best, clearance = points.copy(), wall.clearance(points)
+    ball = clearance.copy()
+    size = FIRST_MOVE * ball
+    for _ in range(NUM_HALVINGS):
+        for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+            trial = best + size[:, None] * (np.cos(angle) * side + np.sin(angle) * up)
+            there = wall.clearance(trial)
+            is_better = (there > clearance) & (np.linalg.norm(trial - points, axis=1) < ball) & wall.is_water(trial)
+            best[is_better], clearance[is_better] = trial[is_better], there[is_better]
+        size = 0.5 * size
+    return best
+
+
+def smooth(points: Array, clearance: Array, is_pinned: tuple[bool, bool]) -> Array:
+    """Return a (K, 3) line with every point replaced by a cubic fitted around it (local regression, tricube weights).
+
+    Args:
+        points: about evenly spaced, m.
+        clearance: (K,) m.
+        is_pinned: whether the first and the last point stay where they are.
+    """
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    if len(points) < 2 * MIN_WINDOW:
+        return points
+    window = np.maximum(SMOOTHING * clearance, MIN_WINDOW * along[-1] / (len(points) - 1))
+    pins = np.ones(len(points))
+    pins[[end for end, pinned in zip((0, -1), is_pinned, strict=True) if pinned]] = PIN_WEIGHT
+    fitted = np.array([_fit(points, along, pins, n, window[n]) for n in range(len(points))])
+    for end, pinned in zip((0, -1), is_pinned, strict=True):
+        if pinned:
+            fitted[end] = points[end]
+    return fitted
+
+
+def _fit(points: Array, along: Array, pins: Array, n: int, window: float) -> Array:
+    first, last = np.searchsorted(along, [along[n] - window, along[n] + window])
+    offset = (along[first:last] - along[n]) / window
+    root = np.sqrt(pins[first:last]) * np.maximum(1.0 - np.abs(offset) ** 3, 0.0) ** 1.5
+    powers = offset[:, None] ** np.arange(4)
+    return np.asarray(np.linalg.lstsq(root[:, None] * powers, root[:, None] * points[first:last], rcond=None)[0][0])
+
+
+def _directions(points: Array) -> Array:
+    ahead = np.gradient(points, axis=0)
+    return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12))
+
