@@ -12,7 +12,15 @@ from aquanav_tools.build import outputs
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key, write_cloud
+from aquanav_tools.build.photo_stages import (
+    cameras_inside,
+    check_is_cave,
+    in_metres,
+    preview_surface,
+    workspace_key,
+    write_cloud,
+)
+from aquanav_tools.cave.evidence import Evidence
 from aquanav_tools.cave.scan import read_scan
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.reconstruct.images import read_photos
@@ -60,6 +68,8 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
     with journal.stage("Reading the scan"):
         scan = read_scan(options.input, options.scan)
         inputs = {options.input.name: file_hash(options.input)}
+    for code, sentence in scan.cautions:
+        journal.warn(code, sentence)
     if scan.offset.any():
         journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
     built = build_scenario(scan.surface, options, journal)
@@ -85,8 +95,10 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
         with journal.stage("Checking that it is a cave"):
             preview = preview_surface(reconstruction.cloud)
             facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
+            is_inside = cameras_inside(reconstruction, preview)
             reconstruction = in_metres(reconstruction, preview, options.scale, journal)
-        built = build_scenario(reconstruction.cloud, options, journal)
+        evidence = Evidence(reconstruction.camera_centres[is_inside])
+        built = build_scenario(reconstruction.cloud, options, journal, evidence)
     except AquanavError as error:
         _report_failure(error, options, journal, inputs, facts)
         raise

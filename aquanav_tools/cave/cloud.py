@@ -51,7 +51,8 @@ def surface_from_cloud(cloud: PointCloud, voxel: float) -> Surface:
     fitted = _poisson(points, normals, voxel)
     kept = _supported(fitted, points, spacing, voxel)
     surface = surface_from_mesh(Mesh(fitted.vertices, fitted.faces[kept]), voxel)
-    return Surface(surface.mesh, 1.0 - len(points) / max(len(_thinned(cloud, voxel)[0]), 1), surface.turned_share)
+    dropped_share = 1.0 - len(points) / max(len(_thinned(cloud, voxel)[0]), 1)
+    return Surface(surface.mesh, points, dropped_share, surface.turned_share)
 
 
 def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array | None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing import sample_faces
+from aquanav_tools.cave.surface import sample_faces
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.types import Array, BoolArray
 

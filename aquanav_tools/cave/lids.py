@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.cave.hole_filling import fill_hole
 from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.cave.orientation import face_areas
 from aquanav_tools.cave.patches import boundary_loops, crowded_faces, find_patches, split_touching
@@ -83,10 +82,7 @@ def _with_lids(
     for loop in boundary_loops(surface):
         middle = vertices[loop].mean(axis=0)
         owner = tuple(middle.round(6).tolist())
-        if _diameter(vertices[loop]) < min_portal and owner not in flat_loops:
-            added, lid = fill_hole(vertices, surface.faces, loop)
-        else:
-            added, lid = _flat_or_cone(vertices, loop)
+        added, lid = _flat_or_cone(vertices, loop)
         vertices = np.vstack([vertices, added])
         lids.append(lid)
         owners += [owner] * len(lid)

@@ -72,6 +72,29 @@ def face_areas(mesh: Mesh) -> tuple[Array, Array]:
     return 0.5 * doubled, vectors / np.maximum(doubled, 1e-15)[:, None]
 
 
+def is_gap(mesh: Mesh, faces: IntArray, width: float, offset: float) -> BoolArray:
+    """Return for each of some faces whether what lies before it is no water: a gap behind other wall.
+
+    Scanners leave second layers of a wall behind or before the first, and flat bubbles between them.
+
+    Args:
+        mesh: normals out of the water.
+        faces: (K,) which faces to ask.
+        width: the space before a face is a gap when rays into it end within this distance on average, m.
+        offset: distance from a face at which its rays start, m.
+    """
+    _, normals = face_areas(mesh)
+    caster = _Caster(mesh)
+    starts = mesh.triangles[faces].mean(axis=1) - offset * normals[faces]
+    distance, struck = caster.cast(starts, -normals[faces])
+    is_hit = np.isfinite(distance)
+    reach = np.where(is_hit, distance, 0.0).sum(axis=1) / np.maximum(is_hit.sum(axis=1), 1)
+    from_behind = is_hit & (np.einsum("frk,frk->fr", normals[struck], caster.directions(-normals[faces])) < 0.0)
+    is_behind = from_behind.sum(axis=1) > HIDDEN_SHARE * np.maximum(is_hit.sum(axis=1), 1)
+    narrow: BoolArray = is_behind | (reach < width)
+    return narrow
+
+
 def _choose_faces(ids: IntArray, areas: Array) -> IntArray:
     """Return up to about MAX_SAMPLES faces: the largest of every patch, and a regular share of all."""
     if len(ids) <= MAX_SAMPLES:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.orientation import face_areas, face_the_water
+from aquanav_tools.cave.orientation import face_areas, face_the_water, is_gap
 from aquanav_tools.cave.patches import Patches, find_patches
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -22,6 +22,8 @@ SPIKE_RATIO = 4.0
 """A vertex whose shortest edge is this many times longer than the median edge around it is a spike."""
 MAX_SPIKES = 0.05
 """Where more vertices than this share look like spikes, that is what the surface is like."""
+GAP_VOXELS = 4.0
+"""Space between two layers of wall that is thinner than this is no passage, voxels."""
 RAY_OFFSET = 0.1
 """Rays that look for the water start this far from a face, voxels: beyond its noise, before the other side."""
 
@@ -32,6 +34,8 @@ class Surface:
 
     mesh: Mesh
     """Normals out of the water."""
+    points: Array
+    """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m."""
     dropped_share: float = 0.0
     """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall."""
     turned_share: float = 0.0
@@ -56,7 +60,32 @@ def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
     facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
     kept = _without_unused(facing.mesh)
     turned = min(facing.turned_share, 1.0 - facing.turned_share)
-    return Surface(kept, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
+    return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
+
+
+def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
+    """Return the surface without second layers of wall: what the closed surface passes by for good reason.
+
+    Args:
+        surface: the scan.
+        closed: the closed surface made from it.
+        voxel: resolution of the scan, m.
+    """
+    import igl
+
+    mesh = surface.mesh
+    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), closed.vertices, closed.faces)[0]
+    far = np.flatnonzero(np.asarray(squared) > voxel**2)
+    gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
+    if not len(gaps):
+        return surface
+    is_kept = np.ones(len(mesh.faces), dtype=bool)
+    is_kept[gaps] = False
+    areas = face_areas(mesh)[0]
+    kept = _without_unused(Mesh(mesh.vertices, mesh.faces[is_kept]))
+    share = surface.dropped_share + (1.0 - surface.dropped_share) * float(areas[gaps].sum() / areas.sum())
+    points = kept.vertices if surface.points is mesh.vertices else surface.points
+    return Surface(kept, points, share, surface.turned_share)
 
 
 def clean_mesh(mesh: Mesh) -> Mesh:
