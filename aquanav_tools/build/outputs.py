@@ -96,14 +96,14 @@ def cave_page(built: BuiltCave, picture: Path, journal: Journal, facts: dict[str
         title=f"Cave {built.scenario.name}",
         summary=summary,
         facts=headline,
-        warnings=_notices(journal),
+        warnings=notices(journal),
         figures=(Figure(picture, caption),),
-        tables=(portals, *_photo_tables(facts), stage_table(journal)),
-        footer=_footer(),
+        tables=(portals, *photo_tables(facts), stage_table(journal)),
+        footer=footer(),
     )
 
 
-def _photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
+def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
     """Return how the photos fared and what became of those that did not register; nothing for a scan."""
     if "registered" not in facts:
         return ()
@@ -120,9 +120,9 @@ def failure_page(options: BuildOptions, error: Exception, journal: Journal, fact
     return Page(
         title=f"Build of {options.output.name} stopped",
         summary=str(error),
-        warnings=_notices(journal),
-        tables=(*_photo_tables(facts), stage_table(journal)),
-        footer=_footer(),
+        warnings=notices(journal),
+        tables=(*photo_tables(facts), stage_table(journal)),
+        footer=footer(),
     )
 
 
@@ -137,7 +137,8 @@ def write_json(table: dict[str, Any], path: Path) -> None:
     path.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _notices(journal: Journal) -> tuple[Notice, ...]:
+def notices(journal: Journal) -> tuple[Notice, ...]:
+    """Return what the journal warns of, for a page."""
     return tuple(Notice(code, sentence) for code, sentence in journal.notices)
 
 
@@ -145,5 +146,6 @@ def _row(vector: np.ndarray) -> str:
     return ", ".join(f"{value:.2f}" for value in vector)
 
 
-def _footer() -> str:
+def footer() -> str:
+    """Return what made the report, and from what."""
     return f"Built with aquanav {__version__}. Options, versions and hashes of all inputs are in build.json."

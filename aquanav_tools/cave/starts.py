@@ -16,7 +16,7 @@ from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.route import WaterGraph, Ways
 from aquanav_tools.cave.shortcut import pull_tight
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
+from aquanav_tools.types import Array, Capsule, IntArray, Pose, yaw_quaternion
 
 logger = logging.getLogger(__name__)
 
@@ -102,7 +102,7 @@ def _places(field: DistanceField, goal: Array, radius: float, margin: float) -> 
 
 def _draw(
     places: _Places,
-    inside: Array,
+    inside: IntArray,
     checker: CapsuleChecker,
     radius: float,
     options: StartOptions,

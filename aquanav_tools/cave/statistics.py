@@ -112,7 +112,7 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
         narrowest_at=float(arc_lengths(guide.centreline)[narrowest]),
         narrowest_position=_triple(guide.centreline[narrowest]),
         mean_clearance=float(clearance.mean()),
-        max_clearance=float(field.values.max()),
+        max_clearance=field.max_clearance,
         lowest=float(low[2]),
         highest=float(high[2]),
         extent_east=float(high[0] - low[0]),

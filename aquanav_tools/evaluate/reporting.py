@@ -46,9 +46,9 @@ def write_report(
     plot_clearance(tracks, pictures / "clearance.png")
     figures = (
         Figure(pictures / "trail.png", f"The cave, cut open, with the trail of the worst episode: {_describe(shown)}."),
-        Figure(pictures / "outcomes.png", "Share of episodes with 95 % Wilson intervals.", is_wide=False),
-        Figure(pictures / "progress.png", "A line per episode; it ends where the episode ended.", is_wide=False),
-        Figure(pictures / "clearance.png", "From the hull to the nearest wall, over all episodes.", is_wide=False),
+        Figure(pictures / "outcomes.png", "Share of episodes with 95 % Wilson intervals.", columns=1),
+        Figure(pictures / "progress.png", "A line per episode; it ends where the episode ended.", columns=1),
+        Figure(pictures / "clearance.png", "From the hull to the nearest wall, over all episodes.", columns=1),
         Figure(pictures / "trails.png", f"The trails of all {len(tracks)} episodes."),
     )
     page = Page(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TEMPLATE = Path(__file__).with_name("page.html")
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,16 @@ class Notice:
 
 @dataclass(frozen=True)
 class Figure:
-    """A PNG with its caption."""
+    """A PNG or SVG with its caption."""
 
     path: Path
     caption: str
-    is_wide: bool = True
-    """Whether it takes the full width of the page; three others share a row."""
+    columns: int = 3
+    """How many of the page's three columns it takes."""
+
+    def __post_init__(self) -> None:
+        if self.columns not in (1, 2, 3) or self.path.suffix not in MEDIA_TYPES:
+            raise ValueError(f"A figure is a PNG or SVG in 1 to 3 columns, not {self.path.name} in {self.columns}.")
 
 
 @dataclass(frozen=True)
@@ -86,4 +91,4 @@ def write_page(page: Page, path: Path) -> None:
 
 
 def _embed(picture: Path) -> str:
-    return "data:image/png;base64," + base64.b64encode(picture.read_bytes()).decode("ascii")
+    return f"data:{MEDIA_TYPES[picture.suffix]};base64," + base64.b64encode(picture.read_bytes()).decode("ascii")

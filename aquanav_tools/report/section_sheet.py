@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.sections import Section
-from aquanav_tools.report.figures import BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
+from aquanav_tools.report.figures import BAD, BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
 from aquanav_tools.report.survey import Survey
 from aquanav_tools.report.survey_drawing import DPI, FOOT_IN, HEAD_IN, MARGIN_IN, STATION, WIDTH_IN, draw_rings
 
@@ -20,6 +20,7 @@ TEXT_IN = 0.62
 MAX_SECTION_IN = 2.2
 """Height of the highest section on the sheet."""
 ROSE_IN = (4.4, 4.7)
+SIZES_IN = (9.2, 4.7)
 
 
 def draw_sections(survey: Survey, path: Path) -> None:
@@ -74,6 +75,34 @@ def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path) -> None
     axes.tick_params(axis="y", colors=MUTED, labelsize=8)
     axes.grid(color=MUTED, alpha=0.3, linewidth=0.6)
     axes.spines["polar"].set_color(MUTED)
+    save_drawing(figure, path, DPI)
+
+
+def draw_sizes(survey: Survey, path: Path) -> None:
+    """Write the width and height of the cross-sections along the route, and the free width of the marked places."""
+    figure = new_figure(*SIZES_IN)
+    _write_title(figure, survey.name, "Width and height of the passage along the route, m")
+    axes = figure.add_axes((0.06, 0.13, 0.86, 0.62))
+    along = [section.arc_length for section in survey.sections]
+    for sizes, colour, name in (
+        ([section.width for section in survey.sections], BLUE, "width"),
+        ([section.height for section in survey.sections], INK, "height"),
+    ):
+        axes.plot(along, sizes, color=colour, linewidth=1.4, marker="o", markersize=3)
+        axes.text(along[-1], sizes[-1], f"  {name}", color=colour, fontsize=9, va="center")
+    for mark in survey.marks:
+        colour = BAD if mark.is_warning else INK
+        axes.plot(survey.along(mark.position), mark.size, marker="D", markersize=5, color=colour)
+        axes.annotate(
+            mark.text, (survey.along(mark.position), mark.size), xytext=(0, -6), textcoords="offset points",
+            ha="center", va="top", color=colour, fontsize=9, fontweight="bold",
+        )  # fmt: skip
+    axes.set_xlim(0.0, survey.along(survey.centreline[-1]))
+    axes.set_ylim(bottom=0.0)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(MUTED)
+    axes.tick_params(colors=INK, labelsize=9)
+    axes.grid(axis="y", color=MUTED, alpha=0.2, linewidth=0.6)
     save_drawing(figure, path, DPI)
 
 

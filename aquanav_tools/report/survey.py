@@ -26,6 +26,8 @@ class Mark:
     """(3,) m."""
     text: str
     """A few words beside it: "0.41 m"."""
+    size: float
+    """Free width there, m."""
     is_warning: bool = True
     """Whether the vehicle does not pass, which is drawn in red."""
 

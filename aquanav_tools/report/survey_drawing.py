@@ -158,6 +158,8 @@ def _draw_key(figure: Any, survey: Survey, has_portals: bool) -> None:
         Line2D([], [], color=BLUE, linewidth=1.1, dashes=(5, 2.5), label="route"),
         Line2D([], [], **STATION, linestyle="", markersize=4, label="station"),
     ]
+    if survey.branches:
+        entries.append(Line2D([], [], color=MUTED, linewidth=0.9, dashes=(5, 2.5), label="other passages"))
     if has_portals:
         entries.append(Line2D([], [], color=PORTAL, linewidth=2.2, label="portal"))
     for is_warning, colour, name in ((False, INK, "narrow, passable"), (True, BAD, "too narrow for the vehicle")):

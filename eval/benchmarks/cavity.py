@@ -4,7 +4,7 @@
     python eval/benchmarks/cavity.py --peers VENV/bin/python  # with those that this interpreter can import
     python eval/benchmarks/cavity.py --triangles 100000       # a smaller scan of the same cave
 
-For the peers: pip install open3d pymeshfix pymeshlab point-cloud-utils (an environment of its own; some are GPL).
+For the peers: pip install pymeshfix pymeshlab point-cloud-utils (an environment of its own; some are GPL).
 Every method runs in a process of its own. All are judged on the same stretch, away from the two torn ends, where each
 of them does something else. The table is kept in eval/results/cavity.md.
 """
@@ -66,6 +66,7 @@ def run_ours(folder: Path, timeout: float) -> dict[str, Any]:
 
 def run_peer(python: Path, method: str, folder: Path, timeout: float) -> dict[str, Any]:
     """Close the scan with a peer; return what it cost."""
+    python = Path(sys.executable) if method == "open3d-poisson" else python  # which the project has itself
     script = Path(__file__).with_name("cavity_peers.py")
     closed = folder / f"{method}.npz"
     closed.unlink(missing_ok=True)

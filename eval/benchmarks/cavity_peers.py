@@ -9,8 +9,11 @@ from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # for open3d's loader; peers' interpreters need none of it
 
 POISSON_DEPTH = 10
 """50 m / 2^10: cells of 5 cm."""
@@ -18,14 +21,15 @@ ALPHA_METRES, OFFSET_METRES = 0.15, 0.015
 """The ball that may not enter a hole, and the distance kept from the scan."""
 HOLE_EDGES = 2000
 """PyMeshLab closes holes with at most this many edges; the torn ends have some hundreds."""
-WATERTIGHT_RESOLUTION = 200_000
+WATERTIGHT_RESOLUTION = 100_000
 """Leaves of point-cloud-utils' octree. Its default of 20,000 is for single objects."""
 
 
 def poisson(vertices, faces):
-    """Return open3d's screened Poisson surface of the scan's vertices, untrimmed."""
-    import open3d
+    """Return open3d's screened Poisson surface of the scan's vertices, untrimmed. The project has open3d itself."""
+    from aquanav_tools.libraries import load_open3d
 
+    open3d = load_open3d()
     mesh = open3d.geometry.TriangleMesh(
         open3d.utility.Vector3dVector(vertices), open3d.utility.Vector3iVector(faces.astype(np.int32))
     )
@@ -72,7 +76,7 @@ def watertight(vertices, faces):
 
 
 METHODS = {
-    "open3d-poisson": (poisson, "open3d"),
+    "open3d-poisson": (poisson, "aquanav_tools.libraries"),
     "pymeshfix": (meshfix, "pymeshfix"),
     "pymeshlab-alpha-wrap": (alpha_wrap, "pymeshlab"),
     "pymeshlab-close-holes": (close_holes, "pymeshlab"),
@@ -98,8 +102,8 @@ def main() -> None:
     close, library = METHODS[name]
     try:
         __import__(library)
-    except ImportError:
-        sys.exit(f"{library} is not installed in {sys.executable}")
+    except ImportError as cause:
+        sys.exit(f"{library} cannot be imported by {sys.executable}: {cause}")
     with np.load(scan_path) as scan:
         vertices, faces = scan["vertices"], scan["faces"]
     began = time.perf_counter()

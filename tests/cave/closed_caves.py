@@ -9,6 +9,9 @@ import numpy as np
 from aquanav_tools.cave import synthetic
 from aquanav_tools.cave.cavity import WALL, Cavity, to_manifold
 from aquanav_tools.cave.closing import from_manifold
+from aquanav_tools.cave.distance import distance_field
+from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.route import Route, resample
 from aquanav_tools.types import Mesh
 
 SECTIONS = 64
@@ -38,8 +41,8 @@ def lathe(
 
 
 def swept(centreline: np.ndarray, radius: float) -> Cavity:
-    """A tube around a curve that is nowhere vertical."""
-    return closed(synthetic.sweep(centreline, radius, SECTIONS).truth)
+    """A tube around a curve that is nowhere vertical, with a ring about every 0.2 m."""
+    return closed(synthetic.sweep(resample(centreline, 0.2), radius, SECTIONS).truth)
 
 
 def joined(*caves: Cavity) -> Cavity:
@@ -48,3 +51,40 @@ def joined(*caves: Cavity) -> Cavity:
     for cave in caves[1:]:
         solid += to_manifold(cave.mesh)
     return closed(from_manifold(solid))
+
+
+def field_of(cavity: Cavity, spacing: float = 0.15) -> DistanceField:
+    """The cavity's clearance."""
+    return distance_field(cavity, spacing)
+
+
+def route_along(points: np.ndarray, field: DistanceField, step: float = 0.1) -> Route:
+    """A polyline as a route."""
+    points = resample(points, step)
+    return Route(points, field.clearance(points))
+
+
+def walk(*corners: tuple[float, float, float], turn: float = 1.5) -> np.ndarray:
+    """A polyline through corners in a level plane, each rounded with an arc of radius `turn`, points 0.1 m apart."""
+    points = [np.array(corners[0])]
+    for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
+        here, there = (np.array(end) - corner for end in (before, after))
+        here, there = here / np.linalg.norm(here), there / np.linalg.norm(there)
+        half = 0.5 * np.arccos(here @ there)
+        middle = corner + turn / np.sin(half) * (here + there) / np.linalg.norm(here + there)
+        first, last = (corner + turn / np.tan(half) * way - middle for way in (here, there))
+        angle = np.pi - 2 * half
+        for share in np.linspace(0.0, 1.0, 1 + int(np.ceil(angle * turn / 0.1))):
+            blend = np.sin((1 - share) * angle) * first + np.sin(share * angle) * last
+            points.append(middle + blend / np.sin(angle))
+    return resample(np.array([*points, np.array(corners[-1])]), 0.1)
+
+
+MAIN = walk((0, 0, 0), (16, 0, 0))
+BRANCH = walk((5, 0, 0), (5, 6, 0), (15, 6, 0), turn=2.0)
+"""A dead end that leaves MAIN at x = 5 and then runs beside it."""
+
+
+def fork() -> Cavity:
+    """A straight passage of radius 1 m with a dead end of the same radius."""
+    return joined(swept(MAIN, 1.0), swept(BRANCH, 1.0))

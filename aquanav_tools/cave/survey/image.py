@@ -1,4 +1,4 @@
-"""Reading processed surveys: Survex's image files (.3d), versions 3 to 8, as Survex's format documents describe them."""
+"""Reading processed surveys: image files (.3d), versions 3 to 8, as the format documents of Survex describe them."""
 
 from __future__ import annotations
 

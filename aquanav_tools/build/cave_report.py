@@ -1,0 +1,140 @@
+"""The report of a finished build as a caver reads one: drawings, tables of stations, portals and narrow places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.build.cave_stages import BuiltCave
+from aquanav_tools.build.cave_tables import narrow_table, portal_table, station_table, statistics_table
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.outputs import footer, notices, photo_tables, stage_table
+from aquanav_tools.cave.narrows import Narrow
+from aquanav_tools.cave.sections import cross_sections, station_spacing
+from aquanav_tools.cave.survey.write import write_svx
+from aquanav_tools.report.html import Fact, Figure, Page
+from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
+from aquanav_tools.report.survey import Mark, Survey
+from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
+from aquanav_tools.report.views import draw_views
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import Array
+
+DRAWINGS_DIR = "drawings"
+"""Folder, in the scenario's, of the drawings as SVG and PNG and of the centreline for Survex."""
+
+
+def survey_of(scenario: Scenario, narrows: Sequence[Narrow], branches: Sequence[Array] = ()) -> Survey:
+    """Return what the drawings of a scenario show, with stations a round number of metres apart.
+
+    Args:
+        scenario: the cave.
+        narrows: places to mark along the guide.
+        branches: (C, 3) further lines of the centreline, m.
+    """
+    line = scenario.guide.centreline
+    marks = tuple(
+        Mark(narrow.position, f"{narrow.width:.2f} m", narrow.width, not narrow.is_passable) for narrow in narrows
+    )
+    sections = cross_sections(scenario.cavity, line, station_spacing(scenario.guide.length))
+    return Survey(scenario.name, scenario.cavity, line, sections, marks, tuple(branches))
+
+
+def write_drawings(survey: Survey, scenario: Scenario, rose: Sequence[float], folder: Path) -> tuple[Figure, ...]:
+    """Write all drawings, views and the centreline into a new folder, and return the figures for the report."""
+    folder.mkdir()
+    draw_plan(survey, folder / "plan.svg")
+    draw_long_section(survey, folder / "long-section.svg")
+    draw_sections(survey, folder / "cross-sections.svg")
+    draw_elevation(survey, folder / "elevation.svg")
+    draw_sizes(survey, folder / "sizes.svg")
+    draw_rose(survey.name, rose, folder / "rose.svg")
+    draw_views(survey, tuple(panel.polygon for panel in scenario.guide.panels), folder / "views.png")
+    write_centreline(survey, folder / "centreline.svx")
+    return (
+        Figure(folder / "plan.svg", "Plan: the water's outline from above. Numbers are stations of the table below."),
+        Figure(folder / "long-section.svg", "Long section: floor and ceiling straight below and above the route."),
+        Figure(folder / "cross-sections.svg", "Cross-sections at the stations, all on one scale; left is left."),
+        Figure(folder / "elevation.svg", "Projected elevation: the water's outline seen from the side."),
+        Figure(folder / "sizes.svg", "Size of the passage along the route, and its narrow places.", columns=2),
+        Figure(folder / "rose.svg", "Rose: share of the passage by bearing, in sectors of 10 degrees.", columns=1),
+        Figure(folder / "views.png", "The cavity from outside and inside; violet wall was not seen by the scan."),
+    )
+
+
+def write_centreline(survey: Survey, path: Path) -> None:
+    """Write the stations, and the end of the route, as a Survex centreline with passage dimensions."""
+    lrud = np.array([[s.left, s.right, s.up, s.down] for s in survey.sections])
+    points, end = survey.stations, survey.centreline[-1]
+    if not np.allclose(points[-1], end):
+        points, lrud = np.vstack([points, end]), np.vstack([lrud, np.full(4, np.nan)])
+    write_svx(path, survey.name, points, lrud, {"entrance": 0} if survey.cavity.portals else None)
+
+
+def cave_page(
+    built: BuiltCave,
+    survey: Survey,
+    narrows: Sequence[Narrow],
+    figures: Sequence[Figure],
+    journal: Journal,
+    facts: dict[str, Any],
+) -> Page:
+    """Return the report of a finished build; `facts` tells how the scan or the photos fared."""
+    numbers = built.statistics
+    summary = (
+        f"{numbers.route_length:.1f} m of passage between {numbers.lowest:.1f} and {numbers.highest:.1f} m of height, "
+        f"{numbers.volume:.1f} m³ of water behind {_count(numbers.num_portals, 'portal')}. {_verdict(narrows)}"
+    )
+    return Page(
+        title=f"Cave {built.scenario.name}",
+        summary=summary,
+        facts=_headline(built, narrows),
+        warnings=notices(journal),
+        figures=tuple(figures),
+        tables=(
+            statistics_table(built),
+            narrow_table(narrows),
+            portal_table(built),
+            station_table(survey),
+            *photo_tables(facts),
+            stage_table(journal),
+        ),
+        footer=footer(),
+    )
+
+
+def _verdict(narrows: Sequence[Narrow]) -> str:
+    """Return a sentence on whether the vehicle gets through."""
+    if not narrows:
+        return "No narrow places were found."
+    tight = [narrow for narrow in narrows if not narrow.is_passable]
+    least = min(narrows, key=lambda narrow: narrow.width)
+    if tight:
+        return f"The vehicle does not pass {_count(len(tight), 'place')}; the tightest leaves {least.width:.2f} m."
+    return (
+        f"The vehicle, {least.vehicle_width:.2f} m wide, passes everywhere; the tightest place, "
+        f"{least.arc_length:.1f} m from the entrance, leaves {least.width:.2f} m."
+    )
+
+
+def _headline(built: BuiltCave, narrows: Sequence[Narrow]) -> tuple[Fact, ...]:
+    numbers = built.statistics
+    fit = built.fit
+    width = min((narrow.width for narrow in narrows), default=2.0 * numbers.min_clearance)
+    return (
+        Fact("Length", f"{numbers.route_length:.1f} m", f"route; {numbers.total_length:.1f} m with all branches"),
+        Fact("Depth range", f"{numbers.vertical_range:.1f} m", f"z {numbers.lowest:.1f} to {numbers.highest:.1f} m"),
+        Fact("Water", f"{numbers.volume:.1f} m³", f"{numbers.wall_area:.0f} m² of wall"),
+        Fact("Mean section", f"{numbers.mean_section:.2f} m²", "across the route"),
+        Fact("Largest vehicle", f"{width:.2f} m", "wide, that gets through"),
+        Fact("Seen wall", f"{numbers.observed_share:.1%}", "the rest was filled in"),
+        Fact("Fit to scan", f"{1e3 * fit.median:.1f} mm", f"median; 95 % within {1e3 * fit.percentile_95:.0f} mm"),
+        Fact("Starts", str(len(built.scenario.starts)), f"for the vehicle {built.scenario.settings.vehicle}"),
+    )  # fmt: skip
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" + ("" if number == 1 else "s")

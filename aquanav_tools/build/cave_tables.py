@@ -1,0 +1,73 @@
+"""The tables of a cave's report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aquanav_tools.build.cave_stages import BuiltCave
+from aquanav_tools.cave.narrows import Narrow
+from aquanav_tools.report.html import Table
+from aquanav_tools.report.survey import Survey
+from aquanav_tools.types import Array
+
+
+def statistics_table(built: BuiltCave) -> Table:
+    """Return all that was measured, in words and units."""
+    numbers = built.statistics
+    main, level = int(np.argmax(numbers.rose)), max(sum(numbers.rose), 1e-9)
+    rows = (
+        ("Length of the route", f"{numbers.route_length:.2f} m"),
+        ("Length with all branches", f"{numbers.total_length:.2f} m"),
+        ("Lowest and highest water, z", f"{numbers.lowest:.2f} m and {numbers.highest:.2f} m"),
+        ("Vertical range", f"{numbers.vertical_range:.2f} m"),
+        ("Extent east-west and north-south", f"{numbers.extent_east:.2f} m x {numbers.extent_north:.2f} m"),
+        ("Main bearing", f"{10 * main}° or {10 * main + 180}°, {numbers.rose[main] / level:.0%} of the passage"),
+        ("Volume of water", f"{numbers.volume:.2f} m³"),
+        ("Wall", f"{numbers.wall_area:.2f} m², {numbers.observed_share:.1%} of it seen by the scan"),
+        ("Mean cross-section", f"{numbers.mean_section:.2f} m²"),
+        ("Volume per metre of length", f"{numbers.volume_per_metre:.2f} m²"),
+        ("Clearance of the route, least and mean",
+         f"{numbers.min_clearance:.2f} m and {numbers.mean_clearance:.2f} m, to walls and portals"),
+        ("Least clearance at", f"{numbers.narrowest_at:.1f} m along the route, ({_row(numbers.narrowest_position)}) m"),
+        ("Largest clearance anywhere", f"{numbers.max_clearance:.2f} m"),
+        ("Pillars and loops (genus)", str(numbers.genus)),
+        ("Surface", f"{numbers.num_triangles} triangles, watertight, voxel {built.voxel:.3f} m"),
+        ("Scan to surface", f"median {1000 * built.fit.median:.1f} mm, 95 % within "
+                            f"{1000 * built.fit.percentile_95:.1f} mm, {built.fit.within_voxel:.1%} within one voxel"),
+    )  # fmt: skip
+    return Table("Statistics", ("what", "value"), rows)
+
+
+def narrow_table(narrows: Sequence[Narrow]) -> Table:
+    """Return the narrow places with the verdict for the vehicle."""
+    rows = tuple(
+        (f"{narrow.arc_length:.1f}", f"{narrow.width:.3f}", f"{narrow.vehicle_width:.3f}",
+         "passes" if narrow.is_passable else "does not pass", _row(narrow.position))
+        for narrow in narrows
+    )  # fmt: skip
+    return Table("Narrow places", ("along the route (m)", "width (m)", "vehicle (m)", "verdict", "position (m)"), rows)
+
+
+def portal_table(built: BuiltCave) -> Table:
+    """Return the open ends."""
+    rows = tuple(
+        (str(lid.label), f"{lid.area:.2f}", _row(lid.centre), _row(lid.normal)) for lid in built.scenario.cavity.portals
+    )
+    return Table("Portals", ("label", "area (m²)", "centre (m)", "normal out of the water"), rows)
+
+
+def station_table(survey: Survey) -> Table:
+    """Return the stations with left, right, up and down."""
+    rows = tuple(
+        (str(number), f"{s.arc_length:g}", _row(s.centre),
+         *(f"{value:.2f}" for value in (s.left, s.right, s.up, s.down, s.width, s.height, s.area)))
+        for number, s in enumerate(survey.sections)
+    )  # fmt: skip
+    columns = ("station", "along (m)", "position (m)", "left", "right", "up", "down", "width", "height", "area (m²)")
+    return Table("Stations", columns, rows)
+
+
+def _row(vector: Sequence[float] | Array) -> str:
+    return ", ".join(f"{value:.2f}" for value in vector)
