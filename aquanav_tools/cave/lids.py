@@ -20,6 +20,8 @@ from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 MAX_ROUNDS = 5
 MAX_REPAIRED_SHARE = 0.02
 """A surface of which more than this share of the area is broken is better resampled."""
+MAX_LID_SHARE = 0.4
+"""With more of the closed surface made of lids the scan was a sheet, not a passage."""
 STRAY_SHARE = 0.01
 """Pieces of a sound surface with less than this share of its area are scraps."""
 
@@ -52,6 +54,9 @@ def close_with_lids(surface: Mesh, min_portal: float) -> Lidded:
         lidded, owners = _with_lids(kept, min_portal, flat_loops)
         crossing = np.unique(self_intersections(lidded.mesh))
         if not len(crossing):
+            areas = face_areas(lidded.mesh)[0]
+            if areas[~lidded.is_scan].sum() > MAX_LID_SHARE * areas.sum():
+                raise MeshError("Lids would make up more than 40 % of the closed surface.")
             prove_watertight(lidded.mesh)
             return lidded
         broken = crossing[crossing < len(kept.faces)]

@@ -21,6 +21,8 @@ MAX_SAMPLES = 20_000
 """Faces that are asked, spread over the patches; neighbours agree."""
 MIN_AGREEMENT = 0.6
 """A patch is turned as one when its votes agree by at least this margin; otherwise every face is turned by its own."""
+MIN_ENCLOSED = 0.3
+"""... provided that its faces see this share of wall around them; votes about open space mean little."""
 HIDDEN_SHARE = 0.6
 """A face whose rays into its water hit this share of other walls from behind lies hidden behind them."""
 
@@ -110,14 +112,16 @@ def _side_votes(mesh: Mesh, faces: IntArray, normals: Array, offset: float) -> A
     """Return one vote in [-1, 1] per face: positive when the water is behind its normal, as it should be."""
     caster = _Caster(mesh)
     middles = mesh.triangles[faces].mean(axis=1)
-    scores = []
+    scores, shares = [], []
     for side in (-1.0, 1.0):
         distance, _ = caster.cast(middles + side * offset * normals, side * normals)
         is_hit = np.isfinite(distance)
         reach = np.where(is_hit, distance, 0.0).sum(axis=1) / np.maximum(is_hit.sum(axis=1), 1)
         # Enclosure decides; between two enclosed sides the roomier one does.
-        scores.append(is_hit.mean(axis=1) ** 2 * np.sqrt(reach))
-    votes: Array = (scores[0] - scores[1]) / np.maximum(scores[0] + scores[1], 1e-12)
+        shares.append(is_hit.mean(axis=1))
+        scores.append(shares[-1] ** 2 * np.sqrt(reach))
+    certainty = np.maximum(*shares)
+    votes: Array = certainty * (scores[0] - scores[1]) / np.maximum(scores[0] + scores[1], 1e-12)
     return votes
 
 
@@ -127,7 +131,8 @@ def _turns(patches: Patches, areas: Array, asked: IntArray, votes: Array) -> Boo
     weights = areas[asked]
     for_it = np.bincount(ids, weights * votes, minlength=patches.count)
     against_none = np.bincount(ids, weights * np.abs(votes), minlength=patches.count)
-    is_torn = np.abs(for_it) < MIN_AGREEMENT * against_none
+    total = np.bincount(ids, weights, minlength=patches.count)
+    is_torn = (np.abs(for_it) < MIN_AGREEMENT * against_none) & (against_none > MIN_ENCLOSED * total)
     is_turned: BoolArray = (for_it < 0.0)[patches.ids]
     torn_faces = np.flatnonzero(is_torn[patches.ids])
     if len(torn_faces):
@@ -199,6 +204,6 @@ class _Caster:
         origins = np.repeat(starts - self._centre, NUM_RAYS, axis=0).astype(np.float32)
         rays = self.directions(axes).reshape(-1, 3).astype(np.float32)
         result = self._scene.run(origins, rays, output=1)
-        struck = np.asarray(result["primID"], dtype=np.int64).reshape(len(starts), -1)
-        distance = np.asarray(result["tfar"], dtype=np.float64).reshape(len(starts), -1)
+        struck = np.asarray(result["primID"], dtype=np.int64).reshape(len(starts), NUM_RAYS)
+        distance = np.asarray(result["tfar"], dtype=np.float64).reshape(len(starts), NUM_RAYS)
         return np.where(struck >= 0, distance, np.inf), np.maximum(struck, 0)

@@ -76,9 +76,9 @@ def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
     mesh = surface.mesh
     squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), closed.vertices, closed.faces)[0]
     far = np.flatnonzero(np.asarray(squared) > voxel**2)
-    gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
-    if not len(gaps):
+    if not len(far):
         return surface
+    gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
     is_kept = np.ones(len(mesh.faces), dtype=bool)
     is_kept[gaps] = False
     areas = face_areas(mesh)[0]
