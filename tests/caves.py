@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
-from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.field import DistanceField, field_from_dense
 from aquanav_tools.cave.guide import Guide, Panel
 from aquanav_tools.cave.starts import Start
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
@@ -49,7 +49,7 @@ def tube_field(spacing: float = 0.1) -> DistanceField:
     high = np.array([TUBE_LENGTH, TUBE_RADIUS, TUBE_RADIUS]) + 2 * spacing
     axes = [np.arange(a, b + spacing / 2, spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    return DistanceField(low, spacing, tube_clearance(points).astype(np.float32))
+    return field_from_dense(low, spacing, tube_clearance(points).astype(np.float32))
 
 
 def tube_guide(num_panels: int = 10) -> Guide:

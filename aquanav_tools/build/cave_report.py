@@ -15,9 +15,9 @@ from aquanav_tools.build.outputs import footer, notices, photo_tables, stage_tab
 from aquanav_tools.cave.narrows import Narrow
 from aquanav_tools.cave.sections import cross_sections, station_spacing
 from aquanav_tools.cave.survey.write import write_svx
+from aquanav_tools.report.cave_map import CaveMap, Mark
 from aquanav_tools.report.html import Fact, Figure, Page
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
-from aquanav_tools.report.survey import Mark, Survey
 from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
 from aquanav_tools.report.views import draw_views
 from aquanav_tools.scenario.schema import Scenario
@@ -27,7 +27,7 @@ DRAWINGS_DIR = "drawings"
 """Folder, in the scenario's, of the drawings as SVG and PNG and of the centreline for Survex."""
 
 
-def survey_of(scenario: Scenario, narrows: Sequence[Narrow], branches: Sequence[Array] = ()) -> Survey:
+def map_of(scenario: Scenario, narrows: Sequence[Narrow], branches: Sequence[Array] = ()) -> CaveMap:
     """Return what the drawings of a scenario show, with stations a round number of metres apart.
 
     Args:
@@ -40,20 +40,20 @@ def survey_of(scenario: Scenario, narrows: Sequence[Narrow], branches: Sequence[
         Mark(narrow.position, f"{narrow.width:.2f} m", narrow.width, not narrow.is_passable) for narrow in narrows
     )
     sections = cross_sections(scenario.cavity, line, station_spacing(scenario.guide.length))
-    return Survey(scenario.name, scenario.cavity, line, sections, marks, tuple(branches))
+    return CaveMap(scenario.name, scenario.cavity, line, sections, marks, tuple(branches))
 
 
-def write_drawings(survey: Survey, scenario: Scenario, rose: Sequence[float], folder: Path) -> tuple[Figure, ...]:
+def write_drawings(cave: CaveMap, scenario: Scenario, rose: Sequence[float], folder: Path) -> tuple[Figure, ...]:
     """Write all drawings, views and the centreline into a new folder, and return the figures for the report."""
     folder.mkdir()
-    draw_plan(survey, folder / "plan.svg")
-    draw_long_section(survey, folder / "long-section.svg")
-    draw_sections(survey, folder / "cross-sections.svg")
-    draw_elevation(survey, folder / "elevation.svg")
-    draw_sizes(survey, folder / "sizes.svg")
-    draw_rose(survey.name, rose, folder / "rose.svg")
-    draw_views(survey, tuple(panel.polygon for panel in scenario.guide.panels), folder / "views.png")
-    write_centreline(survey, folder / "centreline.svx")
+    draw_plan(cave, folder / "plan.svg")
+    draw_long_section(cave, folder / "long-section.svg")
+    draw_sections(cave, folder / "cross-sections.svg")
+    draw_elevation(cave, folder / "elevation.svg")
+    draw_sizes(cave, folder / "sizes.svg")
+    draw_rose(cave.name, rose, folder / "rose.svg")
+    draw_views(cave, tuple(panel.polygon for panel in scenario.guide.panels), folder / "views.png")
+    write_centreline(cave, folder / "centreline.svx")
     return (
         Figure(folder / "plan.svg", "Plan: the water's outline from above. Numbers are stations of the table below."),
         Figure(folder / "long-section.svg", "Long section: floor and ceiling straight below and above the route."),
@@ -65,18 +65,18 @@ def write_drawings(survey: Survey, scenario: Scenario, rose: Sequence[float], fo
     )
 
 
-def write_centreline(survey: Survey, path: Path) -> None:
+def write_centreline(cave: CaveMap, path: Path) -> None:
     """Write the stations, and the end of the route, as a Survex centreline with passage dimensions."""
-    lrud = np.array([[s.left, s.right, s.up, s.down] for s in survey.sections])
-    points, end = survey.stations, survey.centreline[-1]
+    lrud = np.array([[s.left, s.right, s.up, s.down] for s in cave.sections])
+    points, end = cave.stations, cave.centreline[-1]
     if not np.allclose(points[-1], end):
         points, lrud = np.vstack([points, end]), np.vstack([lrud, np.full(4, np.nan)])
-    write_svx(path, survey.name, points, lrud, {"entrance": 0} if survey.cavity.portals else None)
+    write_svx(path, cave.name, points, lrud, {"entrance": 0} if cave.cavity.portals else None)
 
 
 def cave_page(
     built: BuiltCave,
-    survey: Survey,
+    cave: CaveMap,
     narrows: Sequence[Narrow],
     figures: Sequence[Figure],
     journal: Journal,
@@ -98,7 +98,7 @@ def cave_page(
             statistics_table(built),
             narrow_table(narrows),
             portal_table(built),
-            station_table(survey),
+            station_table(cave),
             *photo_tables(facts),
             stage_table(journal),
         ),

@@ -172,7 +172,8 @@ def _place(text: str, cavity: Cavity) -> Array | None:
 
 def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
     """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m."""
-    roomy = np.argwhere(field.values >= 0.5 * field.values.max())
+    indices, clearance = field.water()
+    roomy = indices[clearance >= 0.5 * field.max_clearance]
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])
 

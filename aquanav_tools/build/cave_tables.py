@@ -8,8 +8,8 @@ import numpy as np
 
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.cave.narrows import Narrow
+from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.html import Table
-from aquanav_tools.report.survey import Survey
 from aquanav_tools.types import Array
 
 
@@ -58,12 +58,12 @@ def portal_table(built: BuiltCave) -> Table:
     return Table("Portals", ("label", "area (m²)", "centre (m)", "normal out of the water"), rows)
 
 
-def station_table(survey: Survey) -> Table:
+def station_table(cave: CaveMap) -> Table:
     """Return the stations with left, right, up and down."""
     rows = tuple(
         (str(number), f"{s.arc_length:g}", _row(s.centre),
          *(f"{value:.2f}" for value in (s.left, s.right, s.up, s.down, s.width, s.height, s.area)))
-        for number, s in enumerate(survey.sections)
+        for number, s in enumerate(cave.sections)
     )  # fmt: skip
     columns = ("station", "along (m)", "position (m)", "left", "right", "up", "down", "width", "height", "area (m²)")
     return Table("Stations", columns, rows)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from aquanav_tools.cave.route import WALL_AVERSION, Route
+from aquanav_tools.cave.geodesic import WALL_AVERSION
+from aquanav_tools.cave.route import Route
 from aquanav_tools.cave.skeleton import DEAD_END, JUNCTION, KINDS
 from aquanav_tools.types import Array, IntArray
 
@@ -65,7 +66,7 @@ class CentrelineGraph:
 
     nodes: tuple[Node, ...] = ()
     branches: tuple[Branch, ...] = ()
-    chambers: tuple[Chamber, ...] = field(default=())
+    chambers: tuple[Chamber, ...] = ()
 
     def __post_init__(self) -> None:
         ends = [end for branch in self.branches for end in (branch.start, branch.end)]
@@ -123,6 +124,10 @@ class CentrelineGraph:
         while way[-1] != here:
             way.append(int(before[way[-1]]))
         return Route(line.points[way[::-1]], line.clearance[way[::-1]])
+
+
+NO_NETWORK = CentrelineGraph()
+"""The graph of a cave that nobody looked for passages in."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,15 +8,17 @@ from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.types import Array, BoolArray
 
-SMOOTHING = 2.0
-"""Half the length of line that a smoothed point is fitted to, in clearances: a cubic over two widths of passage
+SMOOTHING = 3.0
+"""Half the length of line that a smoothed point is fitted to, in clearances: a cubic over three widths of passage
 follows bends and drops the relief of the walls."""
 MIN_WINDOW = 4.0
 """The least such half length, in steps of the line: a cubic has four coefficients."""
 FIRST_MOVE = 0.4
 """First trial distance across the passage, in clearances."""
-NUM_HALVINGS = 7
-"""How often the trial distance is halved: down to 0.3 % of the clearance."""
+NUM_HALVINGS = 6
+"""How often the trial distance is halved: down to 1 % of the clearance."""
+NUM_DIRECTIONS = 6
+"""Directions across the passage that are tried; four would let a line stick on a ridge between two of them."""
 PIN_WEIGHT = 1e4
 """Weight of an end that a fit must pass through, against 1 of other points."""
 
@@ -67,7 +69,7 @@ def centre(points: Array, wall: Wall) -> Array:
     ball = clearance.copy()
     size = FIRST_MOVE * ball
     for _ in range(NUM_HALVINGS):
-        for angle in np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False):
+        for angle in np.linspace(0.0, 2.0 * np.pi, NUM_DIRECTIONS, endpoint=False):
             trial = best + size[:, None] * (np.cos(angle) * side + np.sin(angle) * up)
             there = wall.clearance(trial)
             is_better = (there > clearance) & (np.linalg.norm(trial - points, axis=1) < ball) & wall.is_water(trial)
@@ -108,4 +110,3 @@ def _fit(points: Array, along: Array, pins: Array, n: int, window: float) -> Arr
 def _directions(points: Array) -> Array:
     ahead = np.gradient(points, axis=0)
     return np.asarray(ahead / np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12))
-

@@ -25,11 +25,12 @@ def find_chambers(line: Line, portals: IntArray) -> tuple[Chamber, ...]:
     """
     is_portal = np.zeros(len(line.points), dtype=bool)
     is_portal[portals] = True
-    chambers = []
+    chambers: list[Chamber] = []
     for peak in _peaks(line):
         stretch = _stretch(line, int(peak))
         radius = float(line.clearance[peak])
-        is_top = not (line.clearance[stretch] > radius).any() and not any(c.centre in line.points[stretch] for c in chambers)
+        is_known = any((line.points[stretch] == chamber.centre).all(axis=1).any() for chamber in chambers)
+        is_top = not is_known and not (line.clearance[stretch] > radius).any()
         is_compact = np.linalg.norm(line.points[stretch] - line.points[peak], axis=1).max() <= MAX_ELONGATION * radius
         if is_top and is_compact and not is_portal[stretch].any() and _has_way_out(line, stretch):
             chambers.append(Chamber(line.points[peak], radius, int(line.branch[peak])))

@@ -33,7 +33,8 @@ def find_tips(lattice: Lattice, skeleton: BoolArray) -> IntArray:
     uncovered = np.flatnonzero(beyond > 0.0)
     order = uncovered[np.argsort(-beyond[uncovered], kind="stable")]
     points = lattice.indices.astype(np.float64)
-    peaks = _slender_peaks(lattice.neighbours, order, beyond / lattice.spacing, MIN_REACH * ball / lattice.spacing, points)
+    least = MIN_REACH * ball / lattice.spacing
+    peaks = _slender_peaks(lattice.neighbours, order, beyond / lattice.spacing, least, points)
     return np.array([_tip(lattice, beyond, peak) for peak in peaks], dtype=np.int64)
 
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.types import Array, IntArray
 
-OFFSETS: IntArray = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1) if (i, j, k) != (0, 0, 0)])
+OFFSETS: IntArray = np.delete(np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1) - 1, 13, axis=0)
 """(26, 3) the neighbours of a sample; OFFSETS[25 - n] is opposite to OFFSETS[n]."""
 FACE_OFFSETS = np.flatnonzero(np.abs(OFFSETS).sum(axis=1) == 1)
 """Which of them share a face."""
@@ -135,15 +135,3 @@ def _shore(indices: IntArray) -> IntArray:
 def _in_order(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
     order = np.lexsort(indices.T[::-1])
     return indices[order], clearance[order]
-
-
-def _shore(indices: IntArray) -> IntArray:
-    """Return the (R, 3) samples of rock beside water, in lexicographic order."""
-    low = indices.min(axis=0) - 2
-    shape = indices.max(axis=0) - low + 3
-    stride = np.array([shape[1] * shape[2], shape[2], 1])
-    keys = (indices - low) @ stride
-    beside = np.unique(np.concatenate([keys + offset for offset in OFFSETS @ stride]))
-    place = np.minimum(np.searchsorted(keys, beside), len(keys) - 1)
-    rock = beside[keys[place] != beside]
-    return np.stack(np.unravel_index(rock, tuple(int(n) for n in shape)), axis=1) + low

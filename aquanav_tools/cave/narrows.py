@@ -93,7 +93,7 @@ def _walls(cavity: Cavity) -> Mesh:
 def _narrowest_near(points: Array, station: float, step: float, walls: Surface) -> tuple[float, Array, float]:
     """Return the station, the roomiest point and its clearance (m) of the narrowest cross-section near a station."""
     for refinement in REFINEMENTS:
-        near: Array = station + np.arange(-5, 6) * refinement / step
+        near = station + np.linspace(-5.0, 5.0, 11) * refinement / step
         near = near[(near >= 0.0) & (near <= len(points) - 1)]
         tops, rooms = _roomiest(points, near, walls, NUM_MOVES)
         best = int(np.argmin(rooms))

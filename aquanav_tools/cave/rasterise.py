@@ -71,7 +71,7 @@ def _fill_slabs(triangles, starts, members, origin, spacing, reach, distances, n
         first, end = slab * SLAB, min((slab + 1) * SLAB, distances.shape[0])
         for m in range(starts[slab], starts[slab + 1]):
             spread(
-                triangles[members[m]],
+                triangles,
                 members[m],
                 origin[0] + first * spacing,
                 origin[1],
@@ -84,12 +84,12 @@ def _fill_slabs(triangles, starts, members, origin, spacing, reach, distances, n
 
 
 @numba.njit(cache=True)
-def spread(triangle, index, x0, y0, z0, spacing, reach, distances, nearest):  # type: ignore[no-untyped-def]
+def spread(triangles, index, x0, y0, z0, spacing, reach, distances, nearest):  # type: ignore[no-untyped-def]
     """Lower the distances of a block of samples to one triangle's where that is nearer, in place.
 
     Args:
-        triangle: (3, 3) corners, m.
-        index: What to note in `nearest`.
+        triangles: (F, 3, 3) corners, m.
+        index: Which of them.
         x0: Position of the block's first sample, m.
         y0: Position of the block's first sample, m.
         z0: Position of the block's first sample, m.
@@ -98,12 +98,12 @@ def spread(triangle, index, x0, y0, z0, spacing, reach, distances, nearest):  # 
         distances: (X, Y, Z) m.
         nearest: (X, Y, Z) index of the triangle they belong to.
     """
-    a, b, c = triangle[0], triangle[1], triangle[2]
-    i0, i1 = _range(a[0], b[0], c[0], x0, spacing, reach, distances.shape[0])
-    j0, j1 = _range(a[1], b[1], c[1], y0, spacing, reach, distances.shape[1])
-    k0, k1 = _range(a[2], b[2], c[2], z0, spacing, reach, distances.shape[2])
-    nx, ny, nz = _unit_normal(a, b, c)
-    mx, my, mz, size = _bounding_ball(a, b, c)
+    i0, i1 = _range(triangles, index, 0, x0, spacing, reach, distances.shape[0])
+    j0, j1 = _range(triangles, index, 1, y0, spacing, reach, distances.shape[1])
+    k0, k1 = _range(triangles, index, 2, z0, spacing, reach, distances.shape[2])
+    a = triangles[index, 0]
+    nx, ny, nz = _unit_normal(a, triangles[index, 1], triangles[index, 2])
+    mx, my, mz, size = _bounding_ball(a, triangles[index, 1], triangles[index, 2])
     for i in range(i0, i1):
         x = x0 + i * spacing
         for j in range(j0, j1):
@@ -116,15 +116,16 @@ def spread(triangle, index, x0, y0, z0, spacing, reach, distances, nearest):  # 
                 z = z0 + k * spacing
                 # The triangle lies within `size` of its middle: most samples know a nearer one already.
                 if beside + (z - mz) ** 2 < (distances[i, j, k] + size) ** 2:
-                    square = squared_distance(x, y, z, a, b, c)
+                    square = squared_distance(triangles, index, x, y, z)
                     if square < distances[i, j, k] ** 2:
                         distances[i, j, k] = math.sqrt(square)
                         nearest[i, j, k] = index
 
 
 @numba.njit(cache=True)
-def _range(a, b, c, start, spacing, reach, count):  # type: ignore[no-untyped-def]
-    """Return the first sample within `reach` of an interval along one axis, and the one after the last."""
+def _range(triangles, index, axis, start, spacing, reach, count):  # type: ignore[no-untyped-def]
+    """Return the first sample within `reach` of a triangle along one axis, and the one after the last."""
+    a, b, c = triangles[index, 0, axis], triangles[index, 1, axis], triangles[index, 2, axis]
     first = math.ceil((min(a, b, c) - reach - start) / spacing)
     last = math.floor((max(a, b, c) + reach - start) / spacing)
     return int(min(max(first, 0), count)), int(min(max(last + 1, 0), count))
@@ -164,14 +165,17 @@ def _bounding_ball(a, b, c):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def squared_distance(x, y, z, a, b, c):  # type: ignore[no-untyped-def]
-    """Return the squared distance from a point to the triangle with corners a, b, c, m^2.
+def squared_distance(triangles, index, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the squared distance from a point to triangles[index], m^2.
+
+    Takes the whole array: a slice made per call would cost more than the distance.
 
     Source: Ericson, Real-Time Collision Detection (2005), section 5.1.5; a degenerate triangle is its edges.
     """
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    px, py, pz = x - a[0], y - a[1], z - a[2]
+    ax, ay, az = triangles[index, 0, 0], triangles[index, 0, 1], triangles[index, 0, 2]
+    ux, uy, uz = triangles[index, 1, 0] - ax, triangles[index, 1, 1] - ay, triangles[index, 1, 2] - az
+    vx, vy, vz = triangles[index, 2, 0] - ax, triangles[index, 2, 1] - ay, triangles[index, 2, 2] - az
+    px, py, pz = x - ax, y - ay, z - az
     uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
     up, vp = ux * px + uy * py + uz * pz, vx * px + vy * py + vz * pz
     area = uu * vv - uv * uv
@@ -180,14 +184,13 @@ def squared_distance(x, y, z, a, b, c):  # type: ignore[no-untyped-def]
         s, t = s / area, t / area
         dx, dy, dz = px - s * ux - t * vx, py - s * uy - t * vy, pz - s * uz - t * vz
         return dx * dx + dy * dy + dz * dz
-    return min(_to_segment(x, y, z, a, b), _to_segment(x, y, z, b, c), _to_segment(x, y, z, c, a))
+    beyond = _to_segment(px - ux, py - uy, pz - uz, vx - ux, vy - uy, vz - uz)
+    return min(_to_segment(px, py, pz, ux, uy, uz), _to_segment(px, py, pz, vx, vy, vz), beyond)
 
 
 @numba.njit(cache=True)
-def _to_segment(x, y, z, a, b):  # type: ignore[no-untyped-def]
-    """Return the squared distance from a point to the segment from a to b."""
-    ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    px, py, pz = x - a[0], y - a[1], z - a[2]
+def _to_segment(px, py, pz, ux, uy, uz):  # type: ignore[no-untyped-def]
+    """Return the squared distance from a point p to the segment from the origin to u."""
     square = ux * ux + uy * uy + uz * uz
     share = min(max((ux * px + uy * py + uz * pz) / square, 0.0), 1.0) if square > 0.0 else 0.0
     dx, dy, dz = px - share * ux, py - share * uy, pz - share * uz

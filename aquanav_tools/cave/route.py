@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
-from aquanav_tools.cave.field import DistanceField
-from aquanav_tools.errors import MeshError
+from aquanav_tools.cave.field import BAND, DistanceField
+from aquanav_tools.cave.geodesic import WaterGraph
+from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.types import Array
 
-MAX_SEARCH_SAMPLES = 4_000_000
+COARSE_NODES = 50_000
+"""Nodes that suffice to tell which portals are farthest apart."""
 SMOOTHING = 0.4
 """Length over which the route is smoothed, m."""
-WALL_AVERSION = 2.0
-"""Exponent of the cost of being near a wall: (largest clearance / clearance) ** WALL_AVERSION."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,76 +33,29 @@ class Route:
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
-class WaterGraph:
-    """Shortest ways through the water on the distance field's samples (26 neighbours)."""
-
-    def __init__(self, field: DistanceField, min_clearance: float, max_samples: int = MAX_SEARCH_SAMPLES) -> None:
-        step = int(np.ceil(np.cbrt(field.values.size / max_samples)))
-        samples = np.ascontiguousarray(field.values[::step, ::step, ::step])
-        self.field = DistanceField(field.origin, field.spacing * step, samples)
-        self.min_clearance = min_clearance
-        self.is_open = self.field.values >= min_clearance
-        if not self.is_open.any():
-            raise MeshError(
-                f"No place in the water is wide enough: {min_clearance:.2f} m of clearance are needed, the widest "
-                f"place has {field.values.max():.2f} m. Check --unit, or choose a smaller vehicle with --vehicle."
-            )
-
-    def ways_from(self, point: Array) -> Ways:
-        """Return the shortest ways from a (3,) point to everywhere."""
-        from skimage.graph import MCP_Geometric
-
-        search = MCP_Geometric(np.where(self.is_open, 1.0, -1.0))
-        lengths, _ = search.find_costs([self.nearest_open(point)])
-        return Ways(self, search, self.field.spacing * lengths)
-
-    def roomy_path(self, start: Array, end: Array) -> Array | None:
-        """Return the (N, 3) samples of the wall-averse way between two points, or None when there is none."""
-        from skimage.graph import MCP_Geometric
-
-        clearance = np.maximum(self.field.values, 1e-6)
-        search = MCP_Geometric(np.where(self.is_open, (clearance.max() / clearance) ** WALL_AVERSION, -1.0))
-        goal = self.nearest_open(end)
-        costs, _ = search.find_costs([self.nearest_open(start)], [goal])
-        return self.field.positions(np.array(search.traceback(goal))) if np.isfinite(costs[goal]) else None
-
-    def nearest_open(self, point: Array) -> tuple[int, int, int]:
-        """Return the open sample nearest to a (3,) point."""
-        index = self.field.nearest_index(point)
-        if self.is_open[index]:
-            return index
-        open_samples = np.argwhere(self.is_open)
-        distances = np.linalg.norm(self.field.positions(open_samples) - point, axis=1)
-        i, j, k = open_samples[np.argmin(distances)]
-        return int(i), int(j), int(k)
-
-
-@dataclass(frozen=True, eq=False)
-class Ways:
-    """The shortest ways from one point to every sample of a graph."""
-
-    graph: WaterGraph
-    search: Any
-    lengths: Array
-    """(X, Y, Z) m, inf where there is no way."""
-
-    def path_to(self, point: Array) -> Array | None:
-        """Return the (N, 3) samples of the shortest way to a (3,) point, or None when there is none."""
-        goal = self.graph.nearest_open(point)
-        if not np.isfinite(self.lengths[goal]):
-            return None
-        return self.graph.field.positions(np.array(self.search.traceback(goal)))
-
-
-def find_route(cavity: Cavity, field: DistanceField, vehicle_radius: float) -> Route:
+def find_route(
+    cavity: Cavity,
+    field: DistanceField,
+    vehicle_radius: float,
+    entrance: Array | None = None,
+    goal: Array | None = None,
+) -> Route:
     """Return the route between the two portals that are farthest apart through the water.
 
     With one portal the route ends at the farthest place from it, with none it joins the two farthest places.
 
+    Args:
+        cavity: whose portals are the ends that are not given.
+        field: of the cavity.
+        vehicle_radius: clearance that the route keeps, m.
+        entrance: (3,) where the route begins instead: in the water, or on a portal.
+        goal: (3,) where the route ends instead: in the water, or on a portal.
+
     Raises:
+        InputError: an end that is given lies in rock.
         MeshError: the narrowest place between the ends is too tight for the vehicle; the message says how tight, where.
     """
-    start, end = _choose_ends(cavity, field, vehicle_radius)
+    start, end = _choose_ends(cavity, field, vehicle_radius, entrance, goal)
     path = WaterGraph(field, vehicle_radius).roomy_path(start, end)
     if path is None:
         raise MeshError(_too_tight(field, start, end, vehicle_radius))
@@ -112,18 +64,61 @@ def find_route(cavity: Cavity, field: DistanceField, vehicle_radius: float) -> R
     return Route(points, field.clearance(points))
 
 
-def _choose_ends(cavity: Cavity, field: DistanceField, vehicle_radius: float) -> tuple[Array, Array]:
+def _choose_ends(
+    cavity: Cavity, field: DistanceField, vehicle_radius: float, entrance: Array | None, goal: Array | None
+) -> tuple[Array, Array]:
+    start = None if entrance is None else _given_end(cavity, field, entrance, "entrance")
+    end = None if goal is None else _given_end(cavity, field, goal, "goal")
+    if start is not None and end is not None:
+        return start, end
     doors = [_behind(portal, field) for portal in cavity.portals]
-    if len(doors) >= 2:
-        graph = WaterGraph(field, 0.5 * vehicle_radius, MAX_SEARCH_SAMPLES // 8)
-        indices = tuple(np.transpose([graph.nearest_open(door) for door in doors]))
-        lengths = np.array([graph.ways_from(door).lengths[indices] for door in doors])
-        first, last = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
-        return doors[min(first, last)], doors[max(first, last)]
+    if start is None and end is None:
+        if len(doors) < 2:
+            return _ends_without_portals(field, vehicle_radius, doors)
+        return _farthest_doors(field, vehicle_radius, doors)
+    given = start if start is not None else end
+    assert given is not None
+    other = _farthest_door(field, vehicle_radius, doors, given)
+    return (given, other) if start is not None else (other, given)
+
+
+def _given_end(cavity: Cavity, field: DistanceField, point: Array, name: str) -> Array:
+    """Return a place in the water for an end that the user named, by a point in the water or on a portal."""
+    point = np.asarray(point, dtype=np.float64)
+    for portal in cavity.portals:
+        offset = point - portal.centre
+        if abs(offset @ portal.normal) <= 2.0 * field.spacing and offset @ offset <= portal.area:
+            return _behind(portal, field)
+    clearance = field.clearance_at(point)
+    if clearance <= 0.0:
+        raise InputError(
+            f"The {name} {point.round(2)} m lies in rock, {'more than ' * (clearance <= -BAND * field.spacing)}"
+            f"{-clearance:.2f} m from the water. Give a point in the water or on a portal, in metres."
+        )
+    return point
+
+
+def _farthest_doors(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
+    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
+    lengths = np.array([graph.ways_from(door).lengths_to(np.array(doors)) for door in doors])
+    first, last = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
+    return doors[min(first, last)], doors[max(first, last)]
+
+
+def _farthest_door(field: DistanceField, vehicle_radius: float, doors: list[Array], given: Array) -> Array:
+    """Return the portal's place farthest from a point; without another portal, the farthest place at all."""
+    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
+    others = [door for door in doors if np.linalg.norm(door - given) > graph.spacing]
+    if not others:
+        return _farthest(WaterGraph(field, vehicle_radius), given)
+    lengths = graph.ways_from(given).lengths_to(np.array(others))
+    return others[int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))]
+
+
+def _ends_without_portals(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
     # The vehicle must be able to reach the farthest place, so the search keeps its clearance all the way.
     graph = WaterGraph(field, vehicle_radius)
-    widest = graph.field.positions(np.array(np.unravel_index(np.argmax(graph.field.values), graph.field.values.shape)))
-    start = doors[0] if doors else _farthest(graph, widest)
+    start = doors[0] if doors else _farthest(graph, graph.points[np.argmax(graph.clearance)])
     return start, _farthest(graph, start)
 
 
@@ -137,8 +132,8 @@ def _behind(portal: Portal, field: DistanceField) -> Array:
 def _farthest(graph: WaterGraph, point: Array) -> Array:
     """Return the place with the longest way from a point."""
     lengths = graph.ways_from(point).lengths
-    index = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
-    return graph.field.positions(np.array(index))
+    farthest: Array = graph.points[np.argmax(np.where(np.isfinite(lengths), lengths, -1.0))]
+    return farthest
 
 
 def _too_tight(field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> str:

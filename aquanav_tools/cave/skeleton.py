@@ -113,7 +113,7 @@ def _group(near: dict[int, list[int]], portals: list[int]) -> list[list[int]]:
         if sample not in taken and len(others) != 2:
             groups.append(_flood(near, sample, taken) if len(others) > 2 else [sample])
             taken.update(groups[-1])
-    seen = set()
+    seen: set[int] = set()
     for group in groups:
         seen.update(_component(near, group[0]) if group[0] not in seen else ())
     for sample in near:

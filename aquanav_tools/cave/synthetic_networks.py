@@ -157,7 +157,8 @@ def combination(radius: float = 0.9, length: float = 7.0) -> Network:
     middle, far = near + ring_radius * out, near + 2.0 * ring_radius * out
     goal = far + 1.5 * length * out
     down = np.array([np.cos(0.6), -np.sin(0.6), -0.35])
-    ring = (_arc(middle, ring_radius, np.pi * 7 / 6, np.pi / 6), _arc(middle, ring_radius, np.pi * 7 / 6, np.pi * 13 / 6))
+    here = np.pi * 7 / 6
+    ring = [_arc(middle, ring_radius, here, here + half) for half in (-np.pi, np.pi)]
     return Network(
         (
             Passage(_line([-length, 0, 0], [0, 0, 0]), radius, (True, False)),

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.sections import Section
+from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.figures import BAD, BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
-from aquanav_tools.report.survey import Survey
 from aquanav_tools.report.survey_drawing import DPI, FOOT_IN, HEAD_IN, MARGIN_IN, STATION, WIDTH_IN, draw_rings
 
 NUM_COLUMNS = 6
@@ -23,21 +23,21 @@ ROSE_IN = (4.4, 4.7)
 SIZES_IN = (9.2, 4.7)
 
 
-def draw_sections(survey: Survey, path: Path) -> None:
+def draw_sections(cave: CaveMap, path: Path) -> None:
     """Write the cross-sections in order, as a diver sees them on the way in: left is left.
 
     Args:
-        survey: its sections are drawn.
+        cave: its sections are drawn.
         path: of the SVG; the PNG goes beside it.
     """
-    sections = survey.sections
+    sections = cave.sections
     cell = (WIDTH_IN - 2 * MARGIN_IN - (NUM_COLUMNS - 1) * GUTTER_IN) / NUM_COLUMNS
     scale = min(cell / max(s.width for s in sections), MAX_SECTION_IN / max(s.height for s in sections))
     rows = [sections[first : first + NUM_COLUMNS] for first in range(0, len(sections), NUM_COLUMNS)]
     heights = [scale * max(section.height for section in row) + TEXT_IN + GUTTER_IN for row in rows]
     page = HEAD_IN + sum(heights) + FOOT_IN
     figure = new_figure(WIDTH_IN, page)
-    _write_title(figure, survey.name, "Cross-sections, looking along the route; L, R, U, D in metres from the station")
+    _write_title(figure, cave.name, "Cross-sections, looking along the route; L, R, U, D in metres from the station")
     top = page - HEAD_IN - GUTTER_IN
     for number, section in enumerate(sections):
         row, column = divmod(number, NUM_COLUMNS)
@@ -78,26 +78,26 @@ def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path) -> None
     save_drawing(figure, path, DPI)
 
 
-def draw_sizes(survey: Survey, path: Path) -> None:
+def draw_sizes(cave: CaveMap, path: Path) -> None:
     """Write the width and height of the cross-sections along the route, and the free width of the marked places."""
     figure = new_figure(*SIZES_IN)
-    _write_title(figure, survey.name, "Width and height of the passage along the route, m")
+    _write_title(figure, cave.name, "Width and height of the passage along the route, m")
     axes = figure.add_axes((0.06, 0.13, 0.86, 0.62))
-    along = [section.arc_length for section in survey.sections]
+    along = [section.arc_length for section in cave.sections]
     for sizes, colour, name in (
-        ([section.width for section in survey.sections], BLUE, "width"),
-        ([section.height for section in survey.sections], INK, "height"),
+        ([section.width for section in cave.sections], BLUE, "width"),
+        ([section.height for section in cave.sections], INK, "height"),
     ):
         axes.plot(along, sizes, color=colour, linewidth=1.4, marker="o", markersize=3)
         axes.text(along[-1], sizes[-1], f"  {name}", color=colour, fontsize=9, va="center")
-    for mark in survey.marks:
+    for mark in cave.marks:
         colour = BAD if mark.is_warning else INK
-        axes.plot(survey.along(mark.position), mark.size, marker="D", markersize=5, color=colour)
+        axes.plot(cave.along(mark.position), mark.size, marker="D", markersize=5, color=colour)
         axes.annotate(
-            mark.text, (survey.along(mark.position), mark.size), xytext=(0, -6), textcoords="offset points",
+            mark.text, (cave.along(mark.position), mark.size), xytext=(0, -6), textcoords="offset points",
             ha="center", va="top", color=colour, fontsize=9, fontweight="bold",
         )  # fmt: skip
-    axes.set_xlim(0.0, survey.along(survey.centreline[-1]))
+    axes.set_xlim(0.0, cave.along(cave.centreline[-1]))
     axes.set_ylim(bottom=0.0)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(MUTED)

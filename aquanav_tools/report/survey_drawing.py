@@ -10,6 +10,7 @@ import numpy as np
 
 from aquanav_tools.cave.route import resample
 from aquanav_tools.cave.sections import arc_lengths, floor_and_ceiling
+from aquanav_tools.report.cave_map import CaveMap, bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import (
     BAD,
     BLUE,
@@ -24,7 +25,6 @@ from aquanav_tools.report.figures import (
 )
 from aquanav_tools.report.labels import Labels
 from aquanav_tools.report.relief import View, plan_and_section
-from aquanav_tools.report.survey import Survey, bounds, lid_rings, silhouette
 from aquanav_tools.types import Array
 
 DPI = 150
@@ -50,32 +50,32 @@ STATION: dict[str, Any] = {"marker": "o", "markerfacecolor": "white", "markeredg
 Project = Callable[[Array], Array]
 
 
-def draw_plan(survey: Survey, path: Path) -> None:
+def draw_plan(cave: CaveMap, path: Path) -> None:
     """Write the plan: the water's outline from above, turned so that the route runs to the right, with a north arrow.
 
     Args:
-        survey: what to draw.
+        cave: what to draw.
         path: of the SVG; the PNG goes beside it.
     """
-    plan, _ = plan_and_section(survey.centreline)
-    figure = _draw_view(survey, plan, "Plan, seen from above")
+    plan, _ = plan_and_section(cave.centreline)
+    figure = _draw_view(cave, plan, "Plan, seen from above")
     _draw_north(figure, plan)
     save_drawing(figure, path, DPI)
 
 
-def draw_elevation(survey: Survey, path: Path) -> None:
+def draw_elevation(cave: CaveMap, path: Path) -> None:
     """Write the projected elevation: the water's outline seen from the side, the route running to the right."""
-    _, section = plan_and_section(survey.centreline)
+    _, section = plan_and_section(cave.centreline)
     north = np.degrees(np.arctan2(-section.towards[0], -section.towards[1])) % 360.0
-    figure = _draw_view(survey, section, f"Projected elevation, looking towards {north:.0f}°")
+    figure = _draw_view(cave, section, f"Projected elevation, looking towards {north:.0f}°")
     save_drawing(figure, path, DPI)
 
 
-def draw_long_section(survey: Survey, path: Path) -> None:
+def draw_long_section(cave: CaveMap, path: Path) -> None:
     """Write the extended elevation: heights of floor, route and ceiling against the distance along the route."""
-    line = resample(survey.centreline, PROFILE_STEP)
+    line = resample(cave.centreline, PROFILE_STEP)
     along = arc_lengths(line)
-    floor, ceiling = floor_and_ceiling(survey.cavity.mesh, line)
+    floor, ceiling = floor_and_ceiling(cave.cavity.mesh, line)
     low, high = np.array([0.0, np.nanmin(floor)]), np.array([along[-1], np.nanmax(ceiling)])
     scale = (WIDTH_IN - 2 * MARGIN_IN) / (high[0] - low[0])
     natural = (high[1] - low[1]) * min(scale, MAX_HEIGHT_IN / (high[1] - low[1]))
@@ -83,8 +83,8 @@ def draw_long_section(survey: Survey, path: Path) -> None:
     note = "heights and lengths on one scale" if exaggeration == 1 else f"heights {exaggeration} times exaggerated"
     stretch = np.array([1.0, float(exaggeration)])
     title = f"Long section along the route, {note}"
-    figure, axes = _new_sheet(survey, title, low * stretch, high * stretch, foot_in=FOOT_IN + 0.45)
-    _draw_key(figure, survey, has_portals=False)
+    figure, axes = _new_sheet(cave, title, low * stretch, high * stretch, foot_in=FOOT_IN + 0.45)
+    _draw_key(figure, cave, has_portals=False)
     axes.fill_between(along, exaggeration * floor, exaggeration * ceiling, color=WATER, linewidth=0.0, zorder=1)
     for heights in (floor, ceiling):
         axes.plot(along, exaggeration * heights, color=INK, linewidth=1.2, zorder=2)
@@ -92,27 +92,27 @@ def draw_long_section(survey: Survey, path: Path) -> None:
     _draw_height_axis(axes, exaggeration, num_heights=2 + int(exaggeration * natural))
 
     def project(points: Array) -> Array:
-        return _unrolled(survey, points) * stretch
+        return _unrolled(cave, points) * stretch
 
-    _number_stations(_mark_places(figure, axes, survey, project), survey, project)
+    _number_stations(_mark_places(figure, axes, cave, project), cave, project)
     save_drawing(figure, path, DPI)
 
 
-def _draw_view(survey: Survey, view: View, title: str) -> Any:
+def _draw_view(cave: CaveMap, view: View, title: str) -> Any:
     """Return a figure of the water's outline in a view with all that is known to be inside."""
-    rings = silhouette(survey.cavity.mesh, view)
-    figure, axes = _new_sheet(survey, title, *bounds(rings))
-    _draw_key(figure, survey, has_portals=bool(survey.cavity.portals))
+    rings = silhouette(cave.cavity.mesh, view)
+    figure, axes = _new_sheet(cave, title, *bounds(rings))
+    _draw_key(figure, cave, has_portals=bool(cave.cavity.portals))
     draw_rings(axes, rings)
-    for portal in survey.cavity.portals:
-        draw_rings(axes, lid_rings(survey.cavity, portal.label, view), LID_WASH, PORTAL, 2.2)
-    for branch in survey.branches:
+    for portal in cave.cavity.portals:
+        draw_rings(axes, lid_rings(cave.cavity, portal.label, view), LID_WASH, PORTAL, 2.2)
+    for branch in cave.branches:
         axes.plot(*view.project(branch).T, color=MUTED, linewidth=0.9, dashes=(5, 2.5), zorder=3)
-    axes.plot(*view.project(survey.centreline).T, color=BLUE, linewidth=1.1, dashes=(5, 2.5), zorder=3)
-    labels = _mark_places(figure, axes, survey, view.project)
-    for portal in survey.cavity.portals:
+    axes.plot(*view.project(cave.centreline).T, color=BLUE, linewidth=1.1, dashes=(5, 2.5), zorder=3)
+    labels = _mark_places(figure, axes, cave, view.project)
+    for portal in cave.cavity.portals:
         labels.add(view.project(portal.centre), f"Portal {portal.label}", color=PORTAL)
-    _number_stations(labels, survey, view.project)
+    _number_stations(labels, cave, view.project)
     return figure
 
 
@@ -130,7 +130,7 @@ def draw_rings(axes: Any, rings: Sequence[Array], fill: str = WATER, ink: str = 
     )  # fmt: skip
 
 
-def _new_sheet(survey: Survey, title: str, low: Array, high: Array, foot_in: float = FOOT_IN) -> tuple[Any, Any]:
+def _new_sheet(cave: CaveMap, title: str, low: Array, high: Array, foot_in: float = FOOT_IN) -> tuple[Any, Any]:
     """Return a figure and axes in inches-true scale around the drawing's bounds, with title, scale bar and key."""
     room_in = WIDTH_IN - 2 * MARGIN_IN
     width, height = np.maximum(high - low, 1e-6)
@@ -144,13 +144,13 @@ def _new_sheet(survey: Survey, title: str, low: Array, high: Array, foot_in: flo
     axes.set_ylim(low[1], low[1] + height)
     axes.set_axis_off()
     left, top = MARGIN_IN / WIDTH_IN, 1.0 - 0.22 / page_height
-    figure.text(left, top, survey.name, color=INK, fontsize=13, fontweight="bold", va="top")
+    figure.text(left, top, cave.name, color=INK, fontsize=13, fontweight="bold", va="top")
     figure.text(left, top - 0.24 / page_height, title, color=MUTED, fontsize=10, va="top")
     draw_scale_bar(figure, scale, MARGIN_IN, 0.28)
     return figure, axes
 
 
-def _draw_key(figure: Any, survey: Survey, has_portals: bool) -> None:
+def _draw_key(figure: Any, cave: CaveMap, has_portals: bool) -> None:
     """Explain the signs that the drawing uses, lower right."""
     from matplotlib.lines import Line2D
 
@@ -158,12 +158,12 @@ def _draw_key(figure: Any, survey: Survey, has_portals: bool) -> None:
         Line2D([], [], color=BLUE, linewidth=1.1, dashes=(5, 2.5), label="route"),
         Line2D([], [], **STATION, linestyle="", markersize=4, label="station"),
     ]
-    if survey.branches:
+    if cave.branches:
         entries.append(Line2D([], [], color=MUTED, linewidth=0.9, dashes=(5, 2.5), label="other passages"))
     if has_portals:
         entries.append(Line2D([], [], color=PORTAL, linewidth=2.2, label="portal"))
     for is_warning, colour, name in ((False, INK, "narrow, passable"), (True, BAD, "too narrow for the vehicle")):
-        if any(mark.is_warning == is_warning for mark in survey.marks):
+        if any(mark.is_warning == is_warning for mark in cave.marks):
             entries.append(Line2D([], [], color=colour, marker="D", linestyle="", markersize=5, label=name))
     figure.legend(
         handles=entries, loc="lower right",
@@ -204,18 +204,18 @@ def _draw_height_axis(axes: Any, exaggeration: int, num_heights: int) -> None:
     axes.set_xlabel("distance along the route, m", color=MUTED, fontsize=9)
 
 
-def _unrolled(survey: Survey, points: Array) -> Array:
+def _unrolled(cave: CaveMap, points: Array) -> Array:
     """Return the (N, 2) distance along the route and height of (N, 3) points."""
-    return np.array([[survey.along(point), point[2]] for point in points]).reshape(-1, 2)
+    return np.array([[cave.along(point), point[2]] for point in points]).reshape(-1, 2)
 
 
-def _mark_places(figure: Any, axes: Any, survey: Survey, project: Project) -> Labels:
+def _mark_places(figure: Any, axes: Any, cave: CaveMap, project: Project) -> Labels:
     """Draw stations, both ends of the route and the marks, and return their labels, which leave room for more."""
     labels = Labels(figure, axes)
     labels.keep_inside(HEIGHTS_IN, WIDTH_IN)
-    stations = project(survey.stations)
-    ends = project(survey.centreline[[0, -1]])
-    marks = project(np.array([mark.position for mark in survey.marks]).reshape(-1, 3))
+    stations = project(cave.stations)
+    ends = project(cave.centreline[[0, -1]])
+    marks = project(np.array([mark.position for mark in cave.marks]).reshape(-1, 3))
     labels.keep_free(np.vstack([stations, marks]), 3.0)
     labels.keep_free(ends, 6.0)
     axes.plot(*stations.T, **STATION, linestyle="", markersize=4, zorder=4, clip_on=False)
@@ -223,14 +223,14 @@ def _mark_places(figure: Any, axes: Any, survey: Survey, project: Project) -> La
         axes.scatter(*end, marker=marker, s=45 if marker == "o" else 150, color=colour, edgecolors=INK,
                      linewidths=0.8, zorder=6, clip_on=False)  # fmt: skip
         labels.add(end, name, fontweight="bold", fontsize=10)
-    for point, mark in zip(marks, survey.marks, strict=True):
+    for point, mark in zip(marks, cave.marks, strict=True):
         colour = BAD if mark.is_warning else INK
         axes.scatter(*point, marker="D", s=24, color=colour, edgecolors="white", linewidths=0.7, zorder=6)
         labels.add(point, mark.text, color=colour, fontweight="bold")
     return labels
 
 
-def _number_stations(labels: Labels, survey: Survey, project: Project) -> None:
+def _number_stations(labels: Labels, cave: CaveMap, project: Project) -> None:
     """Write every station's number where there is room."""
-    for number, station in enumerate(project(survey.stations)):
+    for number, station in enumerate(project(cave.stations)):
         labels.add(station, str(number), must=False, color=MUTED, fontsize=8)

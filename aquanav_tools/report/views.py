@@ -11,10 +11,10 @@ from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.portals import plane_axes
 from aquanav_tools.cave.sections import arc_lengths, point_at
 from aquanav_tools.report.camera import SUPERSAMPLING, Camera, Scene, Shot, is_visible, pixel_of, shrink
+from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.figures import BAD, INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.labels import Labels
 from aquanav_tools.report.relief import plan_and_section
-from aquanav_tools.report.survey import Survey
 from aquanav_tools.types import Array
 
 DPI = 130
@@ -46,18 +46,18 @@ HOOP_STEP = 0.01
 """Distance between the dots a panel's outline is drawn with, m."""
 
 
-def draw_views(survey: Survey, panels: tuple[Array, ...], path: Path) -> None:
+def draw_views(cave: CaveMap, panels: tuple[Array, ...], path: Path) -> None:
     """Write a PNG with two views from outside and three from inside.
 
     Rock that the scan saw, wall that was filled in and portals differ in colour; panels are drawn as white hoops.
 
     Args:
-        survey: the cave, its route and the marked places.
+        cave: the cave, its route and the marked places.
         panels: (K, 3) outline of each panel, m.
         path: of the PNG.
     """
-    scene = Scene(survey.cavity.mesh)
-    outside, inside = _outside_cameras(survey), _inside_cameras(survey)
+    scene = Scene(cave.cavity.mesh)
+    outside, inside = _outside_cameras(cave), _inside_cameras(cave)
     room = WIDTH_IN - 2 * MARGIN_IN
     tall = min(room / outside[0].aspect, MAX_OUTSIDE_IN)
     small = (room - 2 * MARGIN_IN) / 3
@@ -68,22 +68,22 @@ def draw_views(survey: Survey, panels: tuple[Array, ...], path: Path) -> None:
         bottom -= tall + CAPTION_IN
         size = (tall * camera.aspect, tall)
         axes = _add_picture(figure, (0.5 * (WIDTH_IN - size[0]), bottom), size, caption)
-        _draw(figure, axes, survey, panels, scene, camera)
+        _draw(figure, axes, cave, panels, scene, camera)
     bottom -= small / inside[0].aspect + CAPTION_IN
     for column, (camera, share) in enumerate(zip(inside, STATIONS, strict=True)):
-        caption = f"Inside, {share * arc_lengths(survey.centreline)[-1]:.1f} m along the route, looking ahead"
+        caption = f"Inside, {share * arc_lengths(cave.centreline)[-1]:.1f} m along the route, looking ahead"
         corner = (MARGIN_IN + column * (small + MARGIN_IN), bottom)
         axes = _add_picture(figure, corner, (small, small / camera.aspect), caption)
-        _draw(figure, axes, survey, panels, scene, camera)
+        _draw(figure, axes, cave, panels, scene, camera)
     draw_scale_bar(figure, 0.5 * tall * outside[0].aspect / outside[0].reach, MARGIN_IN, 0.2)
-    _draw_key(figure, survey, page)
+    _draw_key(figure, cave, page)
     save_figure(figure, path, DPI)
 
 
-def _outside_cameras(survey: Survey) -> tuple[Camera, Camera]:
+def _outside_cameras(cave: CaveMap) -> tuple[Camera, Camera]:
     """Return parallel cameras at both long sides of the cave, one above it and one below, on one scale."""
-    _, section = plan_and_section(survey.centreline)
-    vertices = survey.cavity.mesh.vertices
+    _, section = plan_and_section(cave.centreline)
+    vertices = cave.cavity.mesh.vertices
     cameras = []
     for side, tilt in ((1.0, TILT), (-1.0, -TILT)):
         right = side * section.right
@@ -101,14 +101,14 @@ def _outside_cameras(survey: Survey) -> tuple[Camera, Camera]:
     return first, second
 
 
-def _inside_cameras(survey: Survey) -> tuple[Camera, ...]:
+def _inside_cameras(cave: CaveMap) -> tuple[Camera, ...]:
     """Return pinhole cameras on the route that look along it."""
-    lengths = arc_lengths(survey.centreline)
+    lengths = arc_lengths(cave.centreline)
     ahead = max(LOOK_AHEAD * lengths[-1], MIN_LOOK_AHEAD)
     cameras = []
     for share in STATIONS:
         here = min(share * lengths[-1], max(lengths[-1] - ahead, 0.0))
-        position, target = point_at(survey.centreline, lengths, np.array([here, min(here + ahead, lengths[-1])]))
+        position, target = point_at(cave.centreline, lengths, np.array([here, min(here + ahead, lengths[-1])]))
         left, up = plane_axes((target - position) / np.linalg.norm(target - position))
         cameras.append(Camera(position, -left, up, float(np.tan(0.5 * FIELD_OF_VIEW)), 4 / 3, is_parallel=False))
     return tuple(cameras)
@@ -122,21 +122,21 @@ def _add_picture(figure: Any, corner_in: tuple[float, float], size_in: tuple[flo
     return axes
 
 
-def _draw(figure: Any, axes: Any, survey: Survey, panels: tuple[Array, ...], scene: Scene, camera: Camera) -> None:
+def _draw(figure: Any, axes: Any, cave: CaveMap, panels: tuple[Array, ...], scene: Scene, camera: Camera) -> None:
     """Draw what a camera sees, with hoops for the panels and the names of portals and marks that are in sight."""
     width_in = axes.get_position().width * WIDTH_IN
     shot = scene.look(camera, round(SUPERSAMPLING * DPI * width_in))
-    surface = paint(survey.cavity)
-    colours = _sunlit(shot, camera, surface) if camera.is_parallel else _lamplit(shot, surface, survey)
-    slack = 0.004 * float(np.ptp(survey.cavity.mesh.vertices, axis=0).max())
+    surface = paint(cave.cavity)
+    colours = _sunlit(shot, camera, surface) if camera.is_parallel else _lamplit(shot, surface, cave)
+    slack = 0.004 * float(np.ptp(cave.cavity.mesh.vertices, axis=0).max())
     for outline in panels:
-        _draw_hoop(colours, shot, camera, outline, survey, slack)
+        _draw_hoop(colours, shot, camera, outline, cave, slack)
     height, width = shot.faces.shape
     axes.imshow(shrink(colours), extent=(0, width, height, 0), interpolation="antialiased")
     labels = Labels(figure, axes)
-    places = [(portal.centre, f"Portal {portal.label}", PORTAL, False) for portal in survey.cavity.portals]
+    places = [(portal.centre, f"Portal {portal.label}", PORTAL, False) for portal in cave.cavity.portals]
     # A mark stands in the middle of the water, so from outside its own wall hides it: show it all the same.
-    places += [(m.position, m.text, BAD if m.is_warning else INK, camera.is_parallel) for m in survey.marks]
+    places += [(m.position, m.text, BAD if m.is_warning else INK, camera.is_parallel) for m in cave.marks]
     for position, text, colour, must in places:
         if must or is_visible(shot, camera, position[None], slack)[0]:
             (row, column), _ = (values[0] for values in pixel_of(shot, camera, position[None]))
@@ -161,21 +161,21 @@ def _sunlit(shot: Shot, camera: Camera, surface: Array) -> Array:
     return np.where(shot.is_hit[..., None], np.clip(colours, 0.0, 1.0), 1.0)
 
 
-def _lamplit(shot: Shot, surface: Array, survey: Survey) -> Array:
+def _lamplit(shot: Shot, surface: Array, cave: CaveMap) -> Array:
     """Return the (H, W, 3) colours of a view from inside: bright near the lamp and where the wall faces it."""
-    light = (0.2 + 0.9 * shot.facing) * _lamp(shot.distance, survey)
+    light = (0.2 + 0.9 * shot.facing) * _lamp(shot.distance, cave)
     colours = DEEP + (surface[shot.faces] - DEEP) * light[..., None]
     return np.where(shot.is_hit[..., None], np.clip(colours, 0.0, 1.0), DEEP)
 
 
-def _lamp(distance: Array, survey: Survey) -> Array:
+def _lamp(distance: Array, cave: CaveMap) -> Array:
     """Return the brightness of the lamp at a distance, 1 at the lamp."""
-    reach = LAMP_REACH * float(np.sqrt(np.mean([section.area for section in survey.sections])))
+    reach = LAMP_REACH * float(np.sqrt(np.mean([section.area for section in cave.sections])))
     brightness: Array = 1.0 / (1.0 + (distance / reach) ** 2)
     return brightness
 
 
-def _draw_hoop(colours: Array, shot: Shot, camera: Camera, outline: Array, survey: Survey, slack: float) -> None:
+def _draw_hoop(colours: Array, shot: Shot, camera: Camera, outline: Array, cave: CaveMap, slack: float) -> None:
     """Paint the visible part of a panel's (K, 3) outline into the picture, in place; inside, it fades as the wall."""
     closed = np.vstack([outline, outline[:1]])
     lengths = arc_lengths(closed)
@@ -185,7 +185,7 @@ def _draw_hoop(colours: Array, shot: Shot, camera: Camera, outline: Array, surve
         return
     pixels, distance = pixel_of(shot, camera, dots)
     rows, columns = pixels.astype(int).T
-    paint_share = 0.75 * (1.0 if camera.is_parallel else _lamp(distance, survey)[:, None])
+    paint_share = 0.75 * (1.0 if camera.is_parallel else _lamp(distance, cave)[:, None])
     for down in range(SUPERSAMPLING):
         for across in range(SUPERSAMPLING):
             row = np.clip(rows + down, 0, len(colours) - 1)
@@ -193,7 +193,7 @@ def _draw_hoop(colours: Array, shot: Shot, camera: Camera, outline: Array, surve
             colours[row, column] = (1.0 - paint_share) * colours[row, column] + paint_share
 
 
-def _draw_key(figure: Any, survey: Survey, height: float) -> None:
+def _draw_key(figure: Any, cave: CaveMap, height: float) -> None:
     from matplotlib.lines import Line2D
 
     square: dict[str, Any] = {"marker": "s", "linestyle": "", "markersize": 9}
@@ -204,7 +204,7 @@ def _draw_key(figure: Any, survey: Survey, height: float) -> None:
         Line2D([], [], color="#b9c6cc", linewidth=1.2, label="panel"),
     ]
     for is_warning, colour, name in ((False, INK, "narrow, passable"), (True, BAD, "too narrow")):
-        if any(mark.is_warning == is_warning for mark in survey.marks):
+        if any(mark.is_warning == is_warning for mark in cave.marks):
             entries.append(Line2D([], [], color=colour, marker="D", linestyle="", markersize=5, label=name))
     figure.legend(
         handles=entries, loc="lower right", bbox_to_anchor=(1.0 - MARGIN_IN / WIDTH_IN, 0.1 / height),

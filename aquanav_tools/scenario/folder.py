@@ -34,7 +34,7 @@ def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
     geometry.write_cavity(scenario.cavity, folder / "cave.ply")
     geometry.write_collision(scenario.collision, folder / "collision.obj")
     geometry.write_field(scenario.field, folder / "field.npz")
-    geometry.write_guide(scenario.guide, scenario.cavity.portals, folder / "guide.json")
+    geometry.write_guide(scenario.guide, scenario.cavity.portals, folder / "guide.json", scenario.network)
     geometry.write_starts(scenario.starts, folder / "starts.json")
     names = list(GEOMETRY_FILES)
     if scenario.vehicle_toml:
@@ -72,6 +72,7 @@ def read_scenario(folder: str | Path) -> Scenario:
         guide=guide,
         starts=geometry.read_starts(folder / "starts.json"),
         vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
+        network=geometry.read_network(folder / "guide.json"),
         content_hash=_content_hash(folder, hashes),
         folder=folder.resolve(),
     )

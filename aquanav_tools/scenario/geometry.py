@@ -4,21 +4,27 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
-from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.centreline_graph import NO_NETWORK, CentrelineGraph
+from aquanav_tools.cave.field import BRICK, DistanceField, field_from_bricks
 from aquanav_tools.cave.guide import Guide, Panel
 from aquanav_tools.cave.starts import Start
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario.centreline_table import graph_from_table, graph_to_table
 from aquanav_tools.types import Array, Mesh, Pose
 
-MAX_SAMPLES = 500_000_000
-"""Bound on the distance field's samples: 2 GB in memory."""
+MAX_ARRAY_BYTES = 1_000_000_000
+"""Bound on each array of a distance field: 250 million samples, eight times what a build makes."""
+MAX_HEADER_BYTES = 1_000
+"""Bound on what an array's file holds beside it; NumPy writes 128."""
 
 
 def write_cavity(cavity: Cavity, path: Path) -> None:
@@ -69,39 +75,63 @@ def read_collision(path: Path) -> Mesh:
 
 
 def write_field(field: DistanceField, path: Path) -> None:
-    """Write the arrays `origin`, `spacing` and `clearance`, compressed."""
+    """Write the arrays `origin`, `spacing`, `bricks` and `clearance` (the samples of each brick), compressed."""
+    cores = field.samples[:, :BRICK, :BRICK, :BRICK]
     with path.open("wb") as stream:
-        np.savez_compressed(stream, origin=field.origin, spacing=field.spacing, clearance=field.values)
+        np.savez_compressed(stream, origin=field.origin, spacing=field.spacing, bricks=field.bricks, clearance=cores)
 
 
 def read_field(path: Path) -> DistanceField:
-    """Return the distance field in an NPZ that `write_field` wrote; nothing in it is unpickled."""
+    """Return the distance field in an NPZ that `write_field` wrote.
+
+    Nothing in it is unpickled, and nothing is unpacked before its size is known.
+    """
     try:
         with zipfile.ZipFile(path) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size > 4 * MAX_SAMPLES + 10_000:
-            raise ScenarioError(f"{path} unpacks to {size} bytes, more than {4 * MAX_SAMPLES}. Build a coarser field.")
-        with np.load(path, allow_pickle=False) as arrays:
-            origin, spacing, values = arrays["origin"], float(arrays["spacing"]), arrays["clearance"]
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as cause:
+            origin = _read_member(archive, "origin", np.float64, (3,))
+            spacing = float(_read_member(archive, "spacing", np.float64, ()))
+            bricks = _read_member(archive, "bricks", np.int32, (-1, -1, -1))
+            cores = _read_member(archive, "clearance", np.float32, (-1, BRICK, BRICK, BRICK))
+    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as cause:
         raise ScenarioError(f"{path} is not a distance field: {cause!r}. Build the scenario again.") from cause
-    if (
-        origin.shape != (3,)
-        or values.ndim != 3
-        or min(values.shape) < 2
-        or values.dtype != np.float32
-        or not spacing > 0
-    ):
+    if not bricks.size or not len(cores) or not spacing > 0:
         raise ScenarioError(
-            f"{path} has a field of shape {values.shape}, type {values.dtype}, spacing {spacing}. Build it again."
+            f"{path} has bricks {bricks.shape}, samples {cores.shape} and spacing {spacing}. Build the scenario again."
         )
-    if not (np.isfinite(origin).all() and np.isfinite(values).all()):
+    if bricks.min() < 0 or bricks.max() >= len(cores):
+        raise ScenarioError(
+            f"{path} names bricks {bricks.min()} to {bricks.max()}, but holds {len(cores)}. Build the scenario again."
+        )
+    if not (np.isfinite(origin).all() and np.isfinite(spacing) and np.isfinite(cores).all()):
         raise ScenarioError(f"{path} has values that are not finite. Build the scenario again.")
-    return DistanceField(origin.astype(np.float64), spacing, values)
+    return field_from_bricks(origin, spacing, bricks, cores)
 
 
-def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path) -> None:
-    """Write the centreline, panels and portals as JSON."""
+def _read_member(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> Any:
+    """Return one array of an NPZ, -1 standing for any length, after checking what its header promises.
+
+    Raises:
+        ValueError: it is too large, or of another type or shape.
+    """
+    member = archive.getinfo(f"{name}.npy")
+    with archive.open(member) as stream:
+        if np.lib.format.read_magic(stream) != (1, 0):
+            raise ValueError(f"{name} is not an array of NumPy's format 1.0")
+        have, fortran_order, stored = np.lib.format.read_array_header_1_0(stream)
+        num_bytes = math.prod(have) * stored.itemsize
+        if num_bytes > MAX_ARRAY_BYTES or member.file_size > MAX_ARRAY_BYTES + MAX_HEADER_BYTES:
+            raise ValueError(f"{name} takes {max(num_bytes, member.file_size)} bytes, more than {MAX_ARRAY_BYTES}")
+        fits = len(have) == len(shape) and all(want in (-1, n) for want, n in zip(shape, have, strict=True))
+        if stored != dtype or fortran_order or not fits:
+            raise ValueError(f"{name} is of type {stored} and shape {have}")
+        content = stream.read(num_bytes + 1)
+    if len(content) != num_bytes:
+        raise ValueError(f"{name} should hold {num_bytes} bytes and holds {len(content)}")
+    return np.frombuffer(content, dtype=dtype).reshape(have).copy()
+
+
+def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path, network: CentrelineGraph = NO_NETWORK) -> None:
+    """Write the centreline, panels, portals and centreline graph as JSON."""
     panels = [
         {
             "centre": panel.centre.tolist(),
@@ -116,7 +146,8 @@ def write_guide(guide: Guide, portals: tuple[Portal, ...], path: Path) -> None:
         {"label": lid.label, "centre": lid.centre.tolist(), "normal": lid.normal.tolist(), "area": lid.area}
         for lid in portals
     ]
-    _write_json({"centreline": guide.centreline.tolist(), "panels": panels, "portals": lids}, path)
+    table = {"centreline": guide.centreline.tolist(), "panels": panels, "portals": lids}
+    _write_json({**table, "centreline_graph": graph_to_table(network)}, path)
 
 
 def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
@@ -140,6 +171,15 @@ def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
         return Guide(_array(table["centreline"], (-1, 3)), panels), portals
     except (KeyError, TypeError, ValueError) as cause:
         raise ScenarioError(f"{path} is not a guide: {cause!r}. Build the scenario again.") from cause
+
+
+def read_network(path: Path) -> CentrelineGraph:
+    """Return the centreline graph in a JSON that `write_guide` wrote; folders of earlier versions have none."""
+    table = _read_json(path).get("centreline_graph")
+    try:
+        return graph_from_table(table) if table is not None else NO_NETWORK
+    except (KeyError, TypeError, ValueError) as cause:
+        raise ScenarioError(f"{path} has no valid centreline graph: {cause!r}. Build the scenario again.") from cause
 
 
 def write_starts(starts: tuple[Start, ...], path: Path) -> None:

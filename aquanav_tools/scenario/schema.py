@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.centreline_graph import NO_NETWORK, CentrelineGraph
 from aquanav_tools.cave.field import DistanceField
 from aquanav_tools.cave.guide import Guide
 from aquanav_tools.cave.starts import Start
@@ -107,6 +108,8 @@ class Scenario:
     starts: tuple[Start, ...]
     vehicle_toml: str = ""
     """The vehicle's file, so that the folder is enough by itself; empty when it names a shipped vehicle only."""
+    network: CentrelineGraph = NO_NETWORK
+    """All passages of the cave; empty when nobody looked for them."""
     content_hash: str = ""
     """SHA-256 over the hashes of all its files; empty before it is written."""
     folder: Path | None = None

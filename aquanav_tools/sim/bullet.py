@@ -53,7 +53,7 @@ class BulletWorld:
         self._mass = vehicle.total_mass
         self._reach = _contact_reach(vehicle, scenario)
         self._field = scenario.field
-        self._grid = (scenario.field.values, scenario.field.origin, scenario.field.spacing)
+        self._grid = scenario.field.grid
         # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
         self._middle = scenario.collision.vertices.mean(axis=0)
         self._client = _connect(self._dt)

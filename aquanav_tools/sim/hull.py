@@ -14,14 +14,15 @@ from aquanav_tools.sim.hydrodynamics import advance
 
 
 @numba.njit(cache=True)
-def hull_clearance(state, half_axis, radius, values, origin, spacing):  # type: ignore[no-untyped-def]
+def hull_clearance(state, half_axis, radius, bricks, samples, origin, spacing):  # type: ignore[no-untyped-def]
     """Return the distance from the capsule's hull to the nearest wall, m; negative when it overlaps.
 
     Args:
         state: (13,) position, quaternion, velocity.
         half_axis: Half the length of the capsule's cylinder, m.
         radius: Radius of the capsule, m.
-        values: (X, Y, Z) clearance on the grid of a DistanceField, m.
+        bricks: Of a DistanceField.
+        samples: Of a DistanceField, m.
         origin: (3,) position of its first sample, m.
         spacing: Distance between its samples, m.
     """
@@ -29,14 +30,14 @@ def hull_clearance(state, half_axis, radius, values, origin, spacing):  # type: 
     nearest = np.inf
     for share in (-1.0, 0.0, 1.0):
         clearance = interpolate(
-            values, origin, spacing, state[0] + share * x, state[1] + share * y, state[2] + share * z
+            bricks, samples, origin, spacing, state[0] + share * x, state[1] + share * y, state[2] + share * z
         )
         nearest = min(nearest, clearance)
     return nearest - radius
 
 
 @numba.njit(cache=True)
-def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, values, origin, spacing, after):  # type: ignore[no-untyped-def]
+def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, bricks, samples, origin, spacing, after):  # type: ignore[no-untyped-def]
     """Advance `state` in place through wrenches[first:] for as long as the hull stays clear of the wall.
 
     Args:
@@ -48,7 +49,8 @@ def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, val
         dt: Step, s.
         half_axis: Half the length of the capsule's cylinder, m.
         reach: A step is taken only when the axis keeps farther than this from the wall all the way, m.
-        values: (X, Y, Z) clearance on the grid of a DistanceField, m.
+        bricks: Of a DistanceField.
+        samples: Of a DistanceField, m.
         origin: (3,) position of its first sample, m.
         spacing: Distance between its samples, m.
         after: (13,) receives the state where the step that was not taken would lead were there no wall.
@@ -58,7 +60,7 @@ def glide(state, wrenches, first, current, parameters, dt, half_axis, reach, val
     """
     for index in range(first, len(wrenches)):
         after[:] = advance(state, wrenches[index], current, parameters, dt)
-        room = hull_clearance(state, half_axis, reach, values, origin, spacing)
+        room = hull_clearance(state, half_axis, reach, bricks, samples, origin, spacing)
         if room <= _largest_move(state, after, half_axis):
             return index
         state[:] = after

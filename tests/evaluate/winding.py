@@ -6,7 +6,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
-from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.field import DistanceField, field_from_dense
 from aquanav_tools.cave.guide import Guide, Panel
 from aquanav_tools.cave.starts import Start
 from aquanav_tools.cave.synthetic import sweep
@@ -66,4 +66,4 @@ def _field(line: np.ndarray, spacing: float = 0.1) -> DistanceField:
     axes = [np.arange(a, b, spacing) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
     distance, _ = cKDTree(line).query(points, distance_upper_bound=RADIUS + 0.4)
-    return DistanceField(low, spacing, (RADIUS - np.minimum(distance, RADIUS + 0.4)).astype(np.float32))
+    return field_from_dense(low, spacing, (RADIUS - np.minimum(distance, RADIUS + 0.4)).astype(np.float32))

@@ -69,3 +69,18 @@ def test_every_tag_is_closed(page: Page, tmp_path: Path) -> None:
 def test_table_refuses_a_row_of_another_length() -> None:
     with pytest.raises(ValueError, match="2 columns but a row of 1"):
         Table("Rows", ("a", "b"), (("1",),))
+
+
+def test_a_drawing_is_embedded_as_svg(tmp_path: Path) -> None:
+    (tmp_path / "plan.svg").write_text("<svg/>")
+    figure = Figure(tmp_path / "plan.svg", "Plan.", columns=2)
+    write_page(Page("Cave", "It went well.", figures=(figure,)), tmp_path / "a.html")
+    text = (tmp_path / "a.html").read_text()
+    assert '<figure class="columns-2">' in text
+    assert "data:image/svg+xml;base64," + base64.b64encode(b"<svg/>").decode() in text
+
+
+@pytest.mark.parametrize(("name", "columns"), [("a.gif", 3), ("a.png", 4)])
+def test_a_figure_is_a_png_or_svg_of_one_to_three_columns(name: str, columns: int) -> None:
+    with pytest.raises(ValueError, match=f"not {name} in {columns}"):
+        Figure(Path(name), "A picture.", columns)

@@ -14,10 +14,10 @@ from PIL import Image
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.sections import cross_sections
 from aquanav_tools.cave.synthetic import bend
+from aquanav_tools.report.cave_map import CaveMap, Mark, lid_rings, signed_area, silhouette
 from aquanav_tools.report.figures import WATER, round_length
 from aquanav_tools.report.relief import View, plan_and_section
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
-from aquanav_tools.report.survey import Mark, Survey, lid_rings, signed_area, silhouette
 from aquanav_tools.report.survey_drawing import DPI, MARGIN_IN, draw_elevation, draw_long_section, draw_plan
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
@@ -28,15 +28,15 @@ X, Y, Z = np.eye(3)
 DRAWINGS = (draw_plan, draw_elevation, draw_long_section, draw_sections, draw_sizes)
 
 
-def survey_of(cavity: Cavity, line: np.ndarray) -> Survey:
+def map_of(cavity: Cavity, line: np.ndarray) -> CaveMap:
     middle = line[len(line) // 2]
     marks = (Mark(middle, "0.90 m", 0.9, False), Mark(line[len(line) // 4], "0.35 m", 0.35, True))
-    return Survey("Test cave", cavity, line, cross_sections(cavity, line, 2.0), marks)
+    return CaveMap("Test cave", cavity, line, cross_sections(cavity, line, 2.0), marks)
 
 
 @pytest.fixture(scope="module")
-def straight(tube: Scenario) -> Survey:
-    return survey_of(tube.cavity, tube.guide.centreline)
+def straight(tube: Scenario) -> CaveMap:
+    return map_of(tube.cavity, tube.guide.centreline)
 
 
 def area_of(rings: tuple[np.ndarray, ...]) -> float:
@@ -81,7 +81,7 @@ def test_a_lid_is_a_line_from_above_and_a_disc_along_the_passage(tube: Scenario)
     assert abs(signed_area(disc)) == pytest.approx(tube.cavity.portals[0].area, rel=0.005)  # a millimetre of rim
 
 
-def test_the_scale_bar_tells_the_length_of_the_cave(straight: Survey, tmp_path: Path) -> None:
+def test_the_scale_bar_tells_the_length_of_the_cave(straight: CaveMap, tmp_path: Path) -> None:
     draw_plan(straight, tmp_path / "plan.svg")
     water = pixels_like(tmp_path / "plan.png", WATER)
     cave = np.ptp(filled_columns(water)) + 1
@@ -95,7 +95,7 @@ def test_the_scale_bar_tells_the_length_of_the_cave(straight: Survey, tmp_path: 
     assert TUBE_LENGTH * np.ptp(bar) / cave == pytest.approx(metres, rel=0.02)  # two pixels of 130
 
 
-def test_the_long_section_shows_floor_and_ceiling_two_metres_from_the_route(straight: Survey, tmp_path: Path) -> None:
+def test_the_long_section_shows_floor_and_ceiling_two_metres_from_the_route(straight: CaveMap, tmp_path: Path) -> None:
     draw_long_section(straight, tmp_path / "long.svg")
     water = pixels_like(tmp_path / "long.png", WATER)
     columns = filled_columns(water)
@@ -106,7 +106,7 @@ def test_the_long_section_shows_floor_and_ceiling_two_metres_from_the_route(stra
 
 
 @pytest.mark.parametrize("draw", DRAWINGS)
-def test_same_drawing_is_the_same_file_without_a_date(straight: Survey, tmp_path: Path, draw: object) -> None:
+def test_same_drawing_is_the_same_file_without_a_date(straight: CaveMap, tmp_path: Path, draw: object) -> None:
     for name in ("a.svg", "b.svg"):
         draw(straight, tmp_path / name)  # type: ignore[operator]
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
@@ -120,7 +120,7 @@ def test_same_drawing_is_the_same_file_without_a_date(straight: Survey, tmp_path
 def test_a_cave_without_portals_and_marks_can_be_drawn(tube: Scenario, tmp_path: Path, draw: object) -> None:
     blind = closed(tube.cavity.mesh)
     line = tube.guide.centreline
-    draw(Survey("Blind", blind, line, cross_sections(blind, line, 5.0)), tmp_path / "a.svg")  # type: ignore[operator]
+    draw(CaveMap("Blind", blind, line, cross_sections(blind, line, 5.0)), tmp_path / "a.svg")  # type: ignore[operator]
     assert (tmp_path / "a.png").stat().st_size > 5_000
 
 
@@ -130,7 +130,7 @@ def test_a_flat_long_section_is_exaggerated_and_says_so(tmp_path: Path, monkeypa
     solid = trimesh.creation.box((400.0, 4.0, 2.0))
     cave = closed(Mesh(np.array(solid.vertices), np.array(solid.faces)))
     line = np.linspace([-190.0, 0, 0], [190.0, 0, 0], 381)
-    draw_long_section(Survey("Flat", cave, line, cross_sections(cave, line, 20.0)), tmp_path / "a.svg")
+    draw_long_section(CaveMap("Flat", cave, line, cross_sections(cave, line, 20.0)), tmp_path / "a.svg")
     # 2 m of 380 m on 9.6 inches are 0.05 inches; 20 times make an inch.
     assert any("heights 20 times exaggerated" in text.get_text() for text in titles[0].texts)
 

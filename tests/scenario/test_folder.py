@@ -1,17 +1,24 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import shutil
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from aquanav_tools.cave.field import BRICK
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings
 from tests.caves import tube_scenario
+
+Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
 
 
 @pytest.fixture
@@ -35,7 +42,8 @@ def test_a_scenario_reads_back_as_it_was_written(tmp_path: Path) -> None:
     assert np.array_equal(read.cavity.labels, written.cavity.labels)
     assert np.array_equal(read.cavity.observed, written.cavity.observed)
     assert np.array_equal(read.cavity.mesh.vertices, written.cavity.mesh.vertices.astype(np.float32))
-    assert np.array_equal(read.field.values, written.field.values)
+    assert np.array_equal(read.field.bricks, written.field.bricks)
+    assert np.array_equal(read.field.samples, written.field.samples)
     assert np.array_equal(read.guide.centres, written.guide.centres)
     assert [s.geodesic_to_goal for s in read.starts] == [s.geodesic_to_goal for s in written.starts]
     assert [p.area for p in read.cavity.portals] == [p.area for p in written.cavity.portals]
@@ -102,8 +110,6 @@ def test_a_vehicle_that_is_a_path_is_refused(folder: Path) -> None:
 
 
 def test_a_guide_with_a_non_finite_number_is_refused(tube: Scenario, tmp_path: Path) -> None:
-    from aquanav_tools.scenario import geometry
-
     path = tmp_path / "guide.json"
     geometry.write_guide(tube.guide, tube.cavity.portals, path)
     table = json.loads(path.read_text())
@@ -111,6 +117,50 @@ def test_a_guide_with_a_non_finite_number_is_refused(tube: Scenario, tmp_path: P
     path.write_text(json.dumps(table))
     with pytest.raises(ScenarioError, match="not finite"):
         geometry.read_guide(path)
+
+
+def field_arrays(tube: Scenario) -> dict[str, np.ndarray]:
+    cores = tube.field.samples[:, :BRICK, :BRICK, :BRICK]
+    return {
+        "origin": tube.field.origin,
+        "spacing": np.array(tube.field.spacing),
+        "bricks": tube.field.bricks,
+        "clearance": cores,
+    }
+
+
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        (lambda f: {"bricks": np.where(f["bricks"] == 7, 9999, f["bricks"]).astype(np.int32)}, "to 9999, but holds"),
+        (lambda f: {"bricks": -f["bricks"]}, "names bricks -"),
+        (lambda f: {"bricks": f["bricks"].astype(np.int64)}, "is of type int64"),
+        (lambda f: {"bricks": f["bricks"][0]}, "is of type int32 and shape"),
+        (lambda f: {"clearance": np.full_like(f["clearance"], np.nan)}, "not finite"),
+        (lambda f: {"clearance": f["clearance"][:, :4]}, "is of type float32 and shape"),
+        (lambda f: {"clearance": f["clearance"][:0]}, "has bricks"),
+        (lambda f: {"clearance": np.array([None])}, "is of type object"),
+        (lambda f: {"spacing": np.array(0.0)}, "and spacing 0.0"),
+        (lambda f: {"spacing": np.array(np.inf)}, "not finite"),
+    ],
+)
+def test_a_field_that_cannot_be_is_refused(tube: Scenario, tmp_path: Path, change: Change, advice: str) -> None:
+    arrays = field_arrays(tube)
+    np.savez_compressed(tmp_path / "field.npz", **{**arrays, **change(arrays)})
+    with pytest.raises(ScenarioError, match=advice):
+        geometry.read_field(tmp_path / "field.npz")
+
+
+def test_a_field_that_promises_more_than_it_may_hold_is_refused_unread(tube: Scenario, tmp_path: Path) -> None:
+    header = io.BytesIO()
+    shape = (2_000_000, BRICK, BRICK, BRICK)
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    path = tmp_path / "field.npz"
+    np.savez(path, **{name: array for name, array in field_arrays(tube).items() if name != "clearance"})
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("clearance.npy", header.getvalue())
+    with pytest.raises(ScenarioError, match="clearance takes 4096000000 bytes, more than 1000000000"):
+        geometry.read_field(path)
 
 
 def test_settings_are_frozen(tube: Scenario) -> None:

@@ -158,7 +158,9 @@ def test_vehicle_slides_smoothly_over_the_edges_of_a_flat_floor(tube: Scenario) 
     box = trimesh.creation.box((12.0, 2.0, 4.0)).subdivide_to_size(0.4)
     box.apply_translation([10.0, 0.0, 0.0])
     mesh = Mesh(np.array(box.vertices), np.array(box.faces, dtype=np.int64))
-    no_rock = dataclasses.replace(tube.field, values=np.ones((2, 2, 2), dtype=np.float32))
+    no_rock = dataclasses.replace(
+        tube.field, bricks=np.ones((1, 1, 1), dtype=np.int32), samples=np.ones((2, 9, 9, 9), dtype=np.float32)
+    )
     floor = dataclasses.replace(tube, collision=mesh, field=no_rock)
     world = BulletWorld(floor, VEHICLE)
     world._reach = np.inf

@@ -18,8 +18,8 @@ def state_at(position: tuple[float, float, float], yaw: float = 0.0) -> Array:
     return np.array([*position, np.cos(yaw / 2), 0, 0, np.sin(yaw / 2), 0, 0, 0, 0, 0, 0])
 
 
-def grid(tube: Scenario) -> tuple[Array, Array, float]:
-    return tube.field.values, tube.field.origin, tube.field.spacing
+def grid(tube: Scenario) -> tuple[Array, Array, Array, float]:
+    return tube.field.grid
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, np.pi / 2, -2.0])

@@ -1,4 +1,4 @@
-"""What a cave survey draws: the water's outline, the line through it, its stations and the places to know."""
+"""What the drawings of a cave show: the water's outline, the line through it, its stations and the places to know."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Mark:
 
 
 @dataclass(frozen=True, eq=False)
-class Survey:
+class CaveMap:
     """A cave, ready to be drawn."""
 
     name: str

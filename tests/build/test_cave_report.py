@@ -1,0 +1,100 @@
+"""The report and the drawings' folder of a finished build."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from aquanav_tools.build.cave_report import cave_page, map_of, write_drawings
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.cave.narrows import Narrow
+from aquanav_tools.cave.statistics import ScanFit, measure_cave
+from aquanav_tools.cave.survey.svx import read_svx
+from aquanav_tools.report.html import Page, write_page
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import silent
+from tests.caves import TUBE_RADIUS
+
+PASSABLE = Narrow(np.array([7.0, 0.0, 0.0]), 6.0, 0.6, 0.457)
+TIGHT = Narrow(np.array([12.0, 0.0, 0.0]), 11.0, 0.41, 0.457)
+DRAWINGS = {
+    "centreline.svx", "views.png",
+    *(f"{name}.{kind}" for kind in ("svg", "png")
+      for name in ("plan", "long-section", "cross-sections", "elevation", "sizes", "rose")),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("scenario")
+
+
+@pytest.fixture(scope="module")
+def page(tube: Scenario, folder: Path) -> Page:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("aquanav_tools.report.views.DPI", 40)
+        statistics = measure_cave(tube.cavity, tube.field, tube.guide)
+        cave = map_of(tube, (PASSABLE, TIGHT))
+        figures = write_drawings(cave, tube, statistics.rose, folder / "drawings")
+    built = SimpleNamespace(scenario=tube, statistics=statistics, fit=ScanFit(0.002, 0.02, 0.99), voxel=0.05)
+    journal = Journal(silent)
+    journal.warn("few-starts", "Only 3 starts.")
+    return cave_page(built, cave, (PASSABLE, TIGHT), figures, journal, {})  # type: ignore[arg-type]
+
+
+def table_of(page: Page, title: str) -> list[tuple[str, ...]]:
+    (table,) = (table for table in page.tables if table.title == title)
+    return list(table.rows)
+
+
+def test_every_drawing_is_a_file_and_every_file_has_content(page: Page, folder: Path) -> None:
+    files = {path.name: path.stat().st_size for path in (folder / "drawings").iterdir()}
+    assert set(files) == DRAWINGS
+    assert min(files.values()) > 500
+    assert {figure.path.name for figure in page.figures} < DRAWINGS
+
+
+def test_the_summary_tells_a_caver_whether_the_vehicle_gets_through(page: Page) -> None:
+    assert "18.0 m of passage between -2.0 and 2.0 m of height" in page.summary
+    assert "does not pass 1 place; the tightest leaves 0.41 m" in page.summary
+
+
+def test_stations_have_the_tube_radius_on_all_four_sides(page: Page) -> None:
+    rows = table_of(page, "Stations")
+    assert [row[1] for row in rows] == [f"{along:g}" for along in range(19)]  # 18 m, one every metre
+    for row in rows:
+        assert [float(value) for value in row[3:7]] == pytest.approx([2.0] * 4, abs=0.006)  # 64 sides, two decimals
+
+
+def test_narrow_places_have_their_verdict(page: Page) -> None:
+    assert [row[:4] for row in table_of(page, "Narrow places")] == [
+        ("6.0", "0.600", "0.457", "passes"),
+        ("11.0", "0.410", "0.457", "does not pass"),
+    ]
+
+
+def test_statistics_are_those_of_the_tube(page: Page) -> None:
+    rows = dict(table_of(page, "Statistics"))  # type: ignore[arg-type]
+    assert rows["Length of the route"] == "18.00 m"
+    assert rows["Vertical range"] == "4.00 m"
+    assert rows["Main bearing"].startswith("90° or 270°, 100%")
+
+
+def test_the_page_is_one_file_with_all_that(page: Page, folder: Path) -> None:
+    write_page(page, folder / "report.html")
+    text = (folder / "report.html").read_text()
+    assert text.count("data:image/svg+xml") == 6
+    assert "few-starts" in text
+    assert "http" not in text
+
+
+def test_the_centreline_is_a_map_of_the_same_length(page: Page, folder: Path) -> None:
+    assert page.figures
+    line = read_svx(folder / "drawings" / "centreline.svx")
+    positions = np.array([station.position for station in line.stations])
+    legs = [np.linalg.norm(positions[leg.end] - positions[leg.start]) for leg in line.legs]
+    assert sum(legs) == pytest.approx(18.0, abs=0.002)  # 18 legs, each rounded to a tenth of a millimetre
+    np.testing.assert_allclose(line.passages[0].lrud, TUBE_RADIUS, atol=0.003)  # 64 sides
