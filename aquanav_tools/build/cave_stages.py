@@ -9,9 +9,11 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.cavity import Cavity, from_manifold, to_manifold
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.centreline import find_centreline
 from aquanav_tools.cave.closing import ClosedSurface, close_surface
 from aquanav_tools.cave.cloud import surface_from_cloud
+from aquanav_tools.cave.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.distance import choose_spacing, distance_field
 from aquanav_tools.cave.enclosure import check_enclosure, check_is_hollow
 from aquanav_tools.cave.evidence import NO_EVIDENCE, Evidence
@@ -55,6 +57,8 @@ class BuiltCave:
     """Median share of the view from roomy places that is scanned wall."""
     narrows: tuple[Narrow, ...]
     handles: tuple[Handle, ...]
+    """What one can swim around or through, thinnest first."""
+    collision: CollisionMesh
 
     @property
     def voxel(self) -> float:
@@ -83,29 +87,31 @@ def build_scenario(
         field = distance_field(cavity, choose_spacing(cavity, capsule.radius))
         share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
-        route = find_route(cavity, field, capsule.radius)
+        ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
+        route = find_route(cavity, field, capsule.radius, *ends)
         # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
         guide = place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
         narrows = find_narrows(guide.centreline, cavity, 2.0 * capsule.radius)
+    with journal.stage("Tracing the centreline"):
+        network = find_centreline(cavity, field)
     with journal.stage("Placing the starts"):
         starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
     with journal.stage("Simplifying the collision mesh"):
-        tolerance = COLLISION_ERROR_SHARE * capsule.radius
-        collision = _simplify(cavity, tolerance)
+        collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * capsule.radius)
     with journal.stage("Measuring the cave"):
         fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
-        statistics = measure_cave(cavity, field, guide)
+        statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
     settings = ScenarioSettings(
         name=options.name or options.output.resolve().name,
         built=BuiltBy(__version__, options.kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle.name,
-        collision_error=tolerance,
+        collision_error=collision.bound,
     )
     vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
-    scenario = Scenario(settings, cavity, collision, field, guide, starts, vehicle_toml)
-    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles)
+    scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, network=network)
+    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
     _note_weaknesses(built, options, journal)
     return built
 
@@ -176,11 +182,6 @@ def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
     roomy = indices[clearance >= 0.5 * field.max_clearance]
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])
-
-
-def _simplify(cavity: Cavity, tolerance: float) -> Mesh:
-    mesh = from_manifold(to_manifold(cavity.mesh).simplify(tolerance))
-    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
 
 
 def _sample(points: Array, rng: np.random.Generator) -> Array:

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aquanav_tools.build import outputs
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
@@ -26,7 +27,7 @@ from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.reconstruct.scale import read_positions
-from aquanav_tools.report.html import write_page
+from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording import CaveModel, record_cave
 from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenario
@@ -144,7 +145,11 @@ def _finish(
         outputs.write_viewer_model(scenario.cavity, partial / "cave.glb")
         draw_cave(scenario, partial / "cave.png")
         record_cave(CaveModel(scenario), partial / "build.rrd")
-    page = outputs.cave_page(built, partial / "cave.png", journal, facts)
+    with journal.stage("Drawing the cave"):
+        cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
+        drawings = write_drawings(cave, scenario, built.statistics.rose, partial / DRAWINGS_DIR)
+    figures = (Figure(partial / "cave.png", outputs.PICTURE_CAPTION), *drawings)
+    page = cave_page(built, cave, built.narrows, figures, journal, facts)
     facts = {**facts, **outputs.cave_facts(built)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
@@ -153,6 +158,7 @@ def _finish(
     write_page(page, partial / "report.html")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SETTINGS_FILE).unlink(missing_ok=True)
+    shutil.rmtree(folder / DRAWINGS_DIR, ignore_errors=True)
     for path in sorted(partial.iterdir(), key=lambda path: path.name == SETTINGS_FILE):
         os.replace(path, folder / path.name)
     partial.rmdir()

@@ -9,13 +9,14 @@ larger than the hole.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.closing import ClosedSurface, faces_near
+from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, IntArray, Mesh
 
@@ -35,6 +36,8 @@ MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
+CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
+"""Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
 SLIT = 1e-3
 """Thickness of the slit that a user's cut makes before one side is dropped, m."""
 
@@ -101,18 +104,10 @@ def cut_portals(
     Raises:
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
-    solid = to_manifold(closed.mesh)
-    lids = []
-    for cut in cuts:
-        solid, lid = _cut_across(solid, cut, voxel)
-        lids.append(lid)
-    for opening in openings:
-        if opening.is_portal and not _is_cut_away(solid, opening, voxel):
-            solid = _cut_flat(solid, opening)
-            lids.append(opening)
-    mesh = from_manifold(solid)
-    # The scenario stores float32: prove what will be read back.
-    mesh = Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
+    for step in CUT_STEPS:
+        mesh, lids = _cut_all(closed, openings, cuts, voxel, step * voxel)
+        if not len(self_intersections(mesh)):
+            break
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -125,6 +120,25 @@ def cut_portals(
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
     observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _cut_all(
+    closed: ClosedSurface, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+) -> tuple[Mesh, list[Opening]]:
+    """Return the closed mesh after all cuts, as it will be stored, and the lids they leave."""
+    solid = to_manifold(closed.mesh)
+    lids = []
+    for cut in cuts:
+        solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
+        lids.append(lid)
+    for opening in openings:
+        if opening.is_portal and not _is_cut_away(solid, opening, voxel):
+            lid = replace(opening, innermost=opening.innermost - inwards)
+            solid = _cut_flat(solid, lid)
+            lids.append(lid)
+    mesh = from_manifold(solid)
+    # The scenario stores float32: prove what will be read back.
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces), lids
 
 
 def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:

@@ -11,12 +11,11 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.contact import CapsuleChecker
 from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.geodesic import WaterGraph, Ways
 from aquanav_tools.cave.guide import Guide
 from aquanav_tools.cave.options import StartOptions
-from aquanav_tools.cave.route import WaterGraph, Ways
-from aquanav_tools.cave.shortcut import pull_tight
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Capsule, IntArray, Pose, yaw_quaternion
+from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
 
 logger = logging.getLogger(__name__)
 
@@ -77,13 +76,12 @@ def draw_starts(
     checker = CapsuleChecker(cavity, field, capsule)
     starts = []
     for low, high in pairwise(np.linspace(nearest, farthest, options.count + 1)):
-        inside = np.flatnonzero((places.lengths >= low) & (places.lengths <= high))
-        found = _draw(places, inside, checker, capsule.radius, options, rng)
+        found = _draw(places, low, high, checker, capsule.radius, options, rng)
         if found is None:
             logger.warning("No free start pose between %.2f m and %.2f m from the goal", low, high)
         else:
             pose, length = found
-            starts.append(Start(pose, field.clearance_at(pose.position), length, min(length / farthest, 1.0)))
+            starts.append(Start(pose, field.clearance_at(pose.position), length, length / farthest))
     _check_number(len(starts), options, nearest, farthest)
     return tuple(starts)
 
@@ -91,41 +89,40 @@ def draw_starts(
 def _places(field: DistanceField, goal: Array, radius: float, margin: float) -> _Places:
     graph = WaterGraph(field, radius)
     ways = graph.ways_from(goal)
-    free = np.argwhere((graph.field.values >= radius + margin) & np.isfinite(ways.lengths))
+    free = np.flatnonzero((graph.clearance >= radius + margin) & np.isfinite(ways.lengths))
     if not len(free):
         raise MeshError(
             f"No start: no place from which the goal can be reached has {radius + margin:.2f} m of clearance (the "
             f"vehicle's radius and --starts.margin {margin:.2f}). Choose a smaller vehicle or margin."
         )
-    return _Places(ways, graph.field.positions(free), ways.lengths[tuple(free.T)])
+    return _Places(ways, graph.points[free], ways.lengths[free])
 
 
 def _draw(
     places: _Places,
-    inside: IntArray,
+    low: float,
+    high: float,
     checker: CapsuleChecker,
     radius: float,
     options: StartOptions,
     rng: np.random.Generator,
 ) -> tuple[Pose, float] | None:
-    """Return a free pose near one of some places, drawn evenly, and its way to the goal, m; None when none is found."""
-    half_cell = 0.5 * places.ways.graph.field.spacing
+    """Return a free pose drawn evenly from the places with a way of `low` to `high` m, and its way, m, or None."""
+    half_cell = 0.5 * places.ways.graph.spacing
+    slack = np.sqrt(3.0) * half_cell
+    inside = np.flatnonzero((places.lengths >= low - slack) & (places.lengths <= high + slack))
     spread = np.deg2rad(options.max_yaw_error_deg)
     for _ in range(TRIES_PER_START if len(inside) else 0):
         position = places.points[rng.choice(inside)] + rng.uniform(-half_cell, half_cell, 3)
-        way = _way_to_goal(places.ways, position)
-        yaw = _yaw_along(way, radius) + rng.uniform(-spread, spread)
-        pose = Pose(position, yaw_quaternion(float(yaw)))
+        turn = rng.uniform(-spread, spread)
+        path = places.ways.path_to(position)
+        length = np.inf if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        if path is None or not low <= length <= high:
+            continue
+        pose = Pose(position, yaw_quaternion(_yaw_along(path[::-1], radius) + turn))
         if checker.distance(pose) > options.margin:
-            return pose, float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+            return pose, length
     return None
-
-
-def _way_to_goal(ways: Ways, position: Array) -> Array:
-    """Return the (C, 3) corners of the shortest way from a position that can reach the goal, m."""
-    path = ways.path_to(position)
-    assert path is not None
-    return pull_tight(np.vstack([path, position]), ways.graph)[::-1]
 
 
 def _yaw_along(way: Array, radius: float) -> float:
