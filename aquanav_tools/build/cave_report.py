@@ -74,6 +74,27 @@ def write_centreline(cave: CaveMap, path: Path) -> None:
     write_svx(path, cave.name, points, lrud, {"entrance": 0} if cave.cavity.portals else None)
 
 
+def survey_facts(cave: CaveMap, narrows: Sequence[Narrow]) -> dict[str, Any]:
+    """Return stations and narrow places as plain values, for report.json."""
+    sizes = ("arc_length", "left", "right", "up", "down", "width", "height", "area", "perimeter")
+    return {
+        "stations": [
+            {"position": section.centre.tolist(), **{name: getattr(section, name) for name in sizes}}
+            for section in cave.sections
+        ],
+        "narrow_places": [
+            {
+                "position": narrow.position.tolist(),
+                "arc_length": narrow.arc_length,
+                "width": narrow.width,
+                "vehicle_width": narrow.vehicle_width,
+                "is_passable": narrow.is_passable,
+            }
+            for narrow in narrows
+        ],
+    }
+
+
 def cave_page(
     built: BuiltCave,
     cave: CaveMap,

@@ -17,7 +17,10 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.narrows import largest_vehicle
-from aquanav_tools.report.html import Notice, Page, Table
+from aquanav_tools.errors import MeshError
+from aquanav_tools.report.faults import draw_faults
+from aquanav_tools.report.html import Figure, Notice, Page, Table
+from aquanav_tools.types import Mesh
 
 LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
 WALL_COLOUR = (126, 150, 160, 255)
@@ -103,15 +106,33 @@ def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-def failure_page(options: BuildOptions, error: Exception, journal: Journal, facts: dict[str, Any]) -> Page:
-    """Return the report of a build that stopped."""
+def failure_page(
+    options: BuildOptions, error: Exception, journal: Journal, facts: dict[str, Any], figures: tuple[Figure, ...] = ()
+) -> Page:
+    """Return the report of a build that stopped, with what `draw_failure` drew."""
+    places = error.places if isinstance(error, MeshError) else ()
+    rows = tuple((str(number), _row(np.array(where)), what) for number, (where, what) in enumerate(places, start=1))
     return Page(
         title=f"Build of {options.output.name} stopped",
         summary=str(error),
         warnings=notices(journal),
-        tables=(*photo_tables(facts), stage_table(journal)),
+        figures=figures,
+        tables=(
+            *((Table("Where", ("number", "position (m)", "what is there"), rows),) if rows else ()),
+            *photo_tables(facts),
+            stage_table(journal),
+        ),
         footer=footer(),
     )
+
+
+def draw_failure(surface: Mesh, error: Exception, path: Path) -> tuple[Figure, ...]:
+    """Draw the places that an error names into a PNG and return its figure; nothing where it names none."""
+    places = error.places if isinstance(error, MeshError) else ()
+    if not places:
+        return ()
+    draw_faults(surface, np.array([where for where, _ in places]), [what for _, what in places], path)
+    return (Figure(path, "The surface and the places to repair; they are numbered as in the table."),)
 
 
 def stage_table(journal: Journal) -> Table:

@@ -17,7 +17,7 @@ import re
 import shutil
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -39,6 +39,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="only a dozen small cases")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
+    parser.add_argument("--jobs", type=int, default=1, help="builds at the same time")
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real scans; skipped when absent")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "corpus", help="where inputs and results go")
@@ -50,21 +51,24 @@ def main() -> None:
     arguments = parse_arguments()
     store = arguments.output / "results.jsonl"
     arguments.output.mkdir(parents=True, exist_ok=True)
-    # A fresh process per case: what makes and judges may crash, and the children's memory is counted from the parent's.
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+    # Inputs are made and judged in other processes: a build's memory is counted from the size of its parent.
+    with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
         names = pool.submit(list_names, arguments.data, arguments.quick, arguments.only).result()
-        done = {} if arguments.fresh else read_results(store)
         if arguments.fresh:
             store.unlink(missing_ok=True)
+        done = read_results(store)
         todo = [name for name in names if name not in done]
         print(f"{len(names)} inputs, {len(names) - len(todo)} done before.", flush=True)
         began = time.monotonic()
-        for place, name in enumerate(todo):
-            done[name] = run_case(pool, name, arguments)
-            with store.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(done[name]) + "\n")
-            left = (time.monotonic() - began) / (place + 1) * (len(todo) - place - 1)
-            print(f"{place + 1}/{len(todo)} {summary(done[name])}; {left / 60:.0f} min left", flush=True)
+        with ThreadPoolExecutor(arguments.jobs) as threads:
+            running = [threads.submit(run_case, pool, name, arguments) for name in todo]
+            for place, future in enumerate(as_completed(running)):
+                result = future.result()
+                done[result["name"]] = result
+                with store.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(result) + "\n")
+                left = (time.monotonic() - began) / (place + 1) * (len(todo) - place - 1)
+                print(f"{place + 1}/{len(todo)} {summary(result)}; {left / 60:.0f} min left", flush=True)
     results = [done[name] for name in names]
     print_tables(results)
     if not arguments.quick and not arguments.only:

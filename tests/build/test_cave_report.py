@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from aquanav_tools.build.cave_report import cave_page, map_of, write_drawings
+from aquanav_tools.build.cave_report import cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.outputs import draw_failure, failure_page
 from aquanav_tools.cave.narrows import Narrow
 from aquanav_tools.cave.statistics import ScanFit, measure_cave
 from aquanav_tools.cave.survey.svx import read_svx
+from aquanav_tools.errors import MeshError
 from aquanav_tools.report.html import Page, write_page
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import silent
@@ -98,3 +102,27 @@ def test_the_centreline_is_a_map_of_the_same_length(page: Page, folder: Path) ->
     legs = [np.linalg.norm(positions[leg.end] - positions[leg.start]) for leg in line.legs]
     assert sum(legs) == pytest.approx(18.0, abs=0.002)  # 18 legs, each rounded to a tenth of a millimetre
     np.testing.assert_allclose(line.passages[0].lrud, TUBE_RADIUS, atol=0.003)  # 64 sides
+
+
+def test_stations_and_narrow_places_can_be_written_as_json(tube: Scenario) -> None:
+    facts = json.loads(json.dumps(survey_facts(map_of(tube, (TIGHT,)), (TIGHT,)), allow_nan=False))
+    assert len(facts["stations"]) == 19
+    assert facts["stations"][3]["left"] == pytest.approx(TUBE_RADIUS, abs=0.003)
+    assert facts["narrow_places"] == [
+        {"position": [12.0, 0.0, 0.0], "arc_length": 11.0, "width": 0.41, "vehicle_width": 0.457, "is_passable": False}
+    ]
+
+
+def test_a_failure_shows_and_lists_the_places_of_its_error(tube: Scenario, tmp_path: Path) -> None:
+    error = MeshError("The surface has 1 hole.", [((3.0, 2.0, 0.0), "hole, 0.42 m wide")])
+    figures = draw_failure(tube.cavity.mesh, error, tmp_path / "faults.png")
+    options = BuildOptions(tmp_path / "scan.stl", tmp_path / "out")
+    write_page(failure_page(options, error, Journal(silent), {}, figures), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    for part in ("The surface has 1 hole.", "3.00, 2.00, 0.00", "hole, 0.42 m wide", "data:image/png"):
+        assert part in text
+
+
+def test_a_failure_without_places_has_no_picture(tube: Scenario, tmp_path: Path) -> None:
+    assert draw_failure(tube.cavity.mesh, MeshError("It is flat."), tmp_path / "faults.png") == ()
+    assert not (tmp_path / "faults.png").exists()

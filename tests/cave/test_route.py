@@ -18,7 +18,7 @@ from aquanav_tools.cave.portals import cut_portals, find_openings
 from aquanav_tools.cave.route import find_route
 from aquanav_tools.cave.starts import draw_starts
 from aquanav_tools.cave.surface import surface_from_mesh
-from aquanav_tools.errors import MeshError
+from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
 from tests.cave.open_caves import LENGTH, RADIUS, bend, straight
 from tests.caves import tube_cavity, tube_field, tube_guide
@@ -90,7 +90,7 @@ def test_the_shortest_way_around_a_bend_hugs_its_inside(turn: Cavity) -> None:
     between = np.arccos((start - centre) @ (end - centre) / a / b)
     arc = between - np.arccos(r / a) - np.arccos(r / b)
     truth = np.sqrt(a**2 - r**2) + np.sqrt(b**2 - r**2) + r * arc
-    assert shortest_length(ways, end) == pytest.approx(truth, rel=0.02)
+    assert shortest_length(ways, end) == pytest.approx(truth, rel=0.01)
 
 
 def test_a_passage_too_tight_for_the_vehicle_is_refused_with_both_numbers(turn: Cavity) -> None:
@@ -110,6 +110,26 @@ def test_a_narrow_place_in_a_wide_passage_is_named_with_its_clearance() -> None:
     ends = tuple(Portal(n + 1, np.array([4.0 * n, 0, 0]), np.array([2.0 * n - 1, 0, 0]), 0.5) for n in range(2))
     with pytest.raises(MeshError, match=r"its radius is 0\.20 m, the clearance at \[.*\] m is 0\.1\d m"):
         find_route(replace(tube_cavity(), portals=ends), field, CAPSULE.radius)
+
+
+def test_the_route_joins_the_ends_that_are_named() -> None:
+    cavity, field = tube_cavity(), tube_field()
+    entrance, goal = np.array([4.0, 0.5, 0.0]), np.array([12.0, 0.0, -0.5])
+    route = find_route(cavity, field, CAPSULE.radius, entrance, goal)
+    assert np.allclose(route.points[[0, -1]], [entrance, goal])
+    backwards = find_route(cavity, field, CAPSULE.radius, entrance=np.array([20.0, 0.3, 0.0]))  # on the far portal
+    assert backwards.points[0, 0] > 17.0
+    assert backwards.points[-1, 0] < 3.0
+    onwards = find_route(cavity, field, CAPSULE.radius, goal=goal)  # from the portal that is farther away
+    assert onwards.points[0, 0] < 3.0
+    assert np.allclose(onwards.points[-1], goal)
+
+
+def test_an_end_in_rock_is_refused() -> None:
+    with pytest.raises(InputError, match=r"goal \[10\. +0\. +2\.15\] m lies in rock, 0\.15 m from the water"):
+        find_route(tube_cavity(), tube_field(), CAPSULE.radius, goal=np.array([10.0, 0.0, 2.15]))
+    with pytest.raises(InputError, match=r"entrance .* lies in rock, more than 0\.30 m from the water"):
+        find_route(tube_cavity(), tube_field(), CAPSULE.radius, entrance=np.array([10.0, 0.0, 9.0]))
 
 
 def test_starts_touch_nothing_and_look_along_the_tube(rng: np.random.Generator) -> None:

@@ -44,6 +44,8 @@ PLUMBS = {"up": 1.0, "u": 1.0, "+v": 1.0, "down": -1.0, "d": -1.0, "-v": -1.0}
 LEVELS = {"level", "h"}
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)$")
 _OMITTED = {"-"}
+MAX_READING = 1e9
+"""Larger than any coordinate on Earth in millimetres would be; keeps squares and sums finite."""
 
 Resolver = Callable[[str], int]
 """Turns a station's name, as a data line has it, into its index in the field book."""
@@ -72,23 +74,28 @@ def parse_layout(words: list[str]) -> Layout:
     """Return the layout that a data command's words ask for.
 
     Raises:
-        ValueError: unknown or unfitting words; the message names them and the known ones.
+        KeyError: a word is unknown in this style; it is the argument.
+        ValueError: fields are missing.
     """
     style = STYLE_ALIASES.get(words[0].lower(), words[0].lower())
     if words[0].lower() == "default":
         return Layout()
     if style not in STYLES:
-        raise ValueError(words[0])
+        raise KeyError(words[0])
     fields = [FIELD_ALIASES.get(word.lower(), word.lower()) for word in words[1:]]
     for name, word in zip(fields, words[1:], strict=True):
         if name not in STYLES[style]:
-            raise ValueError(word)
+            raise KeyError(word)
     lines: list[list[str]] = [[]]
     for name in fields:
         if name == "newline":
             lines.append([])
         else:
             lines[-1].append(name)
+    if "station" not in fields and not {"from", "to"} <= set(fields):
+        raise ValueError("neither 'station' nor 'from' and 'to' are among the fields")
+    if style == "cartesian" and not {"dx", "dy", "dz"} <= set(fields):
+        raise ValueError("easting, northing and altitude must be among the fields")
     return Layout(style, tuple(tuple(line) for line in lines))
 
 
@@ -188,7 +195,10 @@ def number(text: str) -> float:
     """
     if not _NUMBER.match(text):
         raise ValueError(f"'{text}' is no number")
-    return float(text)
+    value = float(text)
+    if abs(value) > MAX_READING:
+        raise ValueError(f"'{text[:20]}' is larger than anything that is measured in a cave ({MAX_READING:.0e})")
+    return value
 
 
 def _assign(fields: tuple[str, ...], words: list[str]) -> dict[str, str]:

@@ -242,19 +242,25 @@ def _trend(way: Array, nodes: IntArray, ends: Array, mesh: Mesh) -> float:
     known = np.flatnonzero(np.bincount(nodes, minlength=len(way)) >= MIN_AT_STATION)
     if len(known) < 3:
         return 0.0
-    shifts = [float(np.linalg.norm(_shift(ends[nodes == node], mesh))) for node in known]
+    kept = np.isin(nodes, known)
+    shifts = np.linalg.norm(_shifts(np.searchsorted(known, nodes[kept]), ends[kept], mesh), axis=1)
     return float(theilslopes(shifts, way[known])[0])
 
 
-def _shift(points: Array, mesh: Mesh) -> Array:
-    """Return the (3,) shift that brings points onto the surface best, m."""
-    shift = np.zeros(3)
+def _shifts(group: IntArray, points: Array, mesh: Mesh) -> Array:
+    """Return the (G, 3) shift of each group of points that brings it onto the surface best, m."""
+    count = int(group.max()) + 1
+    shifts = np.zeros((count, 3))
     for _ in range(SHIFT_ITERATIONS):
-        _, nearest, normals = _to_wall(mesh, points + shift)
-        gap = np.einsum("ki,ki->k", points + shift - nearest, normals)
+        moved = points + shifts[group]
+        _, nearest, normals = _to_wall(mesh, moved)
+        gap = np.einsum("ki,ki->k", moved - nearest, normals)
         spread = max(1.4826 * float(np.median(np.abs(gap))), MIN_SPREAD)
         weights = 1.0 / (1.0 + (gap / (ROBUST_SPREADS * spread)) ** 2) ** 2
-        matrix = normals.T @ (weights[:, None] * normals)
-        matrix += SHIFT_DAMPING * np.trace(matrix) / 3.0 * np.eye(3)
-        shift = shift - np.linalg.solve(matrix, normals.T @ (weights * gap))
-    return shift
+        matrices, rights = np.zeros((count, 3, 3)), np.zeros((count, 3, 1))
+        np.add.at(matrices, group, weights[:, None, None] * normals[:, :, None] * normals[:, None, :])
+        np.add.at(rights, group, (weights * gap)[:, None, None] * normals[:, :, None])
+        damping = SHIFT_DAMPING / 3.0 * np.trace(matrices, axis1=1, axis2=2)
+        matrices += damping[:, None, None] * np.eye(3)
+        shifts = shifts - np.linalg.solve(matrices, rights)[:, :, 0]
+    return shifts

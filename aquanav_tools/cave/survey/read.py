@@ -7,15 +7,16 @@ from pathlib import Path
 from aquanav_tools.cave.survey.image import read_3d
 from aquanav_tools.cave.survey.model import Survey
 from aquanav_tools.cave.survey.svx import read_svx
+from aquanav_tools.cave.survey.therion import read_th
 from aquanav_tools.errors import InputError
 
-_READERS = {".3d": read_3d, ".svx": read_svx}
+_READERS = {".3d": read_3d, ".svx": read_svx, ".th": read_th}
 SURVEY_SUFFIXES = frozenset(_READERS)
 """Endings of files that `read_survey` reads."""
 
 
 def read_survey(path: Path) -> Survey:
-    """Return the survey in a file: Survex image (.3d) or Survex data (.svx).
+    """Return the survey in a file: Survex image (.3d), Survex data (.svx) or Therion data (.th).
 
     Raises:
         InputError: the file cannot be read; the message says where and why.

@@ -60,6 +60,10 @@ class SurveyCave:
     entrances: tuple[EntrancePlane, ...]
     num_wall_points: int
     """How many points of the wall were measured."""
+    median_misfit: float
+    """Median distance from the measured wall points to the solid's wall, m; NaN without any."""
+    p95_misfit: float
+    """95 % of the wall points are within this distance of the solid's wall, m. Long shots are among the others."""
     measured_share: float
     """Share of the centreline's length whose both ends have wall points of their own."""
     genus: int
@@ -96,6 +100,7 @@ def survey_solid(survey: Survey, voxel: float = VOXEL) -> SurveyCave:
         graph.nodes,
         planes,
         len(walls.points),
+        *_misfit(mesh, walls.points),
         share,
         genus,
         len(graph.legs) - len(graph.nodes) + 1,
@@ -105,9 +110,12 @@ def survey_solid(survey: Survey, voxel: float = VOXEL) -> SurveyCave:
 
 def _entrance_planes(survey: Survey, graph: PassageGraph, longest: Array) -> tuple[EntrancePlane, ...]:
     """Return the planes at entrances; where none is marked, where legs on the surface meet legs under ground."""
+    at_node: dict[int, StationFlag] = {}
+    for station, node in zip(survey.stations, graph.node_of.tolist(), strict=True):
+        at_node[node] = at_node.get(node, StationFlag.NONE) | station.flags
     both = StationFlag.SURFACE | StationFlag.UNDERGROUND
     marked = [index for index, station in enumerate(survey.stations) if station.flags & StationFlag.ENTRANCE]
-    guessed = [index for index, station in enumerate(survey.stations) if (station.flags & both) == both]
+    guessed = [index for index, node in enumerate(graph.node_of.tolist()) if at_node[node] & both == both]
     planes: dict[int, EntrancePlane] = {}
     for index in marked or guessed:
         node = int(graph.node_of[index])
@@ -167,6 +175,15 @@ def _prove_open(mesh: Mesh, graph: PassageGraph) -> None:
             f"{(~inside).mean():.1%} of the survey's legs lie outside the cave made of it, the first place is {place}. "
             "An entrance's plane may cut another passage: mark entrances at the ends of legs only."
         )
+
+
+def _misfit(mesh: Mesh, points: Array) -> tuple[float, float]:
+    import igl
+
+    if not len(points):
+        return float("nan"), float("nan")
+    gaps = np.sqrt(np.asarray(igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)[0]))
+    return float(np.median(gaps)), float(np.percentile(gaps, 95))
 
 
 def _warnings(

@@ -178,9 +178,10 @@ def _data(reader: _Reader, words: list[str]) -> None:
         return
     try:
         layout = parse_layout(words)
-    except ValueError as cause:
+    except KeyError as cause:
         known = STYLES.get(STYLE_ALIASES.get(words[0].lower(), words[0].lower()), {*STYLES, *STYLE_ALIASES})
-        raise ValueError(f"'{cause}' is not known here.{did_you_mean(str(cause), known)}") from cause
+        word = str(cause.args[0])
+        raise ValueError(f"'{word}' is not known here.{did_you_mean(word, known)}") from cause
     reader.data = DataLines(layout, reader.book)
 
 

@@ -41,10 +41,10 @@ def write_svx(
     names = _station_names(len(points), entrances or {})
     rounded = points.round(DECIMALS)
     lines = [f'*title "{_plain(title)}"', "*begin centreline", f"*fix {names[0]} {_numbers(rounded[0])}"]
-    lines += [f"*entrance {names[index]}" for index in (entrances or {}).values()]
     lines.append("*data cartesian from to dx dy dz")
     steps = np.diff(rounded, axis=0)
     lines += [f"{a} {b} {_numbers(step)}" for a, b, step in zip(names, names[1:], steps, strict=False)]
+    lines += [f"*entrance {names[index]}" for index in (entrances or {}).values()]
     if lrud is not None:
         lines.append("*data passage station left right up down")
         lines += [
