@@ -78,6 +78,8 @@ class Mesh:
     """(V, 3) world, m."""
     faces: IntArray
     """(F, 3) vertex indices, counter-clockwise seen from outside."""
+    colours: npt.NDArray[np.uint8] | None = None
+    """(V, 3) RGB of the vertices, or None when unknown."""
 
     @property
     def triangles(self) -> Array:

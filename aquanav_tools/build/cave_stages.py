@@ -9,17 +9,25 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.cavity import Cavity, to_manifold
-from aquanav_tools.cave.closing import close_surface, from_manifold
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.centreline import find_centreline
+from aquanav_tools.cave.closing import ClosedSurface, close_surface
+from aquanav_tools.cave.cloud import surface_from_cloud
+from aquanav_tools.cave.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.distance import choose_spacing, distance_field
-from aquanav_tools.cave.enclosure import check_enclosure
+from aquanav_tools.cave.enclosure import check_enclosure, check_is_hollow
+from aquanav_tools.cave.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.handles import Handle, find_handles
+from aquanav_tools.cave.narrows import Narrow, find_narrows
 from aquanav_tools.cave.panels import place_panels
-from aquanav_tools.cave.portals import cut_portals, find_openings
+from aquanav_tools.cave.portals import Cut, cut_portals, find_openings
+from aquanav_tools.cave.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.route import find_route
 from aquanav_tools.cave.starts import draw_starts
 from aquanav_tools.cave.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
-from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
+from aquanav_tools.cave.surface import Surface, surface_from_mesh, without_gaps
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.types import Array, Mesh, PointCloud
@@ -29,6 +37,9 @@ COLLISION_ERROR_SHARE = 0.05
 FIT_SAMPLES = 50_000
 NUM_VIEWPOINTS = 200
 MIN_OBSERVED_SHARE = 0.9
+MAX_DROPPED_SHARE = 0.05
+MAX_MEDIAN_VOXELS = 0.25
+"""Half of the scan lies at most this far from the cavity, and 95 % within a voxel; or the report says so."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +49,31 @@ class BuiltCave:
     scenario: Scenario
     statistics: CaveStatistics
     fit: ScanFit
-    voxel: float
-    method: str
-    """How the surface was closed: "lids" or "winding"."""
+    resolution: Resolution
+    surface: Surface
+    """The scan as it was used."""
+    closed: ClosedSurface
     enclosure: float
     """Median share of the view from roomy places that is scanned wall."""
+    narrows: tuple[Narrow, ...]
+    handles: tuple[Handle, ...]
+    """What one can swim around or through, thinnest first."""
+    collision: CollisionMesh
+
+    @property
+    def voxel(self) -> float:
+        """Resolution of the scan, m."""
+        return self.resolution.voxel
+
+    @property
+    def method(self) -> str:
+        """How the surface was closed: "lids" or "winding"."""
+        return self.closed.method
 
 
-def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Journal) -> BuiltCave:
+def build_scenario(
+    scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, evidence: Evidence = NO_EVIDENCE
+) -> BuiltCave:
     """Return the scenario in a scan (world frame, metres, z up).
 
     Raises:
@@ -54,38 +82,98 @@ def build_scenario(scan: Mesh | PointCloud, options: BuildOptions, journal: Jour
     vehicle = load_vehicle(options.vehicle)
     capsule = vehicle.capsule
     rng = np.random.default_rng(options.seed)
-    with journal.stage("Preparing the surface"):
-        voxel = options.closing.voxel or choose_voxel(scan, capsule.radius)
-        surface = surface_from_mesh(scan) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel)
-    with journal.stage("Closing the cavity"):
-        closed = close_surface(surface, voxel, keep_triangles=isinstance(scan, Mesh))
-        openings = find_openings(closed, options.closing.min_portal or 4.0 * capsule.radius)
-        cavity = cut_portals(closed, surface, openings, voxel)
+    resolution, surface, closed, cavity = _close(scan, options, journal, capsule.radius, evidence)
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, capsule.radius))
-        share = check_enclosure(surface, _roomy_places(field, rng), "the middle of the passage")
+        share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
-        route = find_route(cavity, field, capsule.radius)
+        ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
+        route = find_route(cavity, field, capsule.radius, *ends)
         # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
-        guide = place_panels(cavity, field, route, capsule.length, options.panels)
+        guide = place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
+        narrows = find_narrows(guide.centreline, cavity, 2.0 * capsule.radius)
+    with journal.stage("Tracing the centreline"):
+        network = find_centreline(cavity, field)
     with journal.stage("Placing the starts"):
         starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
     with journal.stage("Simplifying the collision mesh"):
-        tolerance = COLLISION_ERROR_SHARE * capsule.radius
-        collision = _simplify(cavity, tolerance)
-        fit = measure_fit(cavity, _sample(scan, rng), voxel)
+        collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * capsule.radius)
+    with journal.stage("Measuring the cave"):
+        fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
+        statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
+        handles = find_handles(cavity.mesh)
     settings = ScenarioSettings(
         name=options.name or options.output.resolve().name,
         built=BuiltBy(__version__, options.kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle.name,
-        collision_error=tolerance,
+        collision_error=collision.bound,
     )
-    statistics = measure_cave(cavity, field, guide)
-    _note_weaknesses(statistics, fit, voxel, journal)
     vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
-    scenario = Scenario(settings, cavity, collision, field, guide, starts, vehicle_toml)
-    return BuiltCave(scenario, statistics, fit, voxel, closed.method, share)
+    scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, network=network)
+    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
+    _note_weaknesses(built, options, journal)
+    return built
+
+
+def _close(
+    scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, evidence: Evidence
+) -> tuple[Resolution, Surface, ClosedSurface, Cavity]:
+    """Return the cavity in a scan, and what it was made from."""
+    given = np.array(options.closing.inside).reshape(-1, 3)
+    evidence = Evidence(np.concatenate([evidence.inside, given]), evidence.legs)
+    min_portal = options.closing.min_portal or 4.0 * vehicle_radius
+    is_mesh = isinstance(scan, Mesh)
+    with journal.stage("Choosing the resolution"):
+        resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
+    with journal.stage(f"Preparing the surface at {1000 * resolution.voxel:.0f} mm"):
+        prepare = surface_from_mesh if is_mesh else surface_from_cloud
+        surface = prepare(scan, resolution.voxel)  # type: ignore[operator]
+    with journal.stage(f"Closing it, about {resolution.memory_gb:.1f} GB") as progress:
+        closed = close_surface(
+            surface.mesh,
+            resolution.voxel,
+            keep_triangles=is_mesh,
+            min_portal=min_portal,
+            evidence=evidence,
+            progress=progress,
+        )
+        surface = without_gaps(surface, closed.mesh, resolution.voxel)
+        openings = find_openings(closed, min_portal)
+        cuts = tuple(_cut(plane) for plane in options.closing.cut)
+        cavity = cut_portals(closed, surface.mesh, openings, resolution.voxel, cuts)
+        if not len(evidence.inside) and not len(evidence.legs):
+            check_is_hollow(cavity)
+    return resolution, surface, closed, cavity
+
+
+def _cut(plane: tuple[float, ...]) -> Cut:
+    normal = np.array(plane[3:])
+    return Cut(np.array(plane[:3]), normal / np.linalg.norm(normal))
+
+
+def _place(text: str, cavity: Cavity) -> Array | None:
+    """Return the place that a portal's label or a point "X,Y,Z" names; None for an empty text.
+
+    Raises:
+        InputError: there is no such portal, or the text is neither.
+    """
+    if not text:
+        return None
+    parts = text.replace(",", " ").split()
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = []
+    if len(numbers) == 3 and np.isfinite(numbers).all():
+        return np.array(numbers)
+    if len(numbers) == 1:
+        for portal in cavity.portals:
+            if portal.label == numbers[0]:
+                return portal.centre
+        known = ", ".join(f"{portal.label} at {portal.centre.round(1)}" for portal in cavity.portals)
+        raise InputError(f"There is no portal {text}. There are: {known or 'none'}.")
+    raise InputError(f"'{text}' is neither the label of a portal nor a point X,Y,Z in metres.")
 
 
 def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
@@ -96,32 +184,41 @@ def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
     return field.positions(roomy[chosen])
 
 
-def _simplify(cavity: Cavity, tolerance: float) -> Mesh:
-    mesh = from_manifold(to_manifold(cavity.mesh).simplify(tolerance))
-    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
-
-
-def _sample(scan: Mesh | PointCloud, rng: np.random.Generator) -> np.ndarray:
-    points = scan.vertices if isinstance(scan, Mesh) else scan.points
+def _sample(points: Array, rng: np.random.Generator) -> Array:
     return points[np.sort(rng.choice(len(points), min(len(points), FIT_SAMPLES), replace=False))]
 
 
-def _note_weaknesses(statistics: CaveStatistics, fit: ScanFit, voxel: float, journal: Journal) -> None:
+def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) -> None:
+    statistics, fit, voxel = built.statistics, built.fit, built.resolution.voxel
+    for code, sentence in built.closed.cautions:
+        journal.warn(code, sentence)
+    if built.surface.dropped_share > MAX_DROPPED_SHARE:
+        journal.warn(
+            "left-out",
+            f"{built.surface.dropped_share:.0%} of the scan was left out: stray objects, outliers, or walls hidden "
+            "behind others. If part of the cave is missing, look at the picture.",
+        )
     if statistics.observed_share < MIN_OBSERVED_SHARE:
         journal.warn(
             "unobserved-wall",
             f"Only {statistics.observed_share:.0%} of the wall was seen by the scan; the rest was filled in. Scan the "
             "missing parts, or treat clearance there with care.",
         )
-    if fit.percentile_95 > voxel:
+    if fit.percentile_95 > voxel or fit.median > MAX_MEDIAN_VOXELS * voxel:
         journal.warn(
             "loose-fit",
-            f"5 % of the scan's points lie farther than {fit.percentile_95:.3f} m from the cavity (a voxel is "
-            f"{voxel:.3f} m). Noise, stray objects or thin walls were smoothed away; look at the picture.",
+            f"The scan's points lie {fit.median:.3f} m from the cavity (median), 95 % within {fit.percentile_95:.3f} m;"
+            f" a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the picture.",
         )
     if statistics.num_portals < 2:
         journal.warn(
             "few-portals",
             f"{statistics.num_portals} open ends were found, so the goal is the farthest place inside the cave. If the "
-            "passage goes on, check that the scan is open there, or lower --min-portal.",
+            "passage goes on, check that the scan is open there, lower --min-portal, or cut it with --cut.",
+        )
+    if len(built.scenario.starts) < options.starts.count:
+        journal.warn(
+            "few-starts",
+            f"{len(built.scenario.starts)} of {options.starts.count} starts were found: parts of the way are too tight "
+            "to float in.",
         )

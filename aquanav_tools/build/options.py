@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
+from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 
 
 @dataclass(frozen=True)
@@ -44,6 +44,7 @@ class BuildOptions:
     scan: ScanOptions = field(default_factory=ScanOptions)
     scale: PhotoScaleOptions = field(default_factory=PhotoScaleOptions)
     closing: ClosingOptions = field(default_factory=ClosingOptions)
+    route: RouteOptions = field(default_factory=RouteOptions)
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
 

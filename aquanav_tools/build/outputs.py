@@ -15,19 +15,14 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
-from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table
-from aquanav_tools.report.viewer_model import write_glb
+from aquanav_tools.report.html import Figure, Notice, Page, Table
 from aquanav_tools.types import Mesh
 
 LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
-
-
-def write_viewer_model(cavity: Cavity, path: Path) -> None:
-    """Write the cavity for viewers, in several levels of detail."""
-    write_glb(cavity, path)
+PICTURE_CAPTION = "The cavity cut open, with the route, its panels, the start poses, entrance and goal."
 
 
 def build_record(
@@ -50,54 +45,40 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
     return {
         "statistics": dataclasses.asdict(built.statistics),
         "fit": dataclasses.asdict(built.fit),
-        "voxel": built.voxel,
+        "resolution": dataclasses.asdict(built.resolution),
         "closed_by": built.method,
+        "left_out_share": built.surface.dropped_share,
+        "turned_share": built.surface.turned_share,
         "enclosure": built.enclosure,
         "num_starts": len(built.scenario.starts),
+        "handles": [
+            {"centre": one.centre.tolist(), "length": one.length, "is_pillar": one.is_pillar} for one in built.handles
+        ],
+        "narrows": [
+            {
+                "position": one.position.tolist(),
+                "arc_length": one.arc_length,
+                "width": one.width,
+                "is_passable": one.is_passable,
+                "text": str(one),
+            }
+            for one in built.narrows
+        ],
+        "largest_vehicle": largest_vehicle(built.narrows),
+        "collision": {
+            "triangles": len(built.collision.mesh.faces),
+            "triangles_before": built.collision.num_triangles_before,
+            "bytes": built.collision.num_bytes,
+            "bound": built.collision.bound,
+            "max_intrusion": built.collision.max_intrusion,
+            "max_invention": built.collision.max_invention,
+            "max_loss": built.collision.max_loss,
+        },
         "portals": [
             {"label": lid.label, "centre": lid.centre.tolist(), "normal": lid.normal.tolist(), "area": lid.area}
             for lid in built.scenario.cavity.portals
         ],
     }
-
-
-def cave_page(built: BuiltCave, picture: Path, journal: Journal, facts: dict[str, Any]) -> Page:
-    """Return the report of a finished build; `facts` tells how the scan or the photos fared."""
-    numbers = built.statistics
-    summary = (
-        f"A closed passage of {numbers.route_length:.1f} m and {numbers.volume:.1f} m³ with {numbers.num_portals} open "
-        f"ends; the narrowest place of the route leaves {numbers.min_clearance:.2f} m to the wall."
-    )
-    headline = (
-        Fact("Route", f"{numbers.route_length:.1f} m", f"{numbers.num_panels} panels"),
-        Fact("Water", f"{numbers.volume:.1f} m³", f"{numbers.num_triangles} triangles, watertight"),
-        Fact("Clearance", f"{numbers.min_clearance:.2f} m", f"narrowest; {numbers.max_clearance:.2f} m at the widest"),
-        Fact("Seen wall", f"{numbers.observed_share:.1%}", "the rest was filled in"),
-        Fact(
-            "Fit to scan",
-            f"{1000 * built.fit.median:.1f} mm",
-            f"median; 95 % within {1000 * built.fit.percentile_95:.1f} mm",
-        ),
-        Fact("Starts", str(len(built.scenario.starts)), f"for the vehicle {built.scenario.settings.vehicle}"),
-    )
-    portals = Table(
-        "Portals",
-        ("label", "centre (m)", "outward normal", "area (m²)"),
-        tuple(
-            (str(lid.label), _row(lid.centre), _row(lid.normal), f"{lid.area:.2f}")
-            for lid in built.scenario.cavity.portals
-        ),
-    )
-    caption = "The cavity cut open, with the route, its panels, the start poses, entrance and goal."
-    return Page(
-        title=f"Cave {built.scenario.name}",
-        summary=summary,
-        facts=headline,
-        warnings=notices(journal),
-        figures=(Figure(picture, caption),),
-        tables=(portals, *photo_tables(facts), stage_table(journal)),
-        footer=footer(),
-    )
 
 
 def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:

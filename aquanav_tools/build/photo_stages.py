@@ -11,14 +11,14 @@ import numpy as np
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import PhotoScaleOptions
-from aquanav_tools.cave.enclosure import check_enclosure, free_height
-from aquanav_tools.cave.surface import surface_from_cloud
+from aquanav_tools.cave.cloud import surface_from_cloud
+from aquanav_tools.cave.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
 from aquanav_tools.reconstruct.scale import Sim3
 from aquanav_tools.scenario.folder import file_hash
-from aquanav_tools.types import Mesh, PointCloud
+from aquanav_tools.types import BoolArray, Mesh, PointCloud
 
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
@@ -37,7 +37,7 @@ def workspace_key(photos: PhotoSet, options: ReconstructOptions, positions: Path
 def preview_surface(cloud: PointCloud) -> Mesh:
     """Return a coarse surface of a cloud of any scale."""
     extent = np.percentile(cloud.points, 99, axis=0) - np.percentile(cloud.points, 1, axis=0)
-    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS)
+    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS).mesh
 
 
 def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
@@ -47,6 +47,12 @@ def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
         MeshError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
     return check_enclosure(preview, reconstruction.camera_centres, "the cameras")
+
+
+def cameras_inside(reconstruction: Reconstruction, preview: Mesh) -> BoolArray:
+    """Return the (N,) flags of cameras with walls around them; others may have stood outside before the entrance."""
+    inside: BoolArray = enclosure(preview, reconstruction.camera_centres) >= MIN_ENCLOSURE
+    return inside
 
 
 def in_metres(

@@ -8,28 +8,41 @@ import shutil
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from aquanav_tools.build import outputs
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key, write_cloud
+from aquanav_tools.build.photo_stages import (
+    cameras_inside,
+    check_is_cave,
+    in_metres,
+    preview_surface,
+    workspace_key,
+    write_cloud,
+)
+from aquanav_tools.cave.evidence import Evidence
 from aquanav_tools.cave.scan import read_scan
-from aquanav_tools.errors import AquanavError, InputError
+from aquanav_tools.errors import AquanavError, InputError, MeshError
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.reconstruct.scale import read_positions
-from aquanav_tools.report.html import write_page
+from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording import CaveModel, record_cave
+from aquanav_tools.report.viewer_model import transfer_colours, write_glb
 from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.types import Stages, silent
+from aquanav_tools.types import Mesh, PointCloud, Stages, silent
 
 WORK_DIR = "work"
 """Where photo stages keep what a later run can take up; safe to delete."""
-KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply"}
+KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply", "faults.png"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,10 +73,18 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
     with journal.stage("Reading the scan"):
         scan = read_scan(options.input, options.scan)
         inputs = {options.input.name: file_hash(options.input)}
+    for code, sentence in scan.cautions:
+        journal.warn(code, sentence)
     if scan.offset.any():
         journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
-    built = build_scenario(scan.surface, options, journal)
-    return _finish(built, options, journal, inputs, {"offset": scan.offset.tolist()})
+    facts = {"offset": scan.offset.tolist()}
+    try:
+        built = build_scenario(scan.surface, options, journal)
+    except MeshError as error:
+        options.output.mkdir(parents=True, exist_ok=True)
+        _report_failure(error, options, journal, inputs, facts, scan.surface)
+        raise
+    return _finish(built, scan.surface, options, journal, inputs, facts)
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
@@ -85,12 +106,14 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
         with journal.stage("Checking that it is a cave"):
             preview = preview_surface(reconstruction.cloud)
             facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
+            is_inside = cameras_inside(reconstruction, preview)
             reconstruction = in_metres(reconstruction, preview, options.scale, journal)
-        built = build_scenario(reconstruction.cloud, options, journal)
+        evidence = Evidence(reconstruction.camera_centres[is_inside])
+        built = build_scenario(reconstruction.cloud, options, journal, evidence)
     except AquanavError as error:
         _report_failure(error, options, journal, inputs, facts)
         raise
-    return _finish(built, options, journal, inputs, facts)
+    return _finish(built, reconstruction.cloud, options, journal, inputs, facts)
 
 
 def _photo_settings(options: BuildOptions) -> ReconstructOptions:
@@ -121,7 +144,12 @@ def _check_output(options: BuildOptions) -> None:
 
 
 def _finish(
-    built: BuiltCave, options: BuildOptions, journal: Journal, inputs: dict[str, str], facts: dict[str, Any]
+    built: BuiltCave,
+    scan: Mesh | PointCloud,
+    options: BuildOptions,
+    journal: Journal,
+    inputs: dict[str, str],
+    facts: dict[str, Any],
 ) -> BuildResult:
     """Write everything into a partial folder first and move it into place, scenario.toml last."""
     folder = options.output
@@ -129,10 +157,14 @@ def _finish(
     shutil.rmtree(partial, ignore_errors=True)
     with journal.stage("Writing the scenario"):
         scenario = write_scenario(built.scenario, partial)
-        outputs.write_viewer_model(scenario.cavity, partial / "cave.glb")
+        write_glb(scenario.cavity, partial / "cave.glb", _colours_of(scan, scenario.cavity.mesh))
         draw_cave(scenario, partial / "cave.png")
         record_cave(CaveModel(scenario), partial / "build.rrd")
-    page = outputs.cave_page(built, partial / "cave.png", journal, facts)
+    with journal.stage("Drawing the cave"):
+        cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
+        drawings = write_drawings(cave, scenario, built.statistics.rose, partial / DRAWINGS_DIR)
+    figures = (Figure(partial / "cave.png", outputs.PICTURE_CAPTION), *drawings)
+    page = cave_page(built, cave, built.narrows, figures, journal, facts)
     facts = {**facts, **outputs.cave_facts(built)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
@@ -141,19 +173,36 @@ def _finish(
     write_page(page, partial / "report.html")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / SETTINGS_FILE).unlink(missing_ok=True)
+    shutil.rmtree(folder / DRAWINGS_DIR, ignore_errors=True)
     for path in sorted(partial.iterdir(), key=lambda path: path.name == SETTINGS_FILE):
         os.replace(path, folder / path.name)
     partial.rmdir()
     return BuildResult(dataclasses.replace(scenario, folder=folder.resolve()), built, journal)
 
 
+def _colours_of(scan: Mesh | PointCloud, mesh: Mesh) -> npt.NDArray[np.uint8] | None:
+    """Return the scan's colours at a mesh's vertices; None when it has none."""
+    if scan.colours is None:
+        return None
+    return transfer_colours(mesh, scan.vertices if isinstance(scan, Mesh) else scan.points, scan.colours)
+
+
 def _report_failure(
-    error: AquanavError, options: BuildOptions, journal: Journal, inputs: dict[str, str], facts: dict[str, Any]
+    error: AquanavError,
+    options: BuildOptions,
+    journal: Journal,
+    inputs: dict[str, str],
+    facts: dict[str, Any],
+    surface: Mesh | PointCloud | None = None,
 ) -> None:
+    """Leave in the output folder what is known about a build that stopped."""
     (options.output / SETTINGS_FILE).unlink(missing_ok=True)
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), options.output / "build.json")
     warnings = [{"code": code, "text": text} for code, text in journal.notices]
     outputs.write_json({"error": str(error), "warnings": warnings, **facts}, options.output / "report.json")
-    write_page(outputs.failure_page(options, error, journal, facts), options.output / "report.html")
+    figures = ()
+    if isinstance(surface, Mesh):
+        figures = outputs.draw_failure(surface, error, options.output / "faults.png")
+    write_page(outputs.failure_page(options, error, journal, facts, figures), options.output / "report.html")
     kept = [name for name in ("cloud.ply", "report.html") if (options.output / name).exists()]
-    error.args = (f"{error} Kept in {options.output}: {', '.join(kept)}, and the finished stages for the next run.",)
+    error.args = (f"{error} Kept in {options.output}: {', '.join(kept)}.",)

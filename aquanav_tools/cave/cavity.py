@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 WALL = 0
 """Face label of rock; portal k has label k >= 1."""
+MAX_PLACES = 20
+"""Faulty places that an error lists."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,12 +77,18 @@ def to_manifold(mesh: Mesh):  # type: ignore[no-untyped-def]  # manifold3d ships
     return solid
 
 
+def from_manifold(solid) -> Mesh:  # type: ignore[no-untyped-def]  # manifold3d ships no types
+    """Return the triangles of a manifold3d solid."""
+    mesh = solid.to_mesh64()
+    return Mesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
+
+
 def prove_watertight(mesh: Mesh) -> None:
     """Check all that is promised of a cavity's surface.
 
     Raises:
         MeshError: naming the first promise that is broken: accepted by manifold3d, watertight volume by trimesh's
-            `is_volume`, one component, positive volume.
+            `is_volume`, one component, positive volume, no faces that cross.
     """
     to_manifold(mesh)
     if not _volume(mesh) > 0.0:
@@ -99,6 +108,14 @@ def prove_watertight(mesh: Mesh) -> None:
             f"The closed surface of {len(mesh.faces)} triangles is not a consistent volume (trimesh is_volume: "
             f"watertight {solid.is_watertight}, winding {solid.is_winding_consistent}, volume {solid.volume:.3g} m3). "
             "Rebuild with a larger voxel."
+        )
+    crossing = self_intersections(mesh)
+    if len(crossing):
+        middles = mesh.triangles[crossing[:, 0]].mean(axis=1)
+        raise MeshError(
+            f"{len(crossing)} pairs of faces of the closed surface cross each other, the first at "
+            f"{middles[0].round(2)} m. Rebuild with a larger voxel.",
+            [((float(x), float(y), float(z)), "faces cross") for x, y, z in middles[:MAX_PLACES]],
         )
 
 

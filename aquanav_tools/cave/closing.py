@@ -1,35 +1,43 @@
-"""Closing: from an open, holed surface to a solid that encloses the water.
+"""Closing: from an open, damaged surface to a solid that encloses the water.
 
-A clean surface is closed exactly, by a lid over each boundary loop. Anything else is resampled: the generalised winding
-number of the surface tells water from rock even where the surface has holes (Jacobson et al. 2013, Barill et al. 2018),
-and marching cubes on a grid that ends in rock gives a closed surface whatever the input.
+A sound surface is closed exactly, by a lid over each hole (`lids`). Anything else is resampled (`winding`). Whatever
+the way, the result is a proven solid, holds all that is known to be water, and has no tunnel that nobody scanned.
 """
 
 from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import prove_watertight, to_manifold
-from aquanav_tools.cave.surface import boundary_loops
-from aquanav_tools.errors import MeshError, ResourceError
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.evidence import NO_EVIDENCE, Evidence, contradictions
+from aquanav_tools.cave.handles import Handle, find_handles
+from aquanav_tools.cave.intersections import self_intersections
+from aquanav_tools.cave.lids import close_with_lids
+from aquanav_tools.cave.winding import NO_CARVING, Carving, water_surface
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, BoolArray, Mesh, Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
 
-WATER_LEVEL = 0.5
-COARSE_STEP = 4
-BAND_VOXELS = 4
 SCAN_VOXELS = 0.75
 """A resampled face follows the scan when its middle is within this distance of it, voxels."""
-SIMPLIFY_VOXELS = 0.1
-"""Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
-MAX_GRID_SAMPLES = 200_000_000
-"""Closing takes about 60 bytes per sample of its grid."""
-MIN_ROCK_SHARE = 1e-4
-"""Pieces of rock floating in the water that are smaller than this share of it are noise."""
+SIMPLIFY_VOXELS = (0.1, 0.03)
+"""Triangles of the resampled surface are merged where that moves it by no more than this, voxels: the first of these
+that makes no faces cross; the raw surface of marching cubes never crosses itself."""
+MIN_SECOND_CAVE = 0.2
+"""Separate water with at least this share of the largest body's volume is a cave of its own, not a stray pocket."""
+MIN_FLOATING_ROCK = 1e-4
+"""Pieces of rock floating in the water that are smaller than this share of it are noise and not worth a word."""
+LEG_VOXELS = 1.5
+"""Water that is carved around a blocked leg, voxels."""
+FAULT_VOXELS = (1.5, 3.0, 5.0)
+"""Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
+MIN_SEEN_SHARE = 0.5
+"""A tunnel was scanned when at least this share of the shortest loop around it follows the scan."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,28 +49,42 @@ class ClosedSurface:
     """(F,) whether the face follows the scan; the others were invented to close it."""
     method: str
     """"lids" (the scan's own triangles) or "winding" (resampled)."""
+    cautions: tuple[tuple[str, str], ...] = ()
+    """Codes and sentences about what had to be changed or left out."""
 
 
-def close_surface(surface: Mesh, voxel: float, *, keep_triangles: bool) -> ClosedSurface:
+def close_surface(
+    surface: Mesh,
+    voxel: float,
+    *,
+    keep_triangles: bool,
+    min_portal: float,
+    evidence: Evidence = NO_EVIDENCE,
+    progress: Progress = ignore_progress,
+) -> ClosedSurface:
     """Return the solid enclosed by an open surface, normals out of the water.
 
     Args:
-        surface: wound consistently, either way round.
+        surface: normals out of the water.
         voxel: size of the grid's cells where the surface is resampled, m.
         keep_triangles: try lids first. For scans that come as meshes; a surface fitted to points is better resampled,
             which smooths the false handles that noise makes.
+        min_portal: holes narrower than this are filled with the curvature of the wall around them, m.
+        evidence: what is known to be water.
+        progress: called with (parts done, parts in all).
 
     Raises:
-        MeshError: no space is enclosed.
+        MeshError: no space is enclosed, two caves are, or known water cannot be kept.
     """
     if keep_triangles:
         try:
-            closed = _close_with_lids(surface)
-            return ClosedSurface(closed, np.arange(len(closed.faces)) < len(surface.faces), "lids")
+            lidded = close_with_lids(surface, min_portal)
+            if not contradictions(lidded.mesh, evidence, voxel).count:
+                return ClosedSurface(lidded.mesh, lidded.is_scan, "lids")
+            logger.info("Lids seal a place that is known to be water; resampling the surface at %.3g m", voxel)
         except MeshError as reason:
             logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, voxel)
-    closed = _close_by_winding(surface, voxel)
-    return ClosedSurface(closed, faces_near(closed, surface, SCAN_VOXELS * voxel), "winding")
+    return _resample(surface, voxel, evidence, progress)
 
 
 def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
@@ -75,170 +97,120 @@ def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
     return near
 
 
-def _close_with_lids(surface: Mesh) -> Mesh:
-    """Return the surface with a lid over each boundary loop; its own faces come first, unchanged.
-
-    Raises:
-        MeshError: the boundary is not simple, or the result is not a proven solid.
-    """
-    vertices, lids = surface.vertices, [surface.faces]
-    for loop in boundary_loops(surface):
-        lid = _flat_lid(vertices, loop)
-        if lid is None:  # a loop that folds over itself gets a cone to its middle
-            lid = np.stack([loop, np.roll(loop, -1), np.full(len(loop), len(vertices))], axis=1)
-            vertices = np.vstack([vertices, vertices[loop].mean(axis=0)])
-        lids.append(lid)
-    closed = _outward(Mesh(vertices, np.concatenate(lids)))
-    prove_watertight(closed)
-    return closed
-
-
-def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
-    """Return the (K - 2, 3) triangles over a loop, cut in the plane that fits it best; None when it folds there."""
-    import mapbox_earcut
-    import shapely
-
-    points = vertices[loop]
-    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
-    flat = (points - points.mean(axis=0)) @ axes[:2].T
-    outline = shapely.Polygon(flat)
-    triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(loop)], dtype=np.uint32)).reshape(-1, 3)
-    if not outline.is_valid or len(triangles) != len(loop) - 2:
-        return None
-    # earcut winds its triangles one way whatever the outline's; the lid must follow the loop.
-    corners = flat[triangles]
-    winding = np.linalg.det(np.dstack([corners, np.ones(corners.shape[:2])])).sum()
-    if (winding > 0) != outline.exterior.is_ccw:
-        triangles = triangles[:, ::-1]
-    lid: IntArray = loop[triangles]
-    return lid
+def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progress) -> ClosedSurface:
+    """Return the resampled solid, corrected until it keeps known water and has no tunnel that nobody scanned."""
+    carving = NO_CARVING
+    for fault_voxels in (*FAULT_VOXELS, None):
+        solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), evidence)
+        mesh = _simplified(solid, voxel)
+        wrong = contradictions(mesh, evidence, voxel)
+        faults = _unseen_handles(mesh, surface, voxel)
+        if fault_voxels is None or not (wrong.count or faults):
+            break
+        carving = _carve(carving, evidence, wrong.legs, faults, fault_voxels, voxel)
+    if wrong.count:
+        raise _sealed(evidence, wrong.points, wrong.legs)
+    prove_watertight(mesh)
+    return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
 
 
-def _close_by_winding(surface: Mesh, voxel: float) -> Mesh:
-    origin, shape = _grid_around(surface.vertices, voxel)
-    water = _main_water(_signed_field(surface, origin, shape, voxel), voxel, surface)
-    from scipy.ndimage import gaussian_filter
-    from skimage.measure import marching_cubes
-
-    smooth = gaussian_filter(water, 0.6)
-    # Marching cubes makes degenerate faces where a sample lies exactly on the level.
-    smooth[np.abs(smooth) < 1e-4 * voxel] = 1e-4 * voxel
-    vertices, faces, _, _ = marching_cubes(smooth, 0.0, spacing=(voxel,) * 3)
-    solid = to_manifold(_outward(Mesh(vertices.astype(np.float64) + origin, faces.astype(np.int64))))
-    largest = max(solid.decompose(), key=lambda piece: piece.volume())
-    return from_manifold(largest.simplify(SIMPLIFY_VOXELS * voxel))
+def _carve(
+    before: Carving, evidence: Evidence, blocked: Array, faults: tuple[Handle, ...], fault_voxels: float, voxel: float
+) -> Carving:
+    """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
+    balls = [(*handle.centre, 0.5 * handle.length + 2.0 * fault_voxels * voxel) for handle in faults]
+    return Carving(
+        np.concatenate([before.legs, evidence.legs[blocked]]),
+        LEG_VOXELS * voxel,
+        np.concatenate([before.faults, np.array(balls).reshape(-1, 4)]),
+        fault_voxels * voxel,
+    )
 
 
-def from_manifold(solid) -> Mesh:  # type: ignore[no-untyped-def]  # manifold3d ships no types
-    """Return the triangles of a manifold3d solid."""
-    mesh = solid.to_mesh64()
-    return Mesh(np.array(mesh.vert_properties[:, :3]), np.array(mesh.tri_verts, dtype=np.int64))
+def _unseen_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...]:
+    """Return the tunnels and pillars of a closed mesh that the scan did not see."""
+    import igl
+
+    def seen_share(handle: Handle) -> float:
+        squared = igl.point_mesh_squared_distance(handle.points, surface.vertices, surface.faces)[0]
+        return float((np.asarray(squared) <= voxel**2).mean())
+
+    return tuple(handle for handle in find_handles(mesh) if seen_share(handle) < MIN_SEEN_SHARE)
 
 
-def _outward(mesh: Mesh) -> Mesh:
-    corners = mesh.triangles
-    volume = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
-    return mesh if volume > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+def _main_water(mesh: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, str], ...]]:
+    """Return the manifold3d solid of the main body of water, without rock floating in it, and what was left out."""
+    bodies = to_manifold(mesh).decompose()
+    waters = sorted((body for body in bodies if body.volume() > 0.0), key=lambda body: -body.volume())
+    if not waters:
+        raise MeshError("The closed surface encloses no water. It is inside out or flat: scan the walls on all sides.")
+    chosen = max(waters, key=lambda body: (_num_inside(body, evidence.inside), body.volume()))
+    second = next((body for body in waters if body is not chosen), None)
+    if second is not None and not len(evidence.inside) and second.volume() > MIN_SECOND_CAVE * chosen.volume():
+        raise _two_caves(chosen, second)
+    return chosen, tuple(_floating_rock(bodies, chosen.volume()))
 
 
-def _grid_around(points: Array, voxel: float) -> tuple[Array, tuple[int, int, int]]:
-    margin = (BAND_VOXELS + 2) * voxel
-    low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-    nx, ny, nz = np.ceil((high - low) / voxel).astype(int) + 1
-    if int(nx) * int(ny) * int(nz) > MAX_GRID_SAMPLES:
-        coarser = voxel * float(np.cbrt(float(nx) * ny * nz / MAX_GRID_SAMPLES))
-        size = " x ".join(f"{count * voxel:.0f}" for count in (nx, ny, nz))
-        raise ResourceError(
-            f"Closing {size} m at {voxel:.3g} m takes {nx} x {ny} x {nz} samples, more than {MAX_GRID_SAMPLES:.0e} "
-            f"(12 GB). Give --voxel {coarser:.2g} or more, or build the cave in parts; if it is not that large, check "
-            "--unit."
+def _num_inside(body: Any, points: Array) -> int:
+    import igl
+
+    if not len(points):
+        return 0
+    mesh = from_manifold(body)
+    return int((igl.fast_winding_number(mesh.vertices, mesh.faces, points) > 0.5).sum())
+
+
+def _two_caves(first: Any, second: Any) -> MeshError:
+    places = [(tuple(_middle(body).tolist()), f"{body.volume():.3g} m3") for body in (first, second)]
+    (one, one_size), (other, other_size) = ((np.round(place, 1), size) for place, size in places)
+    return MeshError(
+        f"The scan holds two separate caves: {one_size} around {one} m and {other_size} around {other} m. Scan the "
+        "passage between them, or choose one with --inside X Y Z, a point in its water.",
+        places,
+    )
+
+
+def _floating_rock(bodies: list[Any], volume: float) -> list[tuple[str, str]]:
+    rocks = [body for body in bodies if body.volume() < -MIN_FLOATING_ROCK * volume]
+    if not rocks:
+        return []
+    places = ", ".join(f"{-rock.volume():.2g} m3 at {_middle(rock).round(1)}" for rock in rocks[:5])
+    return [
+        (
+            "floating-rock",
+            f"{len(rocks)} pieces of rock float free in the water and were left out ({places}). Where a real boulder "
+            "lies there, scan the place where it rests on the floor.",
         )
-    return low, (int(nx), int(ny), int(nz))
-
-
-def _signed_field(surface: Mesh, origin: Array, shape: tuple[int, int, int], voxel: float) -> Array:
-    """Return the grid of distances to the surface, negative in water, clipped to BAND_VOXELS.
-
-    Over a hole, where the surface is far, the distance is replaced by how far the winding number is from its level,
-    so that the sign changes smoothly through the middle of the hole.
-    """
-    import igl
-
-    is_near = _near_surface(surface, origin, shape, voxel)
-    winding = _winding_grid(surface, origin, voxel, is_near)
-    band = BAND_VOXELS * voxel
-    field = np.where(winding > WATER_LEVEL, -band, band)
-    near = np.argwhere(is_near | (np.abs(winding - WATER_LEVEL) < 0.25))
-    squared = igl.point_mesh_squared_distance(origin + voxel * near, surface.vertices, surface.faces)[0]
-    at_near = winding[tuple(near.T)] - WATER_LEVEL
-    magnitude = np.minimum(np.sqrt(squared), np.abs(at_near) * 20.0 * voxel)
-    field[tuple(near.T)] = -np.sign(at_near) * np.minimum(magnitude, band)
-    return field
-
-
-def _winding_grid(surface: Mesh, origin: Array, voxel: float, is_near: BoolArray) -> Array:
-    """Return the winding number on the grid: exact near the surface and its holes, from coarse samples elsewhere."""
-    import igl
-
-    shape = is_near.shape
-    axes = [np.arange(0, n + COARSE_STEP, COARSE_STEP) for n in shape]
-    samples = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    coarse = igl.fast_winding_number(surface.vertices, surface.faces, origin + voxel * samples.reshape(-1, 3))
-    coarse = np.asarray(coarse).reshape(samples.shape[:3])
-    sign = 1.0 if np.percentile(coarse, 99.5) > -np.percentile(coarse, 0.5) else -1.0
-    nearest = [
-        np.minimum((np.arange(n) + COARSE_STEP // 2) // COARSE_STEP, len(a) - 1)
-        for n, a in zip(shape, axes, strict=True)
     ]
-    winding = coarse[np.ix_(*nearest)]
-    unsure = np.abs(np.abs(winding) - WATER_LEVEL) < 0.35
-    fine = np.argwhere(is_near | unsure)
-    exact = igl.fast_winding_number(surface.vertices, surface.faces, origin + voxel * fine)
-    winding[tuple(fine.T)] = exact
-    oriented: Array = sign * winding
-    return oriented
 
 
-def _near_surface(surface: Mesh, origin: Array, shape: tuple[int, int, int], voxel: float) -> BoolArray:
-    """Return the grid's samples within about BAND_VOXELS of the surface."""
-    from scipy.ndimage import distance_transform_edt
-
-    empty = np.ones(shape, dtype=bool)
-    points = np.concatenate([surface.vertices, sample_faces(surface, voxel)])
-    empty[tuple(np.rint((points - origin) / voxel).astype(int).T)] = False
-    near: BoolArray = distance_transform_edt(empty) <= BAND_VOXELS + 1
-    return near
+def _middle(body: Any) -> Array:
+    low, high = np.array(body.bounding_box()).reshape(2, 3)
+    middle: Array = 0.5 * (low + high)
+    return middle
 
 
-def sample_faces(surface: Mesh, spacing: float) -> Array:
-    """Return points that cover every face at about the given spacing."""
-    corners = surface.triangles
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps = np.ceil(longest / spacing).astype(int)
-    samples = []
-    for count in np.unique(steps):
-        i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
-        weights = np.stack([i, j, count - i - j], axis=1) / max(count, 1)
-        samples.append(np.einsum("kc,fcx->fkx", weights, corners[steps == count]).reshape(-1, 3))
-    return np.concatenate(samples)
+def _simplified(solid: Any, voxel: float) -> Mesh:
+    """Return the solid's mesh with fewer triangles, none of which cross."""
+    for tolerance in SIMPLIFY_VOXELS:
+        pieces = solid.simplify(tolerance * voxel).decompose()
+        mesh = _as_stored(from_manifold(max(pieces, key=lambda piece: piece.volume())))
+        if not len(self_intersections(mesh)):
+            return mesh
+    return _as_stored(from_manifold(solid))
 
 
-def _main_water(field: Array, voxel: float, surface: Mesh) -> Array:
-    """Return the field with only its largest body of water, and without crumbs of rock floating in it."""
-    from scipy.ndimage import label
+def _as_stored(mesh: Mesh) -> Mesh:
+    """Return the mesh with the float32 coordinates that a scenario keeps: what is proven is what is read back."""
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
 
-    bodies, num_bodies = label(field < 0)
-    if num_bodies == 0:
-        raise MeshError(
-            f"The scan of {len(surface.faces)} triangles encloses no space at {voxel:.3g} m. It is a single wall "
-            "or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the passage is narrower."
-        )
-    sizes = np.bincount(bodies.ravel())
-    sizes[0] = 0
-    largest = int(sizes.argmax())
-    field = np.where((field < 0) & (bodies != largest), voxel, field)
-    rocks, _ = label(field >= 0)
-    rock_sizes = np.bincount(rocks.ravel())
-    is_crumb = rock_sizes < max(MIN_ROCK_SHARE * sizes[largest], 8)
-    is_crumb[0] = False
-    return np.where(is_crumb[rocks], -voxel, field)
+
+def _sealed(evidence: Evidence, points: Array, legs: Array) -> MeshError:
+    dry = evidence.inside[points]
+    blocked = evidence.legs[legs].mean(axis=1)
+    places = [(tuple(place.tolist()), "known water in rock") for place in (*dry, *blocked)]
+    return MeshError(
+        f"{len(points)} places and {len(legs)} legs that are known to be water end up in rock, the first at "
+        f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
+        places,
+    )

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, Mesh
 
 MIN_ENCLOSURE = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
 NUM_DIRECTIONS = 256
+MAX_CONVEXITY = 0.85
+"""A boulder fills more of its convex hull than this; a passage winds and fills a half or less."""
 
 
 def enclosure(surface: Mesh, viewpoints: Array) -> Array:
@@ -66,6 +69,23 @@ def check_enclosure(surface: Mesh, viewpoints: Array, what: str) -> float:
             "Scan the walls on all sides, or the passage whose inside is to be dived."
         )
     return share
+
+
+def check_is_hollow(cavity: Cavity) -> None:
+    """Check that a closed surface is a cave seen from inside, not a rock seen from outside.
+
+    Raises:
+        MeshError: it has no open end and is nearly convex: nothing tells that there is a passage in it.
+    """
+    if cavity.portals:
+        return
+    share = cavity.volume / float(cavity.mesh.to_trimesh().convex_hull.volume)
+    if share > MAX_CONVEXITY:
+        raise MeshError(
+            f"This is a solid without an inside: the scan is closed all around and fills {share:.0%} of its convex "
+            "hull, as a boulder does. No open end leads in. If it is a chamber scanned from within, name a point in its "
+            "water with --inside X Y Z; cut an entrance with --cut."
+        )
 
 
 def sphere_directions(count: int) -> Array:

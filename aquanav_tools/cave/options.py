@@ -10,8 +10,8 @@ from typing import Literal
 class ScanOptions:
     """How to read a scan's coordinates."""
 
-    unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] = "m"
-    """Length unit of the file."""
+    unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] | None = None
+    """Length unit of the file. Metres when not given, and then sizes that no cave has are refused."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
     """Axis of the file that points up."""
 
@@ -22,14 +22,34 @@ class ClosingOptions:
 
     voxel: float | None = None
     """Size of the cells a damaged scan is resampled with, m; chosen from the scan and the vehicle when not given."""
+    memory: float = 4.0
+    """Memory that closing may take, GB; the voxel is enlarged until it does."""
     min_portal: float | None = None
-    """Openings at least this wide (m) can be portals, smaller ones are holes; twice the vehicle's width by default."""
+    """Openings at least this wide (m) can be portals, smaller ones are holes; twice the vehicle's width by default:
+    through a narrower one it could not leave the cave."""
+    inside: tuple[tuple[float, float, float], ...] = ()
+    """Points X Y Z (m, as in the report) that are water: picks one of two caves, keeps a passage open."""
+    cut: tuple[tuple[float, float, float, float, float, float], ...] = ()
+    """Planes X Y Z NX NY NZ that end the cave: through a point in the water, with the direction that is cut away."""
 
     def __post_init__(self) -> None:
-        for name in ("voxel", "min_portal"):
+        for name in ("voxel", "min_portal", "memory"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise ValueError(f"{name} = {value} must be positive.")
+        for plane in self.cut:
+            if not any(plane[3:]):
+                raise ValueError(f"cut = {plane} has no direction: its last three numbers are all 0.")
+
+
+@dataclass(frozen=True)
+class RouteOptions:
+    """Which way through the cave."""
+
+    entrance: str = ""
+    """Where the route begins: the label of a portal in the report, or a point "X,Y,Z". Farthest apart by default."""
+    goal: str = ""
+    """Where it ends, likewise."""
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,14 @@ larger than the hole.
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity, Portal, prove_watertight, to_manifold
-from aquanav_tools.cave.closing import ClosedSurface, faces_near, from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.closing import ClosedSurface, faces_near
+from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, IntArray, Mesh
 
@@ -35,6 +36,20 @@ MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
+CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
+"""Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
+SLIT = 1e-3
+"""Thickness of the slit that a user's cut makes before one side is dropped, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A plane across the passage where the user ends the cave."""
+
+    point: Array
+    """(3,) in the water, m."""
+    normal: Array
+    """(3,) unit vector towards the part that is cut away."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,30 +89,30 @@ def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, 
     return tuple(sorted(large, key=lambda opening: -opening.area))
 
 
-def cut_portals(closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, ...], voxel: float) -> Cavity:
-    """Return the cavity with every open end cut flat just inside its rim and labelled.
+def cut_portals(
+    closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, ...], voxel: float, cuts: tuple[Cut, ...] = ()
+) -> Cavity:
+    """Return the cavity with every open end cut flat just inside its rim, and where the user wants it, and labelled.
 
     Args:
         closed: the solid.
         surface: the scan it was made from, for the `observed` flags.
         openings: from `find_openings`.
         voxel: resolution of the scan, m.
+        cuts: the user's own.
 
     Raises:
-        MeshError: the result is no proven solid.
+        MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
-    solid = to_manifold(closed.mesh)
-    lids = [opening for opening in openings if opening.is_portal]
-    for lid in lids:
-        solid = _cut_flat(solid, lid)
-    mesh = from_manifold(solid)
-    # The scenario stores float32: prove what will be read back.
-    mesh = Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
+    for step in CUT_STEPS:
+        mesh, lids = _cut_all(closed, openings, cuts, voxel, step * voxel)
+        if not len(self_intersections(mesh)):
+            break
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
     for lid in lids:
-        on_lid = _faces_on_lid(mesh, lid, voxel)
+        on_lid = _faces_on_lid(mesh, lid, voxel) & (labels == WALL)
         if not on_lid.any():
             logger.warning("The opening at %s was cut away with another one", lid.centre.round(2))
             continue
@@ -105,6 +120,68 @@ def cut_portals(closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, .
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
     observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _cut_all(
+    closed: ClosedSurface, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+) -> tuple[Mesh, list[Opening]]:
+    """Return the closed mesh after all cuts, as it will be stored, and the lids they leave."""
+    solid = to_manifold(closed.mesh)
+    lids = []
+    for cut in cuts:
+        solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
+        lids.append(lid)
+    for opening in openings:
+        if opening.is_portal and not _is_cut_away(solid, opening, voxel):
+            lid = replace(opening, innermost=opening.innermost - inwards)
+            solid = _cut_flat(solid, lid)
+            lids.append(lid)
+    mesh = from_manifold(solid)
+    # The scenario stores float32: prove what will be read back.
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces), lids
+
+
+def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
+    """Return what is left of the solid behind a user's plane, and the opening that makes."""
+    import manifold3d
+
+    section = section_polygon(from_manifold(solid), cut.point, cut.normal)
+    where = f"The cut at {cut.point.round(2)} m across {cut.normal.round(2)}"
+    if section is None:
+        raise MeshError(f"{where} misses the cave. Name a point in its water; the report's plan has coordinates.")
+    outline = section.buffer(0.5 * voxel)
+    slit = manifold3d.CrossSection([np.asarray(outline.exterior.coords)[:-1]]).extrude(SLIT)
+    axes = plane_axes(cut.normal)
+    slit = slit.transform(np.column_stack([*axes, cut.normal, cut.point]))
+    pieces = (solid - slit).decompose()
+    middle = np.asarray(section.representative_point().coords[0]) @ axes + cut.point
+    kept = [piece for piece in pieces if _holds(piece, middle - SLIT * cut.normal)]
+    dropped = [piece for piece in pieces if _holds(piece, middle + 2.0 * SLIT * cut.normal)]
+    if not kept or not dropped or kept[0] is dropped[0]:
+        raise MeshError(
+            f"{where} does not divide the cave: both sides stay connected another way round. Add a cut across that "
+            "way too, or move the plane."
+        )
+    edge = np.asarray(section.exterior.coords)
+    centre = np.asarray(section.centroid.coords[0]) @ axes + cut.point
+    radius = float(np.linalg.norm(edge @ axes + cut.point - centre, axis=1).max()) + voxel
+    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, is_portal=True)
+
+
+def _holds(solid: Any, point: Array) -> bool:
+    import igl
+
+    mesh = from_manifold(solid)
+    return bool(igl.fast_winding_number(mesh.vertices, mesh.faces, point[None])[0] > 0.5)
+
+
+def _is_cut_away(solid: Any, opening: Opening, voxel: float) -> bool:
+    """Return whether an earlier cut took an opening with it."""
+    import igl
+
+    mesh = from_manifold(solid)
+    squared = igl.point_mesh_squared_distance(opening.centre[None], mesh.vertices, mesh.faces)[0]
+    return float(np.sqrt(squared[0])) > max(2.0 * voxel, 0.5 * opening.diameter)
 
 
 def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:

@@ -1,69 +1,91 @@
-"""From a scan to one clean, open, consistently wound surface: the input of closing."""
+"""From a scanned mesh to a clean, open surface that faces the water: the input of closing."""
 
 from __future__ import annotations
 
 import logging
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from aquanav_tools.errors import InputError, MeshError
-from aquanav_tools.libraries import load_open3d
-from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
+from aquanav_tools.cave.orientation import face_areas, face_the_water, is_gap
+from aquanav_tools.cave.patches import Patches, find_patches
+from aquanav_tools.errors import InputError
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)
 
-MIN_COMPONENT_SHARE = 0.01
-"""Pieces of the scan with less than this share of the largest one's area are stray objects."""
-NUM_NORMAL_NEIGHBOURS = 16
-MAX_POISSON_DEPTH = 11
-MAX_VOXELS = 15_000_000
-"""Bound on the grid's samples when a voxel is chosen: about 1 GB while closing."""
-TRIM_VOXELS = 2.5
-"""Poisson surface farther than this from any point was invented and is cut off, voxels."""
+MIN_PATCH_SHARE = 0.01
+"""Patches with less than this share of the largest one's area are stray objects or scraps ..."""
+MAX_STRAY_SHARE = 0.1
+"""... unless they make up more than this share of all: then the scan is a soup of fragments and all of it is wall."""
+SPIKE_RATIO = 4.0
+"""A vertex whose shortest edge is this many times longer than the median edge around it is a spike."""
+MAX_SPIKES = 0.05
+"""Where more vertices than this share look like spikes, that is what the surface is like."""
+GAP_VOXELS = 4.0
+"""Space between two layers of wall that is thinner than this is no passage, voxels."""
+RAY_OFFSET = 0.1
+"""Rays that look for the water start this far from a face, voxels: beyond its noise, before the other side."""
 
 
-def choose_voxel(surface: Mesh | PointCloud, vehicle_radius: float) -> float:
-    """Return the size of the cells that a scan is resampled with, m.
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """An open surface that faces the water."""
 
-    Never finer than a quarter of the vehicle's radius, which resolves any place it can pass. A mesh takes its median
-    edge, but at most half that radius, since large triangles do not mean low detail; a cloud takes twice its median
-    point spacing. Enlarged where the bounding box would hold more than MAX_VOXELS.
+    mesh: Mesh
+    """Normals out of the water."""
+    points: Array
+    """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m."""
+    dropped_share: float = 0.0
+    """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall."""
+    turned_share: float = 0.0
+    """Share of the area that was wound the other way round than the most of it."""
+
+
+def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
+    """Return the walls in a triangle soup: welded, without strays and spikes, facing the water.
+
+    Args:
+        mesh: any triangles, wound any way.
+        voxel: resolution of the scan, m.
+
+    Raises:
+        InputError: no triangle has an area.
     """
-    finest = 0.25 * vehicle_radius
-    if isinstance(surface, Mesh):
-        points = surface.vertices
-        size = min(float(np.median(edge_lengths(surface))), 2.0 * finest)
-    else:
-        points = surface.points
-        spacing, _ = cKDTree(points).query(points[:: max(1, len(points) // 20_000)], k=2)
-        size = 2.0 * float(np.median(spacing[:, 1]))
-    extent = np.percentile(points, 99.5, axis=0) - np.percentile(points, 0.5, axis=0)
-    if not extent.max() > 0:
-        raise InputError(
-            f"All {len(points)} points of the scan lie in one place. The export went wrong, or the unit is wrong; "
-            "check the file and --unit."
-        )
-    smallest = float(np.cbrt(np.prod(np.maximum(extent, extent.max() / 100)) / MAX_VOXELS))
-    return max(size, smallest, finest)
-
-
-def surface_from_mesh(mesh: Mesh) -> Mesh:
-    """Return the main pieces of a triangle soup, welded and wound consistently."""
-    solid = clean_mesh(mesh).to_trimesh()
-    if not len(solid.faces):
+    clean = clean_mesh(mesh)
+    if not len(clean.faces):
         raise InputError(f"None of the scan's {len(mesh.faces)} triangles has an area. Export the scan again.")
-    pieces = solid.split(only_watertight=False, repair=False)
-    areas = np.array([piece.area for piece in pieces])
-    kept = [piece for piece, area in zip(pieces, areas, strict=True) if area >= MIN_COMPONENT_SHARE * areas.max()]
-    logger.info("Kept %d of %d pieces of the scan", len(kept), len(pieces))
-    import trimesh
+    area = float(face_areas(clean)[0].sum())
+    smooth = Mesh(clean.vertices, clean.faces[~_spikes(clean)])
+    facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
+    kept = _without_unused(facing.mesh)
+    turned = min(facing.turned_share, 1.0 - facing.turned_share)
+    return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
 
-    merged = trimesh.util.concatenate(kept)
-    if not merged.is_winding_consistent:
-        trimesh.repair.fix_winding(merged)
-    return Mesh(np.array(merged.vertices), np.array(merged.faces, dtype=np.int64))
+
+def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
+    """Return the surface without second layers of wall: what the closed surface passes by for good reason.
+
+    Args:
+        surface: the scan.
+        closed: the closed surface made from it.
+        voxel: resolution of the scan, m.
+    """
+    import igl
+
+    mesh = surface.mesh
+    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), closed.vertices, closed.faces)[0]
+    far = np.flatnonzero(np.asarray(squared) > voxel**2)
+    if not len(far):
+        return surface
+    gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
+    is_kept = np.ones(len(mesh.faces), dtype=bool)
+    is_kept[gaps] = False
+    areas = face_areas(mesh)[0]
+    kept = _without_unused(Mesh(mesh.vertices, mesh.faces[is_kept]))
+    share = surface.dropped_share + (1.0 - surface.dropped_share) * float(areas[gaps].sum() / areas.sum())
+    points = kept.vertices if surface.points is mesh.vertices else surface.points
+    return Surface(kept, points, share, surface.turned_share)
 
 
 def clean_mesh(mesh: Mesh) -> Mesh:
@@ -75,69 +97,64 @@ def clean_mesh(mesh: Mesh) -> Mesh:
     return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
 
 
-def surface_from_cloud(cloud: PointCloud, voxel: float) -> Mesh:
-    """Return the screened Poisson surface of a cloud, cut back to where there are points.
-
-    Points without normals get them from their neighbours, oriented consistently along the surface; which side is
-    water is decided later, when the surface is closed.
-    """
-    open3d = load_open3d()
-    cleaned = _clean_cloud(open3d, cloud, voxel)
-    points = np.asarray(cleaned.points)
-    if len(points) < 100:
-        raise InputError(
-            f"Only {len(points)} of {len(cloud.points)} points remain after removing outliers at {voxel:.3g} m. "
-            "The cloud is too sparse for a surface, or the unit is wrong; check --unit or give a larger --voxel."
-        )
-    extent = float(np.ptp(points, axis=0).max()) * 1.1
-    depth = int(np.clip(np.ceil(np.log2(extent / voxel)), 5, MAX_POISSON_DEPTH))
-    poisson, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cleaned, depth=depth, n_threads=1)
-    vertices, faces = np.asarray(poisson.vertices), np.asarray(poisson.triangles).astype(np.int64)
-    distance, _ = cKDTree(points).query(vertices, distance_upper_bound=TRIM_VOXELS * voxel)
-    kept = np.isfinite(distance)[faces].all(axis=1)
-    return surface_from_mesh(Mesh(vertices, faces[kept]))
+def sample_faces(surface: Mesh, spacing: float) -> Array:
+    """Return points that cover every face at about the given spacing."""
+    corners = surface.triangles
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    steps = np.ceil(longest / spacing).astype(int)
+    samples = []
+    for count in np.unique(steps):
+        i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
+        weights = np.stack([i, j, count - i - j], axis=1) / max(count, 1)
+        samples.append(np.einsum("kc,fcx->fkx", weights, corners[steps == count]).reshape(-1, 3))
+    return np.concatenate(samples)
 
 
-def _clean_cloud(open3d: Any, cloud: PointCloud, voxel: float) -> Any:
-    """Return the open3d cloud thinned to half a voxel, without outliers, with normals."""
-    result = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
-    if cloud.normals is not None:
-        result.normals = open3d.utility.Vector3dVector(cloud.normals)
-    result = result.voxel_down_sample(0.5 * voxel)
-    result, _ = result.remove_statistical_outlier(16, 2.5)
-    result, _ = result.remove_radius_outlier(4, 2.0 * voxel)
-    if cloud.normals is None and len(result.points) > NUM_NORMAL_NEIGHBOURS:
-        result.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NUM_NORMAL_NEIGHBOURS))
-        result.orient_normals_consistent_tangent_plane(NUM_NORMAL_NEIGHBOURS)
-    result.normalize_normals()
-    return result
+def _spikes(mesh: Mesh) -> BoolArray:
+    """Return the (F,) flags of faces at a vertex that juts far out of its surroundings, as an outlier does."""
+    opposite, lengths = _edges_at_corners(mesh)
+    corners = mesh.faces.ravel()
+    shortest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(shortest, corners, lengths.min(axis=1))
+    around = _median_by(corners, opposite, len(mesh.vertices))
+    is_spike = shortest > SPIKE_RATIO * around
+    if is_spike.mean() > MAX_SPIKES:
+        return np.zeros(len(mesh.faces), dtype=bool)
+    flags: BoolArray = is_spike[mesh.faces].any(axis=1)
+    return flags
 
 
-def edge_lengths(mesh: Mesh) -> Array:
-    """Return the (3 F,) lengths of all face edges, m; inner edges appear twice."""
+def _edges_at_corners(mesh: Mesh) -> tuple[Array, Array]:
+    """Return for each of the 3 F face corners the length of the edge opposite and the (3 F, 2) lengths at it, m."""
     corners = mesh.triangles
-    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel()
-    return lengths
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # ab, bc, ca
+    opposite = np.roll(sides, -1, axis=1)
+    at_corner = np.stack([sides, np.roll(sides, 1, axis=1)], axis=2)
+    return opposite.ravel(), at_corner.reshape(-1, 2)
 
 
-def boundary_loops(mesh: Mesh) -> list[IntArray]:
-    """Return the vertex indices around every hole, in the winding of the lid that would close it.
+def _median_by(groups: IntArray, values: Array, count: int) -> Array:
+    """Return the median of the values in each group, inf for empty groups."""
+    order = np.lexsort((values, groups))
+    sizes = np.bincount(groups, minlength=count)
+    middle = np.concatenate([[0], np.cumsum(sizes)[:-1]]) + sizes // 2
+    medians = np.full(count, np.inf)
+    medians[sizes > 0] = values[order][middle[sizes > 0]]
+    return medians
 
-    Raises:
-        MeshError: a boundary touches itself, so that the loops are not unique.
-    """
-    directed = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
-    keys = {(int(a), int(b)) for a, b in directed}
-    successor: dict[int, int] = {}
-    for a, b in directed:
-        if (int(b), int(a)) not in keys:
-            if int(b) in successor:
-                raise MeshError(f"The boundary touches itself at {mesh.vertices[b].round(3)} m.")
-            successor[int(b)] = int(a)
-    loops = []
-    while successor:
-        loop = [next(iter(successor))]
-        while (following := successor.pop(loop[-1])) != loop[0]:
-            loop.append(following)
-        loops.append(np.array(loop, dtype=np.int64))
-    return loops
+
+def _main_patches(patches: Patches) -> Patches:
+    """Return the patches without stray objects."""
+    areas = np.bincount(patches.ids, face_areas(patches.mesh)[0])
+    is_small = areas < MIN_PATCH_SHARE * areas.max()
+    if areas[is_small].sum() > MAX_STRAY_SHARE * areas.sum():
+        return patches
+    kept = ~is_small[patches.ids]
+    logger.info("Left out %d of %d pieces of the scan as strays", is_small.sum(), len(areas))
+    _, ids = np.unique(patches.ids[kept], return_inverse=True)
+    return Patches(Mesh(patches.mesh.vertices, patches.mesh.faces[kept]), ids.astype(np.int64))
+
+
+def _without_unused(mesh: Mesh) -> Mesh:
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int64))

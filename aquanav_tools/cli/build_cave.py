@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.options import ClosingOptions, PanelOptions, ScanOptions, StartOptions
+from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 from aquanav_tools.cli.command import file_after, run_command
 from aquanav_tools.tables import from_table, read_toml
 
@@ -42,6 +42,7 @@ class Options(BuildOptions):
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
     scale: tyro.conf.OmitArgPrefixes[PhotoScaleOptions] = field(default_factory=PhotoScaleOptions)
     closing: tyro.conf.OmitArgPrefixes[ClosingOptions] = field(default_factory=ClosingOptions)
+    route: tyro.conf.OmitArgPrefixes[RouteOptions] = field(default_factory=RouteOptions)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -65,6 +66,7 @@ class _Stages:
 
     scan: ScanOptions = field(default_factory=ScanOptions)
     closing: ClosingOptions = field(default_factory=ClosingOptions)
+    route: RouteOptions = field(default_factory=RouteOptions)
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
 

@@ -6,8 +6,10 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing import close_surface
+from aquanav_tools.cave.cloud import surface_from_cloud
 from aquanav_tools.cave.portals import cut_portals, find_openings
-from aquanav_tools.cave.surface import choose_voxel, surface_from_cloud, surface_from_mesh
+from aquanav_tools.cave.resolution import choose_resolution
+from aquanav_tools.cave.surface import surface_from_mesh
 from aquanav_tools.errors import InputError, MeshError, ResourceError
 from aquanav_tools.types import Mesh, PointCloud
 from tests.cave.open_caves import RADIUS, bend, straight, tube_volume, wavy_sheet, without_faces_near
@@ -17,8 +19,8 @@ MIN_PORTAL = 0.8
 
 
 def close(mesh: Mesh):
-    surface = surface_from_mesh(mesh)
-    closed = close_surface(surface, VOXEL, keep_triangles=True)
+    surface = surface_from_mesh(mesh, VOXEL).mesh
+    closed = close_surface(surface, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
     return closed, cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), VOXEL)
 
 
@@ -65,8 +67,8 @@ def test_an_open_end_that_runs_into_a_hole_in_the_floor_is_cut_straight_across()
     mesh = straight()
     middles = mesh.triangles.mean(axis=1)
     is_floor = (middles[:, 0] > 5.0) & (middles[:, 2] < -0.7 * RADIUS)
-    surface = surface_from_mesh(Mesh(mesh.vertices, mesh.faces[~is_floor]))
-    closed = close_surface(surface, VOXEL, keep_triangles=False)
+    surface = surface_from_mesh(Mesh(mesh.vertices, mesh.faces[~is_floor]), VOXEL).mesh
+    closed = close_surface(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
     cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), VOXEL)
     assert len(cavity.portals) == 2
     end = max(cavity.portals, key=lambda portal: portal.centre[0])
@@ -97,9 +99,9 @@ def test_a_noisy_cloud_becomes_the_tube(has_normals: bool, rng: np.random.Genera
     points, faces = trimesh.sample.sample_surface(tube, 15_000, seed=0)
     noisy = np.asarray(points) + rng.normal(0.0, 0.005, (len(points), 3))
     cloud = PointCloud(noisy, -tube.face_normals[faces] if has_normals else None)
-    voxel = choose_voxel(cloud, 0.2)
-    surface = surface_from_cloud(cloud, voxel)
-    closed = close_surface(surface, voxel, keep_triangles=False)
+    voxel = choose_resolution(cloud, 0.2, 4.0).voxel
+    surface = surface_from_cloud(cloud, voxel).mesh
+    closed = close_surface(surface, voxel, keep_triangles=False, min_portal=MIN_PORTAL)
     cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), voxel)
     prove_watertight(cavity.mesh)
     assert len(cavity.portals) == 2
@@ -121,12 +123,20 @@ def test_a_single_wall_encloses_no_space() -> None:
         close(wavy_sheet())
 
 
-def test_a_grid_that_does_not_fit_into_memory_is_refused_with_a_voxel_that_does() -> None:
+def test_a_voxel_that_does_not_fit_into_memory_is_refused_with_one_that_does() -> None:
     far = Mesh(1000.0 * straight().vertices, straight().faces)
-    with pytest.raises(ResourceError, match=r"more than 2e\+08 \(12 GB\)\. Give --voxel \d"):
-        close_surface(far, VOXEL, keep_triangles=False)
+    with pytest.raises(ResourceError, match=r"takes about .* GB, more than the 4\.0 GB allowed\. Give --voxel \d"):
+        choose_resolution(far, 0.2, 4.0, wanted=VOXEL)
+
+
+def test_the_voxel_grows_until_closing_fits_into_memory() -> None:
+    far = Mesh(1000.0 * straight().vertices, straight().faces)
+    resolution = choose_resolution(far, 0.2, 4.0)
+    assert resolution.voxel > VOXEL
+    assert resolution.memory_gb == pytest.approx(4.0, rel=0.01)
+    assert "memory" in resolution.reason
 
 
 def test_points_in_one_place_are_refused() -> None:
     with pytest.raises(InputError, match="lie in one place"):
-        choose_voxel(PointCloud(np.ones((100, 3))), 0.2)
+        choose_resolution(PointCloud(np.ones((100, 3))), 0.2, 4.0)

@@ -28,8 +28,8 @@ TURN_RADIUS = 4.0
 
 
 def cavity_of(mesh: Mesh) -> Cavity:
-    surface = surface_from_mesh(mesh)
-    closed = close_surface(surface, 0.1, keep_triangles=True)
+    surface = surface_from_mesh(mesh, 0.1).mesh
+    closed = close_surface(surface, 0.1, keep_triangles=True, min_portal=0.8)
     return cut_portals(closed, surface, find_openings(closed, 0.8), 0.1)
 
 

@@ -111,10 +111,15 @@ class Bell:
 
         offset = points - self.centre
         size = np.linalg.norm(offset, axis=1)
-        gap, near = cKDTree(self.directions).query(offset / np.maximum(size, 1e-9)[:, None], k=3)
+        low, high = self.radius.min(), self.radius.max()
+        distance = np.where(size < low, size - low, size - high)
+        unsure = np.flatnonzero((size >= low) & (size <= high))
+        directions = offset[unsure] / np.maximum(size[unsure], 1e-9)[:, None]
+        gap, near = cKDTree(self.directions).query(directions, k=3)
         weights = 1.0 / np.maximum(gap, 1e-3)
         radius: Array = (weights * self.radius[near]).sum(axis=1) / weights.sum(axis=1)
-        return size - radius
+        distance[unsure] = size[unsure] - radius
+        return distance
 
 
 @dataclass(frozen=True, eq=False)

@@ -193,8 +193,11 @@ def _warnings(
     if not is_measured.all():
         warnings.append(
             f"{int((~is_measured).sum())} of {len(is_measured)} stations have neither splays nor passage dimensions; "
-            "the passage there is drawn as wide as at the nearest station that has"
-            + ("." if is_measured.any() else f", which is none: {DEFAULT_RADIUS:g} m everywhere.")
+            + (
+                "the width there runs evenly between those of the stations that have."
+                if is_measured.any()
+                else f"the passage is drawn {2.0 * DEFAULT_RADIUS:g} m wide everywhere."
+            )
         )
     if graph.others:
         warnings.append(

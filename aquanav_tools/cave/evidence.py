@@ -1,0 +1,83 @@
+"""What is known to be water: where cameras and surveyors were, the legs they measured, a place the user names.
+
+A cavity must hold all of it: whoever closes a scan must neither wall in a camera nor seal a passage that was walked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+
+LEG_STEP = 0.5
+"""Legs are looked at every half voxel: a seal is at least a voxel thick."""
+TOLERANCE_VOXELS = 1.0
+"""A place in rock still counts as water this close to the wall: stations are marked on walls."""
+
+
+def _no_points() -> Array:
+    return np.zeros((0, 3))
+
+
+def _no_legs() -> Array:
+    return np.zeros((0, 2, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Places and lines in the water."""
+
+    inside: Array = field(default_factory=_no_points)
+    """(N, 3) points, m."""
+    legs: Array = field(default_factory=_no_legs)
+    """(M, 2, 3) straight lines that nothing blocks, m."""
+
+    def moved(self, offset: Array) -> Evidence:
+        """Return the same with a (3,) offset added, m."""
+        return Evidence(self.inside + offset, self.legs + offset)
+
+
+NO_EVIDENCE = Evidence()
+
+
+@dataclass(frozen=True, eq=False)
+class Contradictions:
+    """What a closed surface gets wrong."""
+
+    points: IntArray
+    """Indices of points that lie in rock."""
+    legs: IntArray
+    """Indices of legs that rock blocks."""
+
+    @property
+    def count(self) -> int:
+        """How many there are in all."""
+        return len(self.points) + len(self.legs)
+
+
+def contradictions(closed: Mesh, evidence: Evidence, voxel: float) -> Contradictions:
+    """Return which places and legs a closed surface (normals out of the water) leaves in rock."""
+    is_wet = _is_water(closed, evidence.inside, voxel)
+    lengths = np.linalg.norm(evidence.legs[:, 1] - evidence.legs[:, 0], axis=1)
+    counts = np.maximum(np.ceil(lengths / (LEG_STEP * voxel)).astype(np.int64), 1) + 1
+    leg_ids = np.repeat(np.arange(len(lengths)), counts)
+    rank = np.arange(len(leg_ids)) - np.repeat(np.cumsum(counts) - counts, counts)
+    share = (rank / np.maximum(counts[leg_ids] - 1, 1))[:, None]
+    samples = (1.0 - share) * evidence.legs[leg_ids, 0] + share * evidence.legs[leg_ids, 1]
+    dry = leg_ids[~_is_water(closed, samples, voxel)]
+    return Contradictions(np.flatnonzero(~is_wet), np.unique(dry))
+
+
+def _is_water(closed: Mesh, points: Array, voxel: float) -> BoolArray:
+    import igl
+
+    if not len(points):
+        return np.zeros(0, dtype=bool)
+    is_wet: BoolArray = igl.fast_winding_number(closed.vertices, closed.faces, points) > 0.5
+    dry = np.flatnonzero(~is_wet)
+    if len(dry):
+        squared = igl.point_mesh_squared_distance(points[dry], closed.vertices, closed.faces)[0]
+        is_wet[dry] = squared <= (TOLERANCE_VOXELS * voxel) ** 2
+    return is_wet
