@@ -29,7 +29,8 @@ class DistanceField:
 
     Trilinear interpolation of an exact distance errs by at most sqrt(3) / 2 * spacing: a distance changes no faster
     than the position, and the mean distance to the eight corners, by their weights, is largest in a cell's middle.
-    Along a smooth wall of radius of curvature R it errs by at most 3 / 8 * spacing^2 / R.
+    Along a smooth wall of radius of curvature R it errs by at most 3 / 8 * spacing^2 / R. Measured in a rough passage
+    of radius 2 to 4 m at 0.1 m (eval/benchmarks/field.py): median 0.004, 95 % below 0.07, at most 0.44 spacings.
     """
 
     origin: Array
@@ -130,13 +131,13 @@ def interpolate(bricks, samples, origin, spacing, x, y, z):  # type: ignore[no-u
     gz = min(max((z - origin[2]) / spacing, 0.0), BRICK * bricks.shape[2] - 0.000001)
     i, j, k = int(gx), int(gy), int(gz)
     fx, fy, fz = gx - i, gy - j, gz - k
-    values = samples[bricks[i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS]]
+    n = bricks[i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS]
     i, j, k = i & (BRICK - 1), j & (BRICK - 1), k & (BRICK - 1)
-    low = (values[i, j, k] * (1 - fx) + values[i + 1, j, k] * fx) * (1 - fy) + (
-        values[i, j + 1, k] * (1 - fx) + values[i + 1, j + 1, k] * fx
+    low = (samples[n, i, j, k] * (1 - fx) + samples[n, i + 1, j, k] * fx) * (1 - fy) + (
+        samples[n, i, j + 1, k] * (1 - fx) + samples[n, i + 1, j + 1, k] * fx
     ) * fy
-    high = (values[i, j, k + 1] * (1 - fx) + values[i + 1, j, k + 1] * fx) * (1 - fy) + (
-        values[i, j + 1, k + 1] * (1 - fx) + values[i + 1, j + 1, k + 1] * fx
+    high = (samples[n, i, j, k + 1] * (1 - fx) + samples[n, i + 1, j, k + 1] * fx) * (1 - fy) + (
+        samples[n, i, j + 1, k + 1] * (1 - fx) + samples[n, i + 1, j + 1, k + 1] * fx
     ) * fy
     return low * (1 - fz) + high * fz
 

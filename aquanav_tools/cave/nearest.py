@@ -29,7 +29,7 @@ class TriangleTree(NamedTuple):
     boxes: Array
     """(2 L - 1, 2, 3) lowest and highest corner of all below a node, m."""
     balls: Array
-    """(L * LEAF, 4) middle of each triangle, and the distance from there to its farthest corner, m."""
+    """(L * LEAF, 7) middle of each triangle, distance from there to its farthest corner, m, and unit normal."""
 
 
 def build_tree(triangles: Array) -> TriangleTree:
@@ -50,7 +50,12 @@ def build_tree(triangles: Array) -> TriangleTree:
         width //= 2
     middles = filled.mean(axis=1)
     sizes = np.linalg.norm(filled - middles[:, None], axis=2).max(axis=1) * (1.0 + 1e-9)
-    return TriangleTree(filled, boxes, np.column_stack([middles, sizes]))
+    normals = np.cross(filled[:, 1] - filled[:, 0], filled[:, 2] - filled[:, 0])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    # The normal of a sliver is mostly rounding; without one, only the ball around the triangle is looked at.
+    is_clear = lengths > 1e-6 * sizes[:, None] ** 2
+    normals = np.where(is_clear, (1.0 - 1e-9) * normals / np.where(is_clear, lengths, 1.0), 0.0)
+    return TriangleTree(filled, boxes, np.column_stack([middles, sizes, normals]))
 
 
 def _morton_codes(points: Array) -> IntArray:
@@ -138,9 +143,14 @@ def distance_to_nearest(triangles, balls, rows, count, x, y, z, guess):  # type:
     best = np.sqrt(squared_distance(triangles, guess, x, y, z))
     for n in range(count):
         row = rows[n]
-        dx, dy, dz = x - balls[row, 0], y - balls[row, 1], z - balls[row, 2]
-        if dx * dx + dy * dy + dz * dz < (best + balls[row, 3]) ** 2:
-            best = min(best, np.sqrt(squared_distance(triangles, row, x, y, z)))
+        dx, dy, dz, size = x - balls[row, 0], y - balls[row, 1], z - balls[row, 2], balls[row, 3]
+        square = dx * dx + dy * dy + dz * dz
+        if square < (best + size) ** 2:
+            # The triangle lies in a disc of this size: what is beside the disc and what is above it add up.
+            above = dx * balls[row, 4] + dy * balls[row, 5] + dz * balls[row, 6]
+            beside = max(0.0, np.sqrt(max(0.0, square - above * above)) - size)
+            if above * above + beside * beside < best * best:
+                best = min(best, np.sqrt(squared_distance(triangles, row, x, y, z)))
     return best
 
 
