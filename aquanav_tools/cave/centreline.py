@@ -21,13 +21,14 @@ from aquanav_tools.cave.lattice import Lattice, sample_water
 from aquanav_tools.cave.route import resample
 from aquanav_tools.cave.skeleton import DEAD_END, JUNCTION, PORTAL, Link, Skeleton, merge_junctions, trace
 from aquanav_tools.cave.thinning import thin
-from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 MAX_SAMPLES = 2_000_000
 """Samples of water that are thinned; 26 neighbours of each are 0.2 GB. 300 m of passage 3 m wide at 0.1 m are 2.1 M."""
 NUM_ROUNDS = 2
 """How often a line is centred and smoothed: the first round straightens the steps of the samples out of its way."""
+FAINT, PINNED = 1e-2, 1e4
+"""Weights in a fit, against 1 of other points: inside a junction's ball, and of an end that must be passed through."""
 BEND_REACH = 2.0
 """Length of branch beyond a junction's ball that tells where the branch comes from, in radii of that ball."""
 MAX_JUNCTION_MOVE = 0.5
@@ -59,11 +60,6 @@ def find_centreline(
         MeshError: no water is wide enough for the field's spacing.
     """
     lattice = sample_water(field, options.max_samples)
-    if len(lattice.indices) == 0:
-        raise MeshError(
-            f"No water is wide enough for a centreline: the roomiest place has {field.max_clearance:.2f} m of "
-            f"clearance, the samples are {field.spacing:.2f} m apart. Check --unit, or choose a smaller vehicle."
-        )
     portals = np.array(
         [lattice.nearest(portal.centre - lattice.spacing * portal.normal) for portal in cavity.portals], dtype=np.int64
     )
@@ -76,13 +72,16 @@ def find_centreline(
 
 def _thin_with_tips(lattice: Lattice, portals: IntArray) -> BoolArray:
     """Return what thinning leaves around the portals and all tips of dead ends."""
-    anchors = np.unique(np.append(portals, _roomiest_without(lattice, portals)))
+    roots = _roomiest_without(lattice, portals)
+    anchors = np.unique(np.append(portals, roots))
     while True:
         is_left = thin(lattice, anchors)
         tips = np.setdiff1d(find_tips(lattice, is_left), anchors)
         if len(tips) == 0:
             return is_left
-        anchors = np.append(anchors, tips)
+        # A root is where the search starts in a part without portals; once there are tips, these hold its skeleton.
+        is_done = np.isin(anchors, roots) & np.isin(lattice.part[anchors], lattice.part[tips])
+        anchors, roots = np.append(anchors[~is_done], tips), np.setdiff1d(roots, anchors[is_done])
 
 
 def _roomiest_without(lattice: Lattice, portals: IntArray) -> IntArray:
@@ -124,19 +123,34 @@ def _centred(skeleton: Skeleton, wall: Wall, step: float) -> Skeleton:
 
 
 def _centre_link(link: Link, skeleton: Skeleton, wall: Wall, step: float) -> Link:
+    """Return a link in the middle of its passage; only the tip of a dead end moves of its ends."""
     kinds = skeleton.kinds[link.start], skeleton.kinds[link.end]
-    is_pinned = kinds[0] != DEAD_END, kinds[1] != DEAD_END
     points = resample(link.points, step)
     if len(points) < 3:
         return link
-    points = smooth(points, wall.clearance(points), is_pinned)
+    points = _smooth_link(points, kinds, wall)
     for _ in range(NUM_ROUNDS):
-        moved = centre(points, wall)
-        for end, pinned in zip((0, -1), is_pinned, strict=True):
-            if pinned:
-                moved[end] = points[end]
-        points = resample(smooth(moved, wall.clearance(moved), is_pinned), step)
+        points = resample(_smooth_link(_with_fixed_ends(centre(points, wall), points, kinds), kinds, wall), step)
     return replace(link, points=points)
+
+
+def _smooth_link(points: Array, kinds: tuple[str, str], wall: Wall) -> Array:
+    """Return the points smoothed; what lies in a junction's ball is hardly heard, since no wall guides it there."""
+    clearance = wall.clearance(points)
+    weights = np.ones(len(points))
+    for end, kind in zip((0, -1), kinds, strict=True):
+        if kind == JUNCTION:
+            weights[np.linalg.norm(points - points[end], axis=1) < clearance[end]] = FAINT
+        elif kind != DEAD_END:
+            weights[end] = PINNED
+    return _with_fixed_ends(smooth(points, clearance, weights), points, kinds)
+
+
+def _with_fixed_ends(moved: Array, points: Array, kinds: tuple[str, str]) -> Array:
+    is_fixed = [kind != DEAD_END for kind in kinds]
+    return np.vstack(
+        [points[:1] if is_fixed[0] else moved[:1], moved[1:-1], points[-1:] if is_fixed[1] else moved[-1:]]
+    )
 
 
 def _ends_at(skeleton: Skeleton, node: int) -> list[Array]:

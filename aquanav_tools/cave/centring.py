@@ -19,8 +19,6 @@ NUM_HALVINGS = 6
 """How often the trial distance is halved: down to 1 % of the clearance."""
 NUM_DIRECTIONS = 6
 """Directions across the passage that are tried; four would let a line stick on a ridge between two of them."""
-PIN_WEIGHT = 1e4
-"""Weight of an end that a fit must pass through, against 1 of other points."""
 
 
 class Wall:
@@ -30,7 +28,6 @@ class Wall:
         import igl
 
         self.field = field
-
         self.vertices = np.ascontiguousarray(cavity.mesh.vertices)
         self.faces = np.ascontiguousarray(cavity.mesh.faces[cavity.labels == WALL])
         self.tree = igl.AABB()
@@ -78,31 +75,25 @@ def centre(points: Array, wall: Wall) -> Array:
     return best
 
 
-def smooth(points: Array, clearance: Array, is_pinned: tuple[bool, bool]) -> Array:
+def smooth(points: Array, clearance: Array, weights: Array) -> Array:
     """Return a (K, 3) line with every point replaced by a cubic fitted around it (local regression, tricube weights).
 
     Args:
         points: about evenly spaced, m.
         clearance: (K,) m.
-        is_pinned: whether the first and the last point stay where they are.
+        weights: (K,) how much each point counts in the fits.
     """
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     if len(points) < 2 * MIN_WINDOW:
         return points
     window = np.maximum(SMOOTHING * clearance, MIN_WINDOW * along[-1] / (len(points) - 1))
-    pins = np.ones(len(points))
-    pins[[end for end, pinned in zip((0, -1), is_pinned, strict=True) if pinned]] = PIN_WEIGHT
-    fitted = np.array([_fit(points, along, pins, n, window[n]) for n in range(len(points))])
-    for end, pinned in zip((0, -1), is_pinned, strict=True):
-        if pinned:
-            fitted[end] = points[end]
-    return fitted
+    return np.array([_fit(points, along, weights, n, window[n]) for n in range(len(points))])
 
 
-def _fit(points: Array, along: Array, pins: Array, n: int, window: float) -> Array:
+def _fit(points: Array, along: Array, weights: Array, n: int, window: float) -> Array:
     first, last = np.searchsorted(along, [along[n] - window, along[n] + window])
     offset = (along[first:last] - along[n]) / window
-    root = np.sqrt(pins[first:last]) * np.maximum(1.0 - np.abs(offset) ** 3, 0.0) ** 1.5
+    root = np.sqrt(weights[first:last]) * np.maximum(1.0 - np.abs(offset) ** 3, 0.0) ** 1.5
     powers = offset[:, None] ** np.arange(4)
     return np.asarray(np.linalg.lstsq(root[:, None] * powers, root[:, None] * points[first:last], rcond=None)[0][0])
 

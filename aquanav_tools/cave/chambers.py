@@ -8,7 +8,8 @@ from aquanav_tools.cave.centreline_graph import Chamber, Line
 from aquanav_tools.types import BoolArray, IntArray
 
 MIN_WIDENING = 1.5
-"""A chamber has at least this many times the clearance of every way out of it: more than twice their section."""
+"""A chamber has at least this many times the clearance of every way out of it, and of half of all centreline: more than
+twice their section."""
 MAX_ELONGATION = 3.0
 """What is longer than this many of its largest clearances to one side is a wide stretch of passage, no chamber."""
 
@@ -26,13 +27,15 @@ def find_chambers(line: Line, portals: IntArray) -> tuple[Chamber, ...]:
     is_portal = np.zeros(len(line.points), dtype=bool)
     is_portal[portals] = True
     chambers: list[Chamber] = []
+    usual = float(np.median(line.clearance))
     for peak in _peaks(line):
         stretch = _stretch(line, int(peak))
         radius = float(line.clearance[peak])
         is_known = any((line.points[stretch] == chamber.centre).all(axis=1).any() for chamber in chambers)
         is_top = not is_known and not (line.clearance[stretch] > radius).any()
         is_compact = np.linalg.norm(line.points[stretch] - line.points[peak], axis=1).max() <= MAX_ELONGATION * radius
-        if is_top and is_compact and not is_portal[stretch].any() and _has_way_out(line, stretch):
+        is_wide = radius >= MIN_WIDENING * usual
+        if is_top and is_wide and is_compact and not is_portal[stretch].any() and _has_way_out(line, stretch):
             chambers.append(Chamber(line.points[peak], radius, int(line.branch[peak])))
     return tuple(chambers)
 

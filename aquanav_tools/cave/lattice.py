@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, IntArray
 
 OFFSETS: IntArray = np.delete(np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1) - 1, 13, axis=0)
@@ -55,11 +56,19 @@ def sample_water(field: DistanceField, max_samples: int) -> Lattice:
 
     Rock that floats in the water, attached by less than a sample shows, is drowned: nothing can turn around it that
     could not pass through its attachment.
+
+    Raises:
+        MeshError: no water is wide enough for the samples; the message says how wide, how far apart.
     """
     indices, clearance = field.water()
     stride = max(1, int(np.ceil(np.cbrt(len(indices) / max_samples))))
     spacing = stride * field.spacing
     kept = np.all(indices % stride == 0, axis=1) & (clearance >= SAFE_CLEARANCE * spacing)
+    if not kept.any():
+        raise MeshError(
+            f"No water is wide enough for a centreline: the roomiest place has {field.max_clearance:.2f} m of "
+            f"clearance, the samples are {spacing:.2f} m apart. Check --unit, or choose a smaller vehicle."
+        )
     indices, clearance = _in_order(indices[kept] // stride, clearance[kept])
     indices, clearance = _without_small_parts(indices, clearance)
     indices, clearance = _drowned(indices, clearance)
@@ -101,8 +110,6 @@ def _parts(table):  # type: ignore[no-untyped-def]
 
 
 def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
-    if len(indices) == 0:
-        return indices, clearance
     part = _parts(neighbour_table(indices, OFFSETS))
     kept = (np.bincount(part) >= MIN_SHARE * len(indices))[part]
     return indices[kept], clearance[kept]
@@ -110,20 +117,23 @@ def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray,
 
 def _drowned(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
     """Return the samples with those in floating rock added, layer by layer."""
-    while len(indices):
-        rock = _shore(indices)
-        part = _parts(neighbour_table(rock, OFFSETS[FACE_OFFSETS]))
-        floating = part != part[0]  # the first sample in order lies outside of everything
+    while True:
+        table = neighbour_table(indices, OFFSETS)
+        rock = _shore(indices, table)
+        shore = _parts(neighbour_table(rock, OFFSETS[FACE_OFFSETS]))
+        # West of a part's first sample in order lies the rock around that part.
+        firsts = indices[np.unique(_parts(table), return_index=True)[1]]
+        around = [shore[np.flatnonzero((rock == first - [1, 0, 0]).all(axis=1))[0]] for first in firsts]
+        floating = ~np.isin(shore, around)
         if not floating.any():
-            break
+            return indices, clearance
         drowned = np.zeros(int(floating.sum()))
         indices, clearance = _in_order(np.concatenate([indices, rock[floating]]), np.append(clearance, drowned))
-    return indices, clearance
 
 
-def _shore(indices: IntArray) -> IntArray:
+def _shore(indices: IntArray, table: npt.NDArray[np.int32]) -> IntArray:
     """Return the (R, 3) samples of rock beside water, in lexicographic order."""
-    rows, columns = np.nonzero(neighbour_table(indices, OFFSETS) < 0)
+    rows, columns = np.nonzero(table < 0)
     rock = indices[rows] + OFFSETS[columns]
     low = rock.min(axis=0)
     shape = np.ptp(rock, axis=0) + 1
