@@ -51,10 +51,22 @@ class CaveMap:
         """(S, 3) m."""
         return np.array([section.centre for section in self.sections]).reshape(-1, 3)
 
-    def along(self, point: Array) -> float:
-        """Return the metres along the route of the place nearest to a (3,) point."""
-        nearest = int(np.argmin(np.linalg.norm(self.centreline - point, axis=1)))
-        return float(arc_lengths(self.centreline)[nearest])
+    @property
+    def places(self) -> Array:
+        """(M, 3) positions of the marks, m."""
+        return np.array([mark.position for mark in self.marks]).reshape(-1, 3)
+
+    @property
+    def length(self) -> float:
+        """Of the route, m."""
+        return float(arc_lengths(self.centreline)[-1])
+
+    def along(self, points: Array) -> Array:
+        """Return the (N,) metres along the route of the places nearest to (N, 3) points."""
+        from scipy.spatial import cKDTree
+
+        lengths: Array = arc_lengths(self.centreline)[cKDTree(self.centreline).query(points)[1]]
+        return lengths
 
 
 def silhouette(mesh: Mesh, view: View) -> tuple[Array, ...]:

@@ -28,8 +28,8 @@ class Labels:
         self._pixels_per_point = figure.dpi / 72.0
         page = figure.get_window_extent(self._renderer)
         self._page = np.array([page.x0, page.y0, page.x1, page.y1])
-        self.taken: list[Array] = []
-        """(4,) left, bottom, right, top of what must stay uncovered, pixels."""
+        self._taken = np.empty((0, 4))
+        """(N, 4) left, bottom, right, top of what must stay uncovered, pixels."""
 
     def keep_inside(self, left_in: float, right_in: float) -> None:
         """Write labels only between two distances from the page's left edge, inches."""
@@ -38,8 +38,8 @@ class Labels:
     def keep_free(self, points: Array, radius_pt: float) -> None:
         """Keep labels off (N, 2) points of the drawing, given in its coordinates."""
         reach = radius_pt * self._pixels_per_point
-        for x, y in self._axes.transData.transform(np.atleast_2d(points)):
-            self.taken.append(np.array([x - reach, y - reach, x + reach, y + reach]))
+        pixels = self._axes.transData.transform(np.atleast_2d(points))
+        self._taken = np.vstack([self._taken, np.hstack([pixels - reach, pixels + reach])])
 
     def add(self, point: Array, text: str, must: bool = True, **style: Any) -> bool:
         """Write a label next to a (2,) point and return whether there was room.
@@ -60,7 +60,7 @@ class Labels:
                 offset = self._offset(size, distance, angle)
                 box = self._box(anchor + offset, size)
                 if self._is_free(box):
-                    self.taken.append(box)
+                    self._taken = np.vstack([self._taken, box])
                     label.set_position(tuple(offset / self._pixels_per_point))
                     if distance > NEAR_PT[-1]:
                         self._draw_leader(point, offset - np.clip(offset, -0.5 * size, 0.5 * size))
@@ -81,7 +81,8 @@ class Labels:
     def _is_free(self, box: Array) -> bool:
         if (box[:2] < self._page[:2]).any() or (box[2:] > self._page[2:]).any():
             return False
-        return not any((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all() for other in self.taken)
+        overlaps = (box[:2] < self._taken[:, 2:]).all(axis=1) & (self._taken[:, :2] < box[2:]).all(axis=1)
+        return not bool(overlaps.any())
 
     def _draw_leader(self, point: Array, offset: Array) -> None:
         self._axes.annotate(

@@ -92,10 +92,10 @@ def draw_sizes(cave: CaveMap, path: Path) -> None:
     }
     for name, sizes in lines.items():
         axes.plot(along, sizes, color=SIZE_COLOURS[name], linewidth=1.4, marker="o", markersize=3)
-    axes.set_xlim(0.0, cave.along(cave.centreline[-1]))
+    axes.set_xlim(0.0, cave.length)
     axes.set_ylim(bottom=0.0)
     labels = Labels(figure, axes)
-    places = np.array([[cave.along(mark.position), mark.size] for mark in cave.marks]).reshape(-1, 2)
+    places = np.stack([cave.along(cave.places), [mark.size for mark in cave.marks]], axis=1)
     labels.keep_free(places, 3.0)
     dense = np.linspace(along[0], along[-1], 200)
     for sizes in lines.values():

@@ -87,7 +87,7 @@ def draw_long_section(cave: CaveMap, path: Path) -> None:
     _draw_key(figure, cave, has_portals=False)
     axes.fill_between(along, exaggeration * floor, exaggeration * ceiling, color=WATER, linewidth=0.0, zorder=1)
     for heights in (floor, ceiling):
-        axes.plot(along, exaggeration * heights, color=INK, linewidth=1.2, zorder=2)
+        axes.plot(along, exaggeration * heights, color=INK, linewidth=1.2, zorder=2, clip_on=False)
     axes.plot(along, exaggeration * line[:, 2], color=BLUE, linewidth=1.1, dashes=(5, 2.5), zorder=3)
     _draw_height_axis(axes, exaggeration, num_heights=2 + int(exaggeration * natural))
 
@@ -206,7 +206,7 @@ def _draw_height_axis(axes: Any, exaggeration: int, num_heights: int) -> None:
 
 def _unrolled(cave: CaveMap, points: Array) -> Array:
     """Return the (N, 2) distance along the route and height of (N, 3) points."""
-    return np.array([[cave.along(point), point[2]] for point in points]).reshape(-1, 2)
+    return np.stack([cave.along(points), points[:, 2]], axis=1)
 
 
 def _mark_places(figure: Any, axes: Any, cave: CaveMap, project: Project) -> Labels:
@@ -215,9 +215,10 @@ def _mark_places(figure: Any, axes: Any, cave: CaveMap, project: Project) -> Lab
     labels.keep_inside(HEIGHTS_IN, WIDTH_IN)
     stations = project(cave.stations)
     ends = project(cave.centreline[[0, -1]])
-    marks = project(np.array([mark.position for mark in cave.marks]).reshape(-1, 3))
+    marks = project(cave.places)
     labels.keep_free(np.vstack([stations, marks]), 3.0)
     labels.keep_free(ends, 6.0)
+    labels.keep_free(project(cave.centreline), 0.5)
     axes.plot(*stations.T, **STATION, linestyle="", markersize=4, zorder=4, clip_on=False)
     for end, name, marker, colour in zip(ends, ("Entrance", "Goal"), ("o", "*"), (GOOD, PORTAL), strict=True):
         axes.scatter(*end, marker=marker, s=45 if marker == "o" else 150, color=colour, edgecolors=INK,

@@ -71,7 +71,7 @@ def draw_views(cave: CaveMap, panels: tuple[Array, ...], path: Path) -> None:
         _draw(figure, axes, cave, panels, scene, camera)
     bottom -= small / inside[0].aspect + CAPTION_IN
     for column, (camera, share) in enumerate(zip(inside, STATIONS, strict=True)):
-        caption = f"Inside, {share * arc_lengths(cave.centreline)[-1]:.1f} m along the route, looking ahead"
+        caption = f"Inside, {share * cave.length:.1f} m along the route, looking ahead"
         corner = (MARGIN_IN + column * (small + MARGIN_IN), bottom)
         axes = _add_picture(figure, corner, (small, small / camera.aspect), caption)
         _draw(figure, axes, cave, panels, scene, camera)

@@ -135,6 +135,12 @@ def test_a_flat_long_section_is_exaggerated_and_says_so(tmp_path: Path, monkeypa
     assert any("heights 20 times exaggerated" in text.get_text() for text in titles[0].texts)
 
 
+def test_places_beside_the_route_have_the_distance_of_the_nearest_point_on_it(straight: CaveMap) -> None:
+    points = np.array([[1.0, 0.0, 0.0], [7.0, 1.5, -0.5], [30.0, 0.0, 0.0]])
+    np.testing.assert_allclose(straight.along(points), [0.0, 6.0, 18.0], atol=1e-9)  # the route runs from x = 1 to 19
+    assert straight.length == pytest.approx(18.0)
+
+
 def test_north_points_to_world_y_on_a_plan_that_runs_south() -> None:
     plan, _ = plan_and_section(np.array([[0.0, 0, 0], [0.0, -30.0, 0]]))
     np.testing.assert_allclose(plan.project(Y), [-1.0, 0.0], atol=1e-12)
