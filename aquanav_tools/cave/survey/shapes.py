@@ -225,40 +225,48 @@ def _rings(start: Array, end: Array, points: Array, limits: Array, widths_at_end
     return _mean_radius(over_length[:, None, :] * over_angle[None], distance, prior)
 
 
-def bells(walls: WallPoints, pairs: WallPairs, graph: PassageGraph, pieces: list[Tube], longest: Array) -> list[Shape]:
+def bells(walls: WallPoints, pairs: WallPairs, graph: PassageGraph, pieces: list[Tube], longest: Array) -> list[Bell]:
     """Return the bell at each node; where no wall was seen it is as wide as the narrowest tube that ends there."""
     import trimesh
 
     directions = np.asarray(trimesh.creation.icosphere(subdivisions=3).vertices)
-    narrowest = np.full(len(graph.nodes), np.inf)
+    prior = np.full((len(graph.nodes), len(directions)), np.inf)
     for (a, b), piece in zip(graph.legs.tolist(), pieces, strict=True):
-        narrowest[a] = min(narrowest[a], np.exp(np.log(piece.radius[0]).mean()))
-        narrowest[b] = min(narrowest[b], np.exp(np.log(piece.radius[-1]).mean()))
-    node = _node_beside(walls, pairs, graph, narrowest)
-    made: list[Shape] = []
+        prior[a] = np.minimum(prior[a], _rounded_end(piece, piece.radius[0], directions))
+        prior[b] = np.minimum(prior[b], _rounded_end(piece, piece.radius[-1], directions))
+    node = _node_beside(walls, pairs, graph)
+    made = []
     for index, centre in enumerate(graph.nodes):
-        if not (node == index).any():
-            made.append(Core(centre, centre, max(narrowest[index], MIN_RADIUS)))
-            continue
         points = walls.points[node == index] - centre
         size = np.linalg.norm(points, axis=1)
         turn = np.arccos(np.clip(directions @ (points / np.maximum(size, 1e-9)[:, None]).T, -1.0, 1.0))
         distance = np.clip(size, MIN_RADIUS, longest[index])
         weights = np.exp(-0.5 * (turn / ANGLE_SPREAD) ** 2)
-        made.append(Bell(centre, directions, _mean_radius(weights, distance, np.log(narrowest[index]))))
+        made.append(Bell(centre, directions, _mean_radius(weights, distance, prior[index])))
     return made
 
 
-def _node_beside(walls: WallPoints, pairs: WallPairs, graph: PassageGraph, reach: Array) -> Array:
-    """Return for each wall point the node it lies beside, at most `reach` along the nearest leg; -1 for none."""
+def _rounded_end(piece: Tube, ring: Array, directions: Array) -> Array:
+    """Return the (D,) logarithms of distances rounding off a tube: its section across, its least width ahead."""
+    axis = piece.end - piece.start
+    _, across, angle = _cylindrical(directions, np.zeros(3), axis)
+    column = angle / (2.0 * np.pi) * RING_POINTS
+    section = np.log(_at(ring[None].repeat(2, axis=0), np.zeros(len(directions)), column))
+    return across * section + (1.0 - across) * float(np.log(ring.min()))
+
+
+def _node_beside(walls: WallPoints, pairs: WallPairs, graph: PassageGraph) -> Array:
+    """Return for each wall point the node that it lies beyond, off the end of the nearest leg; -1 for none.
+
+    Points beside a leg make its tube. In a bell, which knows directions only, they would swell it.
+    """
     if not len(walls.points):
         return np.empty(0)
     best = nearest_pairs(pairs, len(walls.points))
-    leg, length = pairs.leg[best], graph.lengths[pairs.leg[best]]
-    foot = np.clip(pairs.foot[best], 0.0, length)
-    is_second = foot > 0.5 * length
+    leg, foot = pairs.leg[best], pairs.foot[best]
+    is_second = foot >= graph.lengths[leg]
     node = graph.legs[leg, is_second.astype(int)]
-    return np.where(np.where(is_second, length - foot, foot) <= reach[node], node, -1)
+    return np.where(is_second | (foot <= 0.0), node, -1)
 
 
 def _mean_radius(weights: Array, distance: Array, prior: Array | float) -> Array:

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.cave.closing import from_manifold
+from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.cave.survey.model import Station, StationFlag, Survey
 from aquanav_tools.cave.survey.passage_graph import PassageGraph, passage_graph
 from aquanav_tools.cave.survey.sculpt import sculpt
@@ -28,8 +28,8 @@ from aquanav_tools.types import Array, BoolArray, Mesh
 
 VOXEL = 0.2
 """Spacing of the grid the surface is drawn on, m: finer than the spacing of any splays."""
-SIMPLIFY_VOXELS = 0.05
-"""Triangles are merged where that moves the surface by no more than this, voxels."""
+SIMPLIFY_VOXELS = (0.05, 0.02, 0.005)
+"""Triangles are merged where that moves the surface by no more than this, voxels; the first without crossing faces."""
 ENTRANCE_MARGIN = 0.1
 """The passage is cut this far outside an entrance's station, m, so that the station stays in the water."""
 
@@ -134,16 +134,23 @@ def _plane(station: Station, graph: PassageGraph, node: int, reach: float) -> En
 
 def _opened(surface: Mesh, planes: tuple[EntrancePlane, ...], voxel: float) -> tuple[Mesh, int]:
     """Return the largest piece of the solid, cut at the entrances, and its genus."""
-    from aquanav_tools.cave.cavity import to_manifold
-
-    solid = to_manifold(surface).simplify(SIMPLIFY_VOXELS * voxel)
+    solid = to_manifold(surface)
     for plane in planes:
         solid = solid - _outside(plane)
     # Pieces of negative volume are pockets of rock that tubes enclose; no survey can have measured one.
     pieces = sorted(solid.decompose(), key=lambda piece: -piece.volume())
     if not pieces:
         raise MeshError("The tubes along the survey's legs enclose no space. Check the survey's scale.")
-    return from_manifold(pieces[0]), int(pieces[0].genus())
+    return _simplified(pieces[0], voxel), int(pieces[0].genus())
+
+
+def _simplified(solid, voxel: float) -> Mesh:  # type: ignore[no-untyped-def]  # manifold3d ships no types
+    """Return the solid with as few triangles as can be had without faces that cross."""
+    for share in SIMPLIFY_VOXELS:
+        mesh = from_manifold(solid.simplify(share * voxel))
+        if not len(self_intersections(mesh)):
+            return mesh
+    return from_manifold(solid)
 
 
 def _outside(plane: EntrancePlane):  # type: ignore[no-untyped-def]  # manifold3d ships no types
