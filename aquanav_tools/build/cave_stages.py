@@ -123,25 +123,24 @@ def _close(
     given = np.array(options.closing.inside).reshape(-1, 3)
     evidence = Evidence(np.concatenate([evidence.inside, given]), evidence.legs)
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
-    is_mesh = isinstance(scan, Mesh)
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
     with journal.stage(f"Preparing the surface at {1000 * resolution.voxel:.0f} mm"):
-        prepare = surface_from_mesh if is_mesh else surface_from_cloud
-        surface = prepare(scan, resolution.voxel)  # type: ignore[operator]
+        voxel = resolution.voxel
+        surface = surface_from_mesh(scan, voxel) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel)
     with journal.stage(f"Closing it, about {resolution.memory_gb:.1f} GB") as progress:
         closed = close_surface(
             surface.mesh,
-            resolution.voxel,
-            keep_triangles=is_mesh,
+            voxel,
+            keep_triangles=isinstance(scan, Mesh),
             min_portal=min_portal,
             evidence=evidence,
             progress=progress,
         )
-        surface = without_gaps(surface, closed.mesh, resolution.voxel)
+        surface = without_gaps(surface, closed.mesh, voxel)
         openings = find_openings(closed, min_portal)
         cuts = tuple(_cut(plane) for plane in options.closing.cut)
-        cavity = cut_portals(closed, surface.mesh, openings, resolution.voxel, cuts)
+        cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts)
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(cavity)
     return resolution, surface, closed, cavity

@@ -200,7 +200,7 @@ def _report_failure(
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), options.output / "build.json")
     warnings = [{"code": code, "text": text} for code, text in journal.notices]
     outputs.write_json({"error": str(error), "warnings": warnings, **facts}, options.output / "report.json")
-    figures = ()
+    figures: tuple[Figure, ...] = ()
     if isinstance(surface, Mesh):
         figures = outputs.draw_failure(surface, error, options.output / "faults.png")
     write_page(outputs.failure_page(options, error, journal, facts, figures), options.output / "report.html")

@@ -19,7 +19,7 @@ from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.cave.lids import close_with_lids
 from aquanav_tools.cave.winding import NO_CARVING, Carving, water_surface
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, BoolArray, Mesh, Progress, ignore_progress
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
 
@@ -115,7 +115,7 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
 
 
 def _carve(
-    before: Carving, evidence: Evidence, blocked: Array, faults: tuple[Handle, ...], fault_voxels: float, voxel: float
+    before: Carving, evidence: Evidence, blocked: IntArray, faults: tuple[Handle, ...], fault_voxels: float, voxel: float
 ) -> Carving:
     """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
     balls = [(*handle.centre, 0.5 * handle.length + 2.0 * fault_voxels * voxel) for handle in faults]
@@ -205,7 +205,7 @@ def _as_stored(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
 
 
-def _sealed(evidence: Evidence, points: Array, legs: Array) -> MeshError:
+def _sealed(evidence: Evidence, points: IntArray, legs: IntArray) -> MeshError:
     dry = evidence.inside[points]
     blocked = evidence.legs[legs].mean(axis=1)
     places = [(tuple(place.tolist()), "known water in rock") for place in (*dry, *blocked)]

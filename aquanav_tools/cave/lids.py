@@ -6,16 +6,20 @@ lid. Faces that cross each other or crowd around an edge are taken out first, an
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.cave.hole_filling import fill_hole
 from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.cave.orientation import face_areas
 from aquanav_tools.cave.patches import boundary_loops, crowded_faces, find_patches, split_touching
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
 
 MAX_ROUNDS = 5
 MAX_REPAIRED_SHARE = 0.02
@@ -87,7 +91,8 @@ def _with_lids(
     for loop in boundary_loops(surface):
         middle = vertices[loop].mean(axis=0)
         owner = tuple(middle.round(6).tolist())
-        added, lid = _flat_or_cone(vertices, loop)
+        is_small = _diameter(vertices[loop]) < min_portal and owner not in flat_loops
+        added, lid = (_curved if is_small else _flat_or_cone)(vertices, surface.faces, loop)
         vertices = np.vstack([vertices, added])
         lids.append(lid)
         owners += [owner] * len(lid)
@@ -99,7 +104,16 @@ def _diameter(points: Array) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max() * 2.0)
 
 
-def _flat_or_cone(vertices: Array, loop: IntArray) -> tuple[Array, IntArray]:
+def _curved(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
+    """Return the new vertices and faces of a lid that goes on with the wall's curvature, where the rim allows it."""
+    try:
+        return fill_hole(vertices, faces, loop)
+    except MeshError:
+        logger.info("The hole at %s m has a folded rim and gets a plain lid", vertices[loop].mean(axis=0).round(2))
+        return _flat_or_cone(vertices, faces, loop)
+
+
+def _flat_or_cone(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
     """Return the new vertices and faces of a lid: flat where the loop allows, else a cone to its middle."""
     lid = _flat_lid(vertices, loop)
     if lid is not None:

@@ -41,8 +41,7 @@ def find_patches(mesh: Mesh) -> Patches:
 def crowded_faces(faces: IntArray) -> BoolArray:
     """Return the (F,) flags of faces at an edge that three or more faces share."""
     _, inverse, counts = _edges(faces)
-    crowded: BoolArray = (counts[inverse] > 2).reshape(3, -1).any(axis=0)
-    return crowded
+    return np.asarray((counts[inverse] > 2).reshape(3, -1).any(axis=0))
 
 
 def split_touching(mesh: Mesh) -> Mesh:

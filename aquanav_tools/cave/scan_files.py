@@ -58,7 +58,7 @@ def read_surface(path: Path) -> tuple[Mesh | PointCloud, tuple[tuple[str, str], 
 
 def _vertex_colours(loaded: Any) -> npt.NDArray[np.uint8] | None:
     """Return the RGB of every vertex, sampled from the texture where there is one; None where nothing is defined."""
-    visual = getattr(loaded, "visual", None)
+    visual: Any = getattr(loaded, "visual", None)
     if getattr(visual, "kind", None) == "texture":
         visual = visual.to_color()
     if getattr(visual, "kind", None) in ("vertex", "face"):

@@ -120,8 +120,7 @@ def _spikes(mesh: Mesh) -> BoolArray:
     is_spike = shortest > SPIKE_RATIO * around
     if is_spike.mean() > MAX_SPIKES:
         return np.zeros(len(mesh.faces), dtype=bool)
-    flags: BoolArray = is_spike[mesh.faces].any(axis=1)
-    return flags
+    return np.asarray(is_spike[mesh.faces].any(axis=1))
 
 
 def _edges_at_corners(mesh: Mesh) -> tuple[Array, Array]:

@@ -10,8 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity, Portal, to_manifold
-from aquanav_tools.cave.closing import from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
 from aquanav_tools.cave.noise import noise
 from aquanav_tools.cave.synthetic import sweep
 from aquanav_tools.types import Array, Mesh

@@ -120,8 +120,10 @@ class _Lattice:
     def triangles_by_tile(self, tiles: IntArray) -> Iterator[tuple[IntArray, Array]]:
         """Yield each tile with the (K, 3, 3) triangles near it."""
         order = np.argsort(self._tile_ids, kind="stable")
-        ids = np.ravel_multi_index(tiles.T, self.num_tiles)
-        starts, ends = (np.searchsorted(self._tile_ids[order], ids, side=side) for side in ("left", "right"))
+        ids = np.asarray(np.ravel_multi_index(tiles.T, self.num_tiles))
+        sorted_ids = self._tile_ids[order]
+        starts = np.searchsorted(sorted_ids, ids).tolist()
+        ends = np.searchsorted(sorted_ids, ids, side="right").tolist()
         for tile, start, end in zip(tiles, starts, ends, strict=True):
             yield tile, self._corners[self._members[order[start:end]]]
 
@@ -145,10 +147,11 @@ def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
 
     voxel, count = lattice.voxel, TILE + 1 + 2 * HALO
     origin = lattice.origin + voxel * (tile * TILE - HALO)
-    distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
+    close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
+    distance = close.astype(np.float64)
     excess = _winding_in_tile(winding, origin, voxel, distance < BAND_VOXELS * voxel) - WATER_LEVEL
     magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
-    field = -np.sign(excess) * magnitude
+    field: Array = -np.sign(excess) * magnitude
     field = _without_faults(field, distance / voxel, origin, voxel, carving)
     field = _with_legs(field, origin, voxel, carving)
     inner = slice(HALO, -HALO)
