@@ -62,7 +62,7 @@ class CaveStatistics:
     mean_section: float
     """Mean area of the true cross-sections, evenly spaced along the guide, m^2."""
     volume_per_metre: float
-    """Volume over total length, m^2: above the mean section where there is water beside or beyond the centreline."""
+    """Volume over total length, m^2; below the mean section where branches run side by side in one wide passage."""
     rose: tuple[float, ...]
     """Horizontal metres of centreline per sector of ROSE_BIN_DEG, of bearings 0, 10, ... 170 degrees from north."""
 
