@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave import damage, synthetic
-from aquanav_tools.cave.cavity import WALL, Cavity, Portal, to_manifold
-from aquanav_tools.cave.closing import from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
 from aquanav_tools.cave.damage import Truth
 from aquanav_tools.types import Mesh
 from eval.corpus.bad_inputs import bad_inputs

@@ -140,7 +140,7 @@ def solidify(scan: DamagedScan, thickness: float) -> DamagedScan:
     mesh = clean_mesh(scan.mesh)
     outer = Mesh(mesh.vertices + thickness * vertex_normals(mesh), mesh.faces)
     num = len(mesh.vertices)
-    a, b = _border_edges(mesh).T
+    a, b = border_edges(mesh).T
     rims = [np.stack([a, b, b + num], axis=1), np.stack([a, b + num, a + num], axis=1)]
     faces = np.concatenate([mesh.faces[:, ::-1], outer.faces + num, *rims])
     return _with_faces(scan, faces, np.concatenate([mesh.vertices, outer.vertices]))
@@ -329,7 +329,7 @@ def _along(mesh: Mesh) -> Array:
     return place
 
 
-def _border_edges(mesh: Mesh) -> IntArray:
+def border_edges(mesh: Mesh) -> IntArray:
     """Return the (E, 2) edges with a single face, directed as in that face."""
     directed = np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]])
     _, inverse, counts = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True, return_counts=True)
@@ -338,7 +338,7 @@ def _border_edges(mesh: Mesh) -> IntArray:
 
 
 def _border(mesh: Mesh) -> IntArray:
-    border: IntArray = np.unique(_border_edges(mesh))
+    border: IntArray = np.unique(border_edges(mesh))
     return border
 
 
@@ -346,7 +346,7 @@ def _largest_rims(mesh: Mesh, number: int) -> list[IntArray]:
     """Return the vertices of the connected borders with the largest extent."""
     import trimesh
 
-    rims = [np.asarray(rim) for rim in trimesh.graph.connected_components(_border_edges(mesh), min_len=3)]
+    rims = [np.asarray(rim) for rim in trimesh.graph.connected_components(border_edges(mesh), min_len=3)]
     return sorted(rims, key=lambda rim: -float(np.linalg.norm(np.ptp(mesh.vertices[rim], axis=0))))[:number]
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import Cavity, Portal, to_manifold
-from aquanav_tools.cave.closing import from_manifold
+from aquanav_tools.cave.cavity import Cavity, Portal, from_manifold, to_manifold
 from aquanav_tools.cave.damage import Truth
+from aquanav_tools.cave.intersections import self_intersections
 from aquanav_tools.cave.portals import plane_axes
 from aquanav_tools.cave.route import resample
 from aquanav_tools.libraries import load_open3d
@@ -33,10 +33,12 @@ def judge(folder: Path, truth: Truth, offset: Array) -> dict[str, Any]:
     """
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     cavity = read_scenario(folder).cavity
-    genus = int(1 - cavity.mesh.to_trimesh().euler_number // 2)
+    solid = cavity.mesh.to_trimesh()
     found = {
         "volume": cavity.volume,
-        "genus": genus,
+        "is_volume": bool(solid.is_volume and solid.body_count == 1),
+        "crossings": len(self_intersections(cavity.mesh)),
+        "genus": int(1 - solid.euler_number // 2),
         "portals": len(cavity.portals),
         "fit_median": report["fit"]["median"],
         "fit_95": report["fit"]["percentile_95"],

@@ -168,6 +168,10 @@ def faults(result: dict[str, Any]) -> list[str]:
         return [] if is_right else [f"should stop with a sentence about {result['error']}"]
     if result["outcome"] == "error":
         return ["not proven"]
+    if not result["is_volume"]:
+        found.append("no closed volume in one piece")
+    if result["crossings"]:
+        found.append(f"{result['crossings']} pairs of faces cross")
     if abs(result.get("volume_error", 0.0)) > result["max_volume_error"]:
         found.append(f"volume off by {result['volume_error']:+.1%}")
     if result.get("path_points_in_rock", 0) or result.get("path_segments_blocked", 0):

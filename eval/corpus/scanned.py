@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.cave import damage
-from aquanav_tools.cave.damage import DamagedScan, Truth
-from aquanav_tools.cave.surface import boundary_loops, clean_mesh
+from aquanav_tools.cave.damage import DamagedScan, Truth, border_edges
+from aquanav_tools.cave.surface import clean_mesh
 from aquanav_tools.types import Array, Mesh
 from eval.corpus.cases import Case
 
+MIN_END = 0.9
+"""A rim of this extent is the open end of a passage; those of the scans measure over 2 m or under 0.2 m."""
 GRID_SAMPLES = 400_000
 """Of the grid on which a path through a scanned cave is sought."""
 
@@ -57,18 +59,21 @@ def _then(make: Callable[[], DamagedScan], step: Callable[[DamagedScan], Damaged
 
 def capped_scan(path: Path) -> DamagedScan:
     """Return an open scan; the truth is its main piece with a fan to the middle of every hole, normals outwards."""
+    import trimesh
+
     mesh = read_mesh(path)
     main = max(mesh.to_trimesh().split(only_watertight=False, repair=False), key=lambda piece: len(piece.faces))
     open_mesh = Mesh(np.array(main.vertices), np.array(main.faces, dtype=np.int64))
-    vertices, faces = [open_mesh.vertices], [open_mesh.faces]
-    loops = boundary_loops(open_mesh)
-    for place, loop in enumerate(loops):
-        vertices.append(open_mesh.vertices[loop].mean(axis=0)[None])
-        middle = np.full(len(loop), len(open_mesh.vertices) + place)
-        faces.append(np.stack([loop, np.roll(loop, -1), middle], axis=1))
-    solid = Mesh(np.concatenate(vertices), np.concatenate(faces))
-    extent = [float(np.linalg.norm(np.ptp(open_mesh.vertices[loop], axis=0))) for loop in loops]
-    ends = [open_mesh.vertices[loop].mean(axis=0) for loop, size in zip(loops, extent, strict=True) if size > 0.9]
+    edges = border_edges(open_mesh)
+    rims = [np.asarray(rim) for rim in trimesh.graph.connected_components(edges, min_len=3)]
+    middles = [open_mesh.vertices[rim].mean(axis=0) for rim in rims]
+    fans = []
+    for place, rim in enumerate(rims):
+        a, b = edges[np.isin(edges[:, 0], rim)].T
+        fans.append(np.stack([b, a, np.full(len(a), len(open_mesh.vertices) + place)], axis=1))
+    solid = Mesh(np.concatenate([open_mesh.vertices, middles]), np.concatenate([open_mesh.faces, *fans]))
+    extents = [float(np.linalg.norm(np.ptp(open_mesh.vertices[rim], axis=0))) for rim in rims]
+    ends = [middle for middle, extent in zip(middles, extents, strict=True) if extent > MIN_END]
     solid, mesh = _outward(solid, solid), _outward(solid, mesh)
     paths = (path_inside(solid, ends[0], ends[1]),) if len(ends) >= 2 else ()
     genus = int(1 - solid.to_trimesh().euler_number // 2)

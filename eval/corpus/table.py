@@ -58,11 +58,13 @@ def _totals(caves: list[dict[str, Any]]) -> list[str]:
         case for case in fitted if case["fit_median"] <= 0.25 * case["voxel"] and case["fit_95"] <= case["voxel"]
     ]
     portals = [case for case in proven if case["portals"] == case["expected_portals"]]
+    sound = [case for case in proven if case["is_volume"] and not case["crossings"]]
     return [
         f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave.",
         "",
         f"- Ended proven or in a clear error: {_share(clear, caves)} (must be all)",
         f"- Proven, of those that are caves in a known unit: {_share(proven, to_prove)} (at least 95 %)",
+        f"- Closed in one piece, with no two faces that cross: {_share(sound, proven)}",
         f"- Volume within 3 % of the truth where it is known: {_share(near, compared)}",
         f"- Passages sealed: {len(sealed)}; with tunnels invented: {len(invented)} (both must be 0)",
         f"- Open ends as in the truth: {_share(portals, proven)}",
