@@ -33,6 +33,9 @@ SIMPLIFY_VOXELS = (0.05, 0.02, 0.005)
 ENTRANCE_MARGIN = 0.1
 """The passage is cut this far outside an entrance's station, m, so that the station stays in the water."""
 
+ON_PLANE = 1e-4
+"""Faces whose corners are this close to an entrance's plane are the cut, m."""
+
 
 @dataclass(frozen=True, eq=False)
 class EntrancePlane:
@@ -71,6 +74,16 @@ class SurveyCave:
     num_loops: int
     """Number of independent loops of the survey; where passages run into each other there are fewer handles."""
     warnings: tuple[str, ...]
+
+    @property
+    def open_surface(self) -> Mesh:
+        """The wall alone, open at the entrances: what a scan of this cave would be."""
+        corners = self.mesh.triangles
+        is_lid = np.zeros(len(corners), dtype=bool)
+        for plane in self.entrances:
+            is_flat = (np.abs((corners - plane.point) @ plane.normal) < ON_PLANE).all(axis=1)
+            is_lid |= is_flat & (np.linalg.norm(corners - plane.point, axis=2) < 2.0 * plane.reach).all(axis=1)
+        return Mesh(self.mesh.vertices, self.mesh.faces[~is_lid])
 
 
 def survey_solid(survey: Survey, voxel: float = VOXEL) -> SurveyCave:

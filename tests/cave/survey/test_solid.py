@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import prove_watertight, to_manifold
+from aquanav_tools.cave.patches import boundary_loops
 from aquanav_tools.cave.survey.model import Leg, LegFlag, Passage, Station, StationFlag, Survey
 from aquanav_tools.cave.survey.shapes import LONG_SHOT
 from aquanav_tools.cave.survey.solid import SurveyCave, survey_solid
@@ -55,6 +56,13 @@ def test_equal_sides_make_a_round_tube_cut_flat_at_both_entrances() -> None:
     assert cave.mesh.vertices[:, 0].min() == pytest.approx(-0.1, abs=1e-6)
     assert cave.mesh.vertices[:, 0].max() == pytest.approx(20.1, abs=1e-6)
     assert cave.warnings == ()
+
+
+def test_without_its_lids_the_tube_is_open_at_both_entrances_and_nowhere_else() -> None:
+    cave = survey_solid(straight(1.5, 20.0, (0, 4)), VOXEL)
+    loops = [cave.open_surface.vertices[loop] for loop in boundary_loops(cave.open_surface)]
+    assert sorted(float(loop[:, 0].mean()) for loop in loops) == pytest.approx([-0.1, 20.1])
+    assert all(np.ptp(loop[:, 0]) < 1e-6 for loop in loops)
 
 
 def test_a_long_shot_down_the_passage_widens_nothing() -> None:
