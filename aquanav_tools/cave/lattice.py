@@ -77,15 +77,20 @@ def sample_water(field: DistanceField, max_samples: int) -> Lattice:
 
 
 def neighbour_table(indices: IntArray, offsets: IntArray) -> npt.NDArray[np.int32]:
-    """Return the (N, K) rows of the neighbours at (K, 3) offsets among lexicographic (N, 3) indices, -1 for none."""
+    """Return the (N, K) rows of the neighbours at (K, 3) offsets among lexicographic (N, 3) indices, -1 for none.
+
+    The offsets must be symmetric: offsets[K - 1 - n] is opposite to offsets[n].
+    """
     low = indices.min(axis=0) - 1
     shape = indices.max(axis=0) - low + 2
     stride = np.array([shape[1] * shape[2], shape[2], 1])
     keys = (indices - low) @ stride
     table = np.full((len(indices), len(offsets)), -1, dtype=np.int32)
-    for column, offset in enumerate(offsets @ stride):
+    for column, offset in enumerate((offsets @ stride)[: len(offsets) // 2]):
         place = np.minimum(np.searchsorted(keys, keys + offset), len(keys) - 1)
-        table[:, column] = np.where(keys[place] == keys + offset, place, -1)
+        rows = np.flatnonzero(keys[place] == keys + offset)
+        table[rows, column] = place[rows]
+        table[place[rows], -1 - column] = rows
     return table
 
 
