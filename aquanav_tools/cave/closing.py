@@ -115,7 +115,12 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
 
 
 def _carve(
-    before: Carving, evidence: Evidence, blocked: IntArray, faults: tuple[Handle, ...], fault_voxels: float, voxel: float
+    before: Carving,
+    evidence: Evidence,
+    blocked: IntArray,
+    faults: tuple[Handle, ...],
+    fault_voxels: float,
+    voxel: float,
 ) -> Carving:
     """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
     balls = [(*handle.centre, 0.5 * handle.length + 2.0 * fault_voxels * voxel) for handle in faults]

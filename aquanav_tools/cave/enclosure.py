@@ -83,8 +83,8 @@ def check_is_hollow(cavity: Cavity) -> None:
     if share > MAX_CONVEXITY:
         raise MeshError(
             f"This is a solid without an inside: the scan is closed all around and fills {share:.0%} of its convex "
-            "hull, as a boulder does. No open end leads in. If it is a chamber scanned from within, name a point in its "
-            "water with --inside X Y Z; cut an entrance with --cut."
+            "hull, as a boulder does. No open end leads in. If it is a chamber scanned from within, name a point in "
+            "its water with --inside X Y Z; cut an entrance with --cut."
         )
 
 

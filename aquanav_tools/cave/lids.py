@@ -107,10 +107,20 @@ def _diameter(points: Array) -> float:
 def _curved(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
     """Return the new vertices and faces of a lid that goes on with the wall's curvature, where the rim allows it."""
     try:
-        return fill_hole(vertices, faces, loop)
+        return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
     except MeshError:
         logger.info("The hole at %s m has a folded rim and gets a plain lid", vertices[loop].mean(axis=0).round(2))
         return _flat_or_cone(vertices, faces, loop)
+
+
+def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArray:
+    """Return the (F,) flags of faces within two rings of a loop: all that tells how the wall curves there."""
+    is_near = np.zeros(num_vertices, dtype=bool)
+    is_near[loop] = True
+    for _ in range(2):
+        touching = is_near[faces].any(axis=1)
+        is_near[faces[touching]] = True
+    return touching
 
 
 def _flat_or_cone(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:

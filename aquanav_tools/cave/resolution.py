@@ -57,8 +57,8 @@ def choose_resolution(
     if wanted is not None:
         if wanted < smallest:
             raise ResourceError(
-                f"Closing {area:.0f} m2 of wall at {wanted:.3g} m takes about {_memory(area, wanted):.1f} GB, more than "
-                f"the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or a larger --memory."
+                f"Closing {area:.0f} m2 of wall at {wanted:.3g} m takes about {_memory(area, wanted):.1f} GB, more "
+                f"than the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or a larger --memory."
             )
         return Resolution(wanted, "as given", _memory(area, wanted))
     finest = vehicle_radius / VOXELS_PER_RADIUS
