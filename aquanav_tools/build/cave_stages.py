@@ -212,7 +212,8 @@ def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) 
     if statistics.num_portals < 2:
         journal.warn(
             "few-portals",
-            f"{statistics.num_portals} open ends were found, so the goal is the farthest place inside the cave. If the "
+            f"{'One open end was' if statistics.num_portals else 'No open ends were'} found, so the goal is the "
+            "farthest place inside the cave. If the "
             "passage goes on, check that the scan is open there, lower --min-portal, or cut it with --cut.",
         )
     if len(built.scenario.starts) < options.starts.count:

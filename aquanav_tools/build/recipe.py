@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.build import outputs
-from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, write_drawings
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
@@ -163,9 +163,9 @@ def _finish(
     with journal.stage("Drawing the cave"):
         cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
         drawings = write_drawings(cave, scenario, built.statistics.rose, partial / DRAWINGS_DIR)
-    figures = (Figure(partial / "cave.png", outputs.PICTURE_CAPTION), *drawings)
+    figures = (*drawings, Figure(partial / "cave.png", outputs.PICTURE_CAPTION))
     page = cave_page(built, cave, built.narrows, figures, journal, facts)
-    facts = {**facts, **outputs.cave_facts(built)}
+    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave, built.narrows)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
         {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, partial / "report.json"

@@ -120,7 +120,7 @@ def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArr
     for _ in range(2):
         touching = is_near[faces].any(axis=1)
         is_near[faces[touching]] = True
-    return touching
+    return np.asarray(touching)
 
 
 def _flat_or_cone(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:

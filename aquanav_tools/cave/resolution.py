@@ -58,7 +58,7 @@ def choose_resolution(
         if wanted < smallest:
             raise ResourceError(
                 f"Closing {area:.0f} m2 of wall at {wanted:.3g} m takes about {_memory(area, wanted):.1f} GB, more "
-                f"than the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or a larger --memory."
+                f"than the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or more --memory."
             )
         return Resolution(wanted, "as given", _memory(area, wanted))
     finest = vehicle_radius / VOXELS_PER_RADIUS
