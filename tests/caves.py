@@ -6,9 +6,9 @@ import numpy as np
 import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
-from aquanav_tools.cave.field import DistanceField, field_from_dense
-from aquanav_tools.cave.guide import Guide, Panel
-from aquanav_tools.cave.starts import Start
+from aquanav_tools.cave.route.guide import Guide, Panel
+from aquanav_tools.cave.route.starts import Start
+from aquanav_tools.cave.water.field import DistanceField, field_from_dense
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.types import Mesh, Pose, yaw_quaternion
 

@@ -11,7 +11,8 @@ import pytest
 
 from aquanav_tools.cave import damage, synthetic
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
-from aquanav_tools.cave.damage import Truth
+from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.synthetic.damage import Truth
 from aquanav_tools.types import Mesh
 from eval.corpus.bad_inputs import bad_inputs
 from eval.corpus.cases import generated_cases
@@ -92,7 +93,7 @@ def test_a_portal_in_the_middle_of_the_passage_shows_as_lost_way() -> None:
 
 def test_a_case_comes_back_from_its_files(tmp_path: Path) -> None:
     from aquanav_tools.cave.options import ScanOptions
-    from aquanav_tools.cave.scan import read_scan
+    from aquanav_tools.cave.scan.read import read_scan
 
     scan = damage.intact(synthetic.tube(1.0, 5.0, 24, 21))
     cloud = damage.move_away(damage.sample_cloud(scan, 0.2, "true", seed=1), (5.0, 6.0, 7.0))

@@ -124,12 +124,12 @@ def test_the_arrows_have_no_circle() -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("cave/field.py", "import aquanav_tools.scenario.schema"),
-        ("cave/field.py", "from aquanav_tools import sim"),
+        ("cave/water/field.py", "import aquanav_tools.scenario.schema"),
+        ("cave/water/field.py", "from aquanav_tools import sim"),
         ("scenario/folder.py", "def read():\n    from aquanav_tools.build.recipe import run"),
         ("sim/bullet.py", "from ..envs import task"),
         ("evaluate/rollout.py", "from aquanav_tools.cli.command import run_command"),
-        ("types.py", "from aquanav_tools.cave.field import DistanceField"),
+        ("types.py", "from aquanav_tools.cave.water.field import DistanceField"),
         ("envs/cave_env.py", "import pybullet as p"),
         ("cave/mesh.py", "def read():\n    import open3d.io"),
         ("build/photos.py", "from pycolmap import Reconstruction"),
@@ -143,7 +143,7 @@ def test_the_check_catches_a_forbidden_import(path: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("cave/field.py", "import numpy\nfrom aquanav_tools.errors import MeshError\nfrom . import guide"),
+        ("cave/water/field.py", "import numpy\nfrom aquanav_tools.errors import MeshError\nfrom . import guide"),
         ("build/recipe.py", "from aquanav_tools.reconstruct.images import read_photos"),
         ("reconstruct/mapping.py", "import pycolmap"),
         ("sim/bullet.py", "import pybullet\nimport pybullet_data"),

@@ -12,8 +12,8 @@ from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.cave_tables import narrow_table, portal_table, station_table, statistics_table
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.outputs import footer, notices, photo_tables, stage_table
-from aquanav_tools.cave.narrows import Narrow
-from aquanav_tools.cave.sections import cross_sections, station_spacing
+from aquanav_tools.cave.measure.sections import cross_sections, station_spacing
+from aquanav_tools.cave.route.narrows import Narrow
 from aquanav_tools.cave.survey.write import write_svx
 from aquanav_tools.report.cave_map import CaveMap, Mark
 from aquanav_tools.report.html import Fact, Figure, Page

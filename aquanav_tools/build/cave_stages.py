@@ -10,23 +10,23 @@ from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.centreline import find_centreline
-from aquanav_tools.cave.closing import ClosedSurface, close_surface
-from aquanav_tools.cave.cloud import surface_from_cloud
-from aquanav_tools.cave.collision import CollisionMesh, collision_mesh
-from aquanav_tools.cave.distance import choose_spacing, distance_field
-from aquanav_tools.cave.enclosure import check_enclosure, check_is_hollow
-from aquanav_tools.cave.evidence import NO_EVIDENCE, Evidence
-from aquanav_tools.cave.field import DistanceField
-from aquanav_tools.cave.handles import Handle, find_handles
-from aquanav_tools.cave.narrows import Narrow, find_narrows
-from aquanav_tools.cave.panels import place_panels
-from aquanav_tools.cave.portals import Cut, cut_portals, find_openings
-from aquanav_tools.cave.resolution import Resolution, choose_resolution
-from aquanav_tools.cave.route import find_route
-from aquanav_tools.cave.starts import draw_starts
-from aquanav_tools.cave.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
-from aquanav_tools.cave.surface import Surface, surface_from_mesh, without_gaps
+from aquanav_tools.cave.centreline.find import find_centreline
+from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
+from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
+from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
+from aquanav_tools.cave.closing.portals import Cut, cut_portals, find_openings
+from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
+from aquanav_tools.cave.mesh.handles import Handle, find_handles
+from aquanav_tools.cave.route.narrows import Narrow, find_narrows
+from aquanav_tools.cave.route.panels import place_panels
+from aquanav_tools.cave.route.route import find_route
+from aquanav_tools.cave.route.starts import draw_starts
+from aquanav_tools.cave.scan.cloud import surface_from_cloud
+from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
+from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh, without_gaps
+from aquanav_tools.cave.water.distance import choose_spacing, distance_field
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from aquanav_tools.build.cave_stages import BuiltCave
-from aquanav_tools.cave.narrows import Narrow
+from aquanav_tools.cave.route.narrows import Narrow
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.html import Table
 from aquanav_tools.types import Array

@@ -15,7 +15,7 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.narrows import largest_vehicle
+from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
 from aquanav_tools.report.html import Figure, Notice, Page, Table

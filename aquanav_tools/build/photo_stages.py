@@ -11,8 +11,8 @@ import numpy as np
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import PhotoScaleOptions
-from aquanav_tools.cave.cloud import surface_from_cloud
-from aquanav_tools.cave.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
+from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
+from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions

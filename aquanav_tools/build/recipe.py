@@ -24,8 +24,8 @@ from aquanav_tools.build.photo_stages import (
     workspace_key,
     write_cloud,
 )
-from aquanav_tools.cave.evidence import Evidence
-from aquanav_tools.cave.scan import read_scan
+from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.errors import AquanavError, InputError, MeshError
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.intersections import self_intersections
+from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 

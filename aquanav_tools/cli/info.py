@@ -156,7 +156,7 @@ def _examine_libraries() -> None:
 def _render(options: Render) -> None:
     from tqdm import tqdm
 
-    from aquanav_tools.cave.synthetic import CaveOptions, demo_cave
+    from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
     from aquanav_tools.reconstruct.capture import CaptureOptions
     from aquanav_tools.reconstruct.render import RenderOptions, render_photos
 

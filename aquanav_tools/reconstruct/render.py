@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image
 
-from aquanav_tools.cave.synthetic import SyntheticCave
+from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.reconstruct.capture import Camera, CaptureOptions, plan_capture
 from aquanav_tools.reconstruct.images import (
     EXIF_IFD,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.cave.noise import fractal, noise
+from aquanav_tools.cave.synthetic.noise import fractal, noise
 
 _SAFE_MATH = {"contract", "reassoc", "arcp", "afn"}
 """Fast arithmetic that still knows NaN, which marks rays that hit nothing."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, to_manifold
-from aquanav_tools.cave.sections import Section, arc_lengths
+from aquanav_tools.cave.measure.sections import Section, arc_lengths
 from aquanav_tools.report.relief import View
 from aquanav_tools.types import Array, Mesh
 

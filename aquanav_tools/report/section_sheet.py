@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.sections import Section
+from aquanav_tools.cave.measure.sections import Section
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.figures import BAD, BLUE, INK, MUTED, draw_scale_bar, new_figure, save_drawing
 from aquanav_tools.report.labels import Labels

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.deviation import measure_deviation
+from aquanav_tools.cave.mesh.deviation import measure_deviation
 from aquanav_tools.types import Array, IntArray, Mesh
 
 WALL_COLOUR = (126, 150, 160)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.centreline_graph import Branch, CentrelineGraph, Chamber, Node
+from aquanav_tools.cave.centreline.graph import Branch, CentrelineGraph, Chamber, Node
 from aquanav_tools.types import Array
 
 

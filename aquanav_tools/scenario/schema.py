@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.centreline_graph import NO_NETWORK, CentrelineGraph
-from aquanav_tools.cave.field import DistanceField
-from aquanav_tools.cave.guide import Guide
-from aquanav_tools.cave.starts import Start
+from aquanav_tools.cave.centreline.graph import NO_NETWORK, CentrelineGraph
+from aquanav_tools.cave.route.guide import Guide
+from aquanav_tools.cave.route.starts import Start
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.types import Mesh
 
 FORMAT = 1

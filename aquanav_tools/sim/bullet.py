@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.field import DistanceField
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import ResourceError
 from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario

@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.distance import distance_field
-from aquanav_tools.cave.field import BAND, BRICK, ROCK, DistanceField
-from aquanav_tools.cave.synthetic import _tube_faces, bend
+from aquanav_tools.cave.synthetic.caves import _tube_faces, bend
+from aquanav_tools.cave.water.distance import distance_field
+from aquanav_tools.cave.water.field import BAND, BRICK, ROCK, DistanceField
 from aquanav_tools.scenario import geometry
 from aquanav_tools.types import Array, Mesh
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.damage import DamagedScan, Truth
+from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 
-from aquanav_tools.cave import damage, synthetic_networks
-from aquanav_tools.cave.damage import DamagedScan, Truth
-from aquanav_tools.cave.synthetic_networks import Network
+from aquanav_tools.cave.synthetic import damage
+from aquanav_tools.cave.synthetic import networks as synthetic_networks
+from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth
+from aquanav_tools.cave.synthetic.networks import Network
 from eval.corpus.cases import Case
 
 ROUGHNESS = 0.12

@@ -13,8 +13,8 @@ from aquanav_tools.build.cave_report import cave_page, map_of, survey_facts, wri
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.outputs import draw_failure, failure_page
-from aquanav_tools.cave.narrows import Narrow
-from aquanav_tools.cave.statistics import ScanFit, measure_cave
+from aquanav_tools.cave.measure.statistics import ScanFit, measure_cave
+from aquanav_tools.cave.route.narrows import Narrow
 from aquanav_tools.cave.survey.svx import read_svx
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.html import Page, write_page

@@ -12,7 +12,7 @@ from PIL import Image
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key
-from aquanav_tools.cave.synthetic import tube
+from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError, ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions

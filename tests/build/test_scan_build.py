@@ -12,7 +12,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from aquanav_tools.cave.synthetic import tube
+from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.scenario.folder import read_scenario
 from tests.cave.open_caves import wavy_sheet
 

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aquanav_tools.cave import synthetic
 from aquanav_tools.cave.cavity import WALL, Cavity, to_manifold
-from aquanav_tools.cave.closing import from_manifold
-from aquanav_tools.cave.distance import distance_field
-from aquanav_tools.cave.field import DistanceField
-from aquanav_tools.cave.route import Route, resample
+from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.route.route import Route, resample
+from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.water.distance import distance_field
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.types import Mesh
 
 SECTIONS = 64

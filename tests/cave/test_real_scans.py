@@ -13,7 +13,7 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.cave.cavity import to_manifold
 from aquanav_tools.cave.options import ScanOptions
-from aquanav_tools.cave.scan import read_scan
+from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.types import silent
 
 

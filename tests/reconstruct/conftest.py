@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from aquanav_tools.cave.synthetic import SyntheticCave
+from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import PhotoSet

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic import CaveOptions, SyntheticCave, demo_cave
+from aquanav_tools.cave.synthetic.caves import CaveOptions, SyntheticCave, demo_cave
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.reconstruct.capture import CaptureOptions
 from aquanav_tools.reconstruct.render import RayScene, RenderOptions

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aquanav_tools.cave.synthetic import SyntheticCave, tube
+from aquanav_tools.cave.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.reconstruct.capture import CaptureOptions, look, plan_capture
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.render import RayScene, RenderOptions, pixel_rays, render_photos

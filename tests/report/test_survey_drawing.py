@@ -12,8 +12,8 @@ import trimesh
 from PIL import Image
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.sections import cross_sections
-from aquanav_tools.cave.synthetic import bend
+from aquanav_tools.cave.measure.sections import cross_sections
+from aquanav_tools.cave.synthetic.caves import bend
 from aquanav_tools.report.cave_map import CaveMap, Mark, lid_rings, signed_area, silhouette
 from aquanav_tools.report.figures import WATER, round_length
 from aquanav_tools.report.relief import View, plan_and_section

@@ -8,7 +8,7 @@ import trimesh
 from PIL import Image
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.sections import cross_sections
+from aquanav_tools.cave.measure.sections import cross_sections
 from aquanav_tools.report.cave_map import CaveMap, Mark
 from aquanav_tools.report.faults import MAX_LISTED, draw_faults
 from aquanav_tools.report.views import FILLED, LID, ROCK, draw_views, paint

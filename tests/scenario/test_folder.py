@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.field import BRICK
+from aquanav_tools.cave.water.field import BRICK
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.folder import read_scenario, write_scenario

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
-from aquanav_tools.cave.intersections import self_intersections
+from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.survey.model import Station, StationFlag, Survey
 from aquanav_tools.cave.survey.passage_graph import PassageGraph, passage_graph
 from aquanav_tools.cave.survey.sculpt import sculpt

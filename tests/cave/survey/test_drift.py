@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from aquanav_tools.cave.survey.drift import Similarity, check_drift
 from aquanav_tools.cave.survey.model import Leg, LegFlag, Station, StationFlag, Survey
-from aquanav_tools.cave.synthetic import SyntheticCave, sweep
+from aquanav_tools.cave.synthetic.caves import SyntheticCave, sweep
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array
 

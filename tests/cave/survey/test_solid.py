@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import prove_watertight, to_manifold
-from aquanav_tools.cave.patches import boundary_loops
+from aquanav_tools.cave.mesh.patches import boundary_loops
 from aquanav_tools.cave.survey.model import Leg, LegFlag, Passage, Station, StationFlag, Survey
 from aquanav_tools.cave.survey.shapes import LONG_SHOT
 from aquanav_tools.cave.survey.solid import SurveyCave, survey_solid

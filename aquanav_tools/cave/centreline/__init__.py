@@ -1,0 +1,1 @@
+"""The centreline graph: junctions, loops, dead ends and chambers."""

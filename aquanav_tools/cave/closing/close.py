@@ -1,0 +1,221 @@
+"""Closing: from an open, damaged surface to a solid that encloses the water.
+
+A sound surface is closed exactly, by a lid over each hole (`lids`). Anything else is resampled (`winding`). Whatever
+the way, the result is a proven solid, holds all that is known to be water, and has no tunnel that nobody scanned.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
+from aquanav_tools.cave.closing.lids import close_with_lids
+from aquanav_tools.cave.closing.winding import NO_CARVING, Carving, water_surface
+from aquanav_tools.cave.mesh.handles import Handle, find_handles
+from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
+
+logger = logging.getLogger(__name__)
+
+SCAN_VOXELS = 0.75
+"""A resampled face follows the scan when its middle is within this distance of it, voxels."""
+SIMPLIFY_VOXELS = (0.1, 0.03)
+"""Triangles of the resampled surface are merged where that moves it by no more than this, voxels: the first of these
+that makes no faces cross; the raw surface of marching cubes never crosses itself."""
+MIN_SECOND_CAVE = 0.2
+"""Separate water with at least this share of the largest body's volume is a cave of its own, not a stray pocket."""
+MIN_FLOATING_ROCK = 1e-4
+"""Pieces of rock floating in the water that are smaller than this share of it are noise and not worth a word."""
+LEG_VOXELS = 1.5
+"""Water that is carved around a blocked leg, voxels."""
+FAULT_VOXELS = (1.5, 3.0, 5.0)
+"""Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
+MIN_SEEN_SHARE = 0.5
+"""A tunnel was scanned when at least this share of the shortest loop around it follows the scan."""
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedSurface:
+    """A proven solid around the water."""
+
+    mesh: Mesh
+    is_scan: BoolArray
+    """(F,) whether the face follows the scan; the others were invented to close it."""
+    method: str
+    """"lids" (the scan's own triangles) or "winding" (resampled)."""
+    cautions: tuple[tuple[str, str], ...] = ()
+    """Codes and sentences about what had to be changed or left out."""
+
+
+def close_surface(
+    surface: Mesh,
+    voxel: float,
+    *,
+    keep_triangles: bool,
+    min_portal: float,
+    evidence: Evidence = NO_EVIDENCE,
+    progress: Progress = ignore_progress,
+) -> ClosedSurface:
+    """Return the solid enclosed by an open surface, normals out of the water.
+
+    Args:
+        surface: normals out of the water.
+        voxel: size of the grid's cells where the surface is resampled, m.
+        keep_triangles: try lids first. For scans that come as meshes; a surface fitted to points is better resampled,
+            which smooths the false handles that noise makes.
+        min_portal: holes narrower than this are filled with the curvature of the wall around them, m.
+        evidence: what is known to be water.
+        progress: called with (parts done, parts in all).
+
+    Raises:
+        MeshError: no space is enclosed, two caves are, or known water cannot be kept.
+    """
+    if keep_triangles:
+        try:
+            lidded = close_with_lids(surface, min_portal)
+            if not contradictions(lidded.mesh, evidence, voxel).count:
+                return ClosedSurface(lidded.mesh, lidded.is_scan, "lids")
+            logger.info("Lids seal a place that is known to be water; resampling the surface at %.3g m", voxel)
+        except MeshError as reason:
+            logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, voxel)
+    return _resample(surface, voxel, evidence, progress)
+
+
+def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
+    """Return the (F,) flags of faces whose middle lies within `distance` of the scanned surface."""
+    import igl
+
+    centroids = closed.triangles.mean(axis=1)
+    squared = igl.point_mesh_squared_distance(centroids, surface.vertices, surface.faces)[0]
+    near: BoolArray = np.asarray(squared) <= distance**2
+    return near
+
+
+def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progress) -> ClosedSurface:
+    """Return the resampled solid, corrected until it keeps known water and has no tunnel that nobody scanned."""
+    carving = NO_CARVING
+    for fault_voxels in (*FAULT_VOXELS, None):
+        solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), evidence)
+        mesh = _simplified(solid, voxel)
+        wrong = contradictions(mesh, evidence, voxel)
+        faults = _unseen_handles(mesh, surface, voxel)
+        if fault_voxels is None or not (wrong.count or faults):
+            break
+        carving = _carve(carving, evidence, wrong.legs, faults, fault_voxels, voxel)
+    if wrong.count:
+        raise _sealed(evidence, wrong.points, wrong.legs)
+    prove_watertight(mesh)
+    return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
+
+
+def _carve(
+    before: Carving,
+    evidence: Evidence,
+    blocked: IntArray,
+    faults: tuple[Handle, ...],
+    fault_voxels: float,
+    voxel: float,
+) -> Carving:
+    """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
+    balls = [(*handle.centre, 0.5 * handle.length + 2.0 * fault_voxels * voxel) for handle in faults]
+    return Carving(
+        np.concatenate([before.legs, evidence.legs[blocked]]),
+        LEG_VOXELS * voxel,
+        np.concatenate([before.faults, np.array(balls).reshape(-1, 4)]),
+        fault_voxels * voxel,
+    )
+
+
+def _unseen_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...]:
+    """Return the tunnels and pillars of a closed mesh that the scan did not see."""
+    import igl
+
+    def seen_share(handle: Handle) -> float:
+        squared = igl.point_mesh_squared_distance(handle.points, surface.vertices, surface.faces)[0]
+        return float((np.asarray(squared) <= voxel**2).mean())
+
+    return tuple(handle for handle in find_handles(mesh) if seen_share(handle) < MIN_SEEN_SHARE)
+
+
+def _main_water(mesh: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, str], ...]]:
+    """Return the manifold3d solid of the main body of water, without rock floating in it, and what was left out."""
+    bodies = to_manifold(mesh).decompose()
+    waters = sorted((body for body in bodies if body.volume() > 0.0), key=lambda body: -body.volume())
+    if not waters:
+        raise MeshError("The closed surface encloses no water. It is inside out or flat: scan the walls on all sides.")
+    chosen = max(waters, key=lambda body: (_num_inside(body, evidence.inside), body.volume()))
+    second = next((body for body in waters if body is not chosen), None)
+    if second is not None and not len(evidence.inside) and second.volume() > MIN_SECOND_CAVE * chosen.volume():
+        raise _two_caves(chosen, second)
+    return chosen, tuple(_floating_rock(bodies, chosen.volume()))
+
+
+def _num_inside(body: Any, points: Array) -> int:
+    import igl
+
+    if not len(points):
+        return 0
+    mesh = from_manifold(body)
+    return int((igl.fast_winding_number(mesh.vertices, mesh.faces, points) > 0.5).sum())
+
+
+def _two_caves(first: Any, second: Any) -> MeshError:
+    places = [(tuple(_middle(body).tolist()), f"{body.volume():.3g} m3") for body in (first, second)]
+    (one, one_size), (other, other_size) = ((np.round(place, 1), size) for place, size in places)
+    return MeshError(
+        f"The scan holds two separate caves: {one_size} around {one} m and {other_size} around {other} m. Scan the "
+        "passage between them, or choose one with --inside X Y Z, a point in its water.",
+        places,
+    )
+
+
+def _floating_rock(bodies: list[Any], volume: float) -> list[tuple[str, str]]:
+    rocks = [body for body in bodies if body.volume() < -MIN_FLOATING_ROCK * volume]
+    if not rocks:
+        return []
+    places = ", ".join(f"{-rock.volume():.2g} m3 at {_middle(rock).round(1)}" for rock in rocks[:5])
+    return [
+        (
+            "floating-rock",
+            f"{len(rocks)} pieces of rock float free in the water and were left out ({places}). Where a real boulder "
+            "lies there, scan the place where it rests on the floor.",
+        )
+    ]
+
+
+def _middle(body: Any) -> Array:
+    low, high = np.array(body.bounding_box()).reshape(2, 3)
+    middle: Array = 0.5 * (low + high)
+    return middle
+
+
+def _simplified(solid: Any, voxel: float) -> Mesh:
+    """Return the solid's mesh with fewer triangles, none of which cross."""
+    for tolerance in SIMPLIFY_VOXELS:
+        pieces = solid.simplify(tolerance * voxel).decompose()
+        mesh = _as_stored(from_manifold(max(pieces, key=lambda piece: piece.volume())))
+        if not len(self_intersections(mesh)):
+            return mesh
+    return _as_stored(from_manifold(solid))
+
+
+def _as_stored(mesh: Mesh) -> Mesh:
+    """Return the mesh with the float32 coordinates that a scenario keeps: what is proven is what is read back."""
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
+
+
+def _sealed(evidence: Evidence, points: IntArray, legs: IntArray) -> MeshError:
+    dry = evidence.inside[points]
+    blocked = evidence.legs[legs].mean(axis=1)
+    places = [(tuple(place.tolist()), "known water in rock") for place in (*dry, *blocked)]
+    return MeshError(
+        f"{len(points)} places and {len(legs)} legs that are known to be water end up in rock, the first at "
+        f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
+        places,
+    )

@@ -1,0 +1,139 @@
+"""The collision mesh: as few triangles as a bound on its error allows, proven on every face."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity, prove_watertight
+from aquanav_tools.cave.mesh.deviation import Deviation, measure_deviation
+from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import BoolArray, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+TOLERANCE_SHARES = (0.7, 0.35, 0.15, 0.0)
+"""Tolerances of the decimation tried, shares of the bound. Its errors add up to about twice its tolerance (measured);
+the few places that stray beyond the bound at the first are protected."""
+MAX_ROUNDS = 6
+"""Times that faulty places are protected before a smaller tolerance is tried."""
+NUM_PLACES = 200_000
+"""Places where the error is measured, on either surface: one every 3 cm for 200 m^2 of wall."""
+PROTECTED_SHARE = 2.0
+"""Wall within this multiple of the bound of a faulty face is left as it is in the next round."""
+
+
+@dataclass(frozen=True, eq=False)
+class CollisionMesh:
+    """The surface that vehicles collide with.
+
+    Three distances say how true it is; none exceeds `bound`. By the first, no water farther than `bound` from the true
+    wall has collision wall in it; by the third as well, no passage or niche wider than twice that is lost.
+    """
+
+    mesh: Mesh
+    """Closed, one component, free of self-intersections, portals flat; coordinates are exact in 32-bit floats."""
+    bound: float
+    """What was asked for, m."""
+    max_intrusion: float
+    """How far the collision wall lies inside the true water at most, m."""
+    max_invention: float
+    """How far the collision wall lies inside the rock at most, so that free water is invented, m."""
+    max_loss: float
+    """How far the true wall is from the collision wall at most, m."""
+    num_triangles_before: int
+    """Triangles of the cavity."""
+
+    @property
+    def num_bytes(self) -> int:
+        """Size as 32-bit floats and indices: what a simulator holds, without its search tree."""
+        return 12 * (len(self.mesh.vertices) + len(self.mesh.faces))
+
+
+def collision_mesh(cavity: Cavity, bound: float) -> CollisionMesh:
+    """Return the cavity's surface with as few triangles as keep it within `bound` of the truth, both ways, m.
+
+    The decimation is run and its result measured; where faces cross or stray too far, the wall is left as it is and
+    the rest decimated anew.
+
+    Raises:
+        MeshError: the cavity crosses itself, or does so in 32-bit coordinates; the message says where.
+    """
+    crossing = self_intersections(cavity.mesh)
+    if len(crossing):
+        raise _refusal(cavity.mesh, bound, np.unique(crossing))
+    for share in TOLERANCE_SHARES:
+        is_protected = np.zeros(len(cavity.mesh.faces), dtype=np.bool_)
+        for _ in range(MAX_ROUNDS):
+            mesh = _decimate(cavity, is_protected, share * bound)
+            there = measure_deviation(mesh, cavity.mesh, NUM_PLACES)
+            back = measure_deviation(cavity.mesh, mesh, NUM_PLACES)
+            faulty = np.union1d(self_intersections(mesh), there.faces_beyond(bound))
+            is_fault = _faces_near(cavity.mesh, mesh, faulty, PROTECTED_SHARE * bound)
+            is_fault[back.faces_beyond(bound)] = True
+            if not is_fault.any():
+                prove_watertight(mesh)
+                return _described(cavity, mesh, bound, there, back)
+            logger.info("Decimated to %.2g m, %d faces of the wall are near faults", share * bound, is_fault.sum())
+            if is_protected[is_fault].all():
+                break
+            is_protected |= is_fault
+    raise _refusal(cavity.mesh, bound, np.flatnonzero(is_fault))
+
+
+def _refusal(truth: Mesh, bound: float, faces: IntArray) -> MeshError:
+    place = truth.triangles[faces[0]].mean(axis=0).round(2).tolist()
+    return MeshError(
+        f"No collision mesh within {bound:.3g} m of the cavity's {len(truth.faces)} triangles is free of faces that "
+        f"cross: {len(faces)} cross or lie beside such places, one near {place} m. The wall folds over itself there. "
+        "Repair the scan there, or rebuild with a larger voxel."
+    )
+
+
+def _described(cavity: Cavity, mesh: Mesh, bound: float, there: Deviation, back: Deviation) -> CollisionMesh:
+    import igl
+
+    truth = cavity.mesh
+    is_in_water = np.asarray(igl.fast_winding_number(truth.vertices, truth.faces, there.points)) > 0.5
+    intrusion, invention = there.largest(is_in_water), there.largest(~is_in_water)
+    return CollisionMesh(mesh, bound, intrusion, invention, back.largest(), len(truth.faces))
+
+
+def _faces_near(truth: Mesh, mesh: Mesh, faces: IntArray, distance: float) -> BoolArray:
+    """Return which faces of the truth have their middle within `distance` of some faces of a mesh."""
+    import igl
+
+    if not len(faces):
+        return np.zeros(len(truth.faces), dtype=np.bool_)
+    middles = truth.triangles.mean(axis=1)
+    squared = igl.point_mesh_squared_distance(middles, mesh.vertices, mesh.faces[faces])[0]
+    return np.asarray(squared) <= distance**2
+
+
+def _decimate(cavity: Cavity, is_protected: BoolArray, tolerance: float) -> Mesh:
+    """Return the surface with triangles merged where each merger moves it by no more than `tolerance`, m.
+
+    Portals stay flat, and protected faces as they are: rims between wall, portals and each protected face only lose
+    vertices. All vertices are the cavity's own, rounded to 32 bits.
+    """
+    import manifold3d
+
+    labels = cavity.labels.copy()
+    labels[is_protected] = labels.max() + 1 + np.arange(np.count_nonzero(is_protected))
+    order = np.argsort(labels, kind="stable")
+    names, counts = np.unique(labels, return_counts=True)
+    first = manifold3d.Manifold.reserve_ids(len(names))
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(
+            vert_properties=np.ascontiguousarray(cavity.mesh.vertices),
+            tri_verts=cavity.mesh.faces[order].astype(np.uint64),
+            run_index=np.concatenate([[0], 3 * np.cumsum(counts)]).astype(np.uint64),
+            run_original_id=np.arange(first, first + len(names), dtype=np.uint32),
+        )
+    )
+    result = solid.simplify(tolerance).to_mesh64()
+    vertices = np.array(result.vert_properties)[:, :3].astype(np.float32).astype(np.float64)
+    return Mesh(vertices, np.array(result.tri_verts, dtype=np.int64))

@@ -1,0 +1,153 @@
+"""Closing a sound surface exactly: its own triangles stay, and every hole gets a lid.
+
+Small holes are filled so that the wall's curvature goes on across them; wide ones, which may be open ends, get a flat
+lid. Faces that cross each other or crowd around an edge are taken out first, and the holes they leave filled.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.cave.mesh.hole_filling import fill_hole
+from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.cave.mesh.patches import boundary_loops, crowded_faces, find_patches, split_touching
+from aquanav_tools.cave.scan.orientation import face_areas
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+MAX_ROUNDS = 5
+MAX_REPAIRED_SHARE = 0.02
+"""A surface of which more than this share of the area is broken is better resampled."""
+MAX_LID_SHARE = 0.4
+"""With more of the closed surface made of lids the scan was a sheet, not a passage."""
+STRAY_SHARE = 0.01
+"""Pieces of a sound surface with less than this share of its area are scraps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lidded:
+    """A closed surface made of a scan's own triangles and lids."""
+
+    mesh: Mesh
+    is_scan: BoolArray
+    """(F,) whether a face comes from the scan."""
+
+
+def close_with_lids(surface: Mesh, min_portal: float) -> Lidded:
+    """Return the surface with a lid over each hole.
+
+    Args:
+        surface: normals out of the water.
+        min_portal: holes of at least this diameter get a flat lid, m.
+
+    Raises:
+        MeshError: the surface is in several pieces or too broken, or the result is not a proven solid.
+    """
+    whole = float(face_areas(surface)[0].sum())
+    kept = _largest_patch(Mesh(surface.vertices, surface.faces[~crowded_faces(surface.faces)]))
+    flat_loops: set[tuple[float, ...]] = set()
+    for _ in range(MAX_ROUNDS):
+        if face_areas(kept)[0].sum() < (1.0 - MAX_REPAIRED_SHARE) * whole:
+            raise MeshError("More than 2 % of the surface crosses itself or is in separate pieces.")
+        lidded, owners = _with_lids(kept, min_portal, flat_loops)
+        crossing = np.unique(self_intersections(lidded.mesh))
+        if not len(crossing):
+            areas = face_areas(lidded.mesh)[0]
+            if areas[~lidded.is_scan].sum() > MAX_LID_SHARE * areas.sum():
+                raise MeshError("Lids would make up more than 40 % of the closed surface.")
+            prove_watertight(lidded.mesh)
+            return lidded
+        broken = crossing[crossing < len(kept.faces)]
+        # A curved lid that runs into the wall is made flat; a flat one costs the wall it crosses.
+        flat_loops |= {owners[face - len(kept.faces)] for face in crossing if face >= len(kept.faces)}
+        kept = _largest_patch(Mesh(kept.vertices, np.delete(kept.faces, broken, axis=0)))
+    raise MeshError(f"{len(crossing)} faces still cross each other after {MAX_ROUNDS} rounds of repair.")
+
+
+def _largest_patch(mesh: Mesh) -> Mesh:
+    """Return the main patch of a surface, with its touching parts split."""
+    patches = find_patches(mesh)
+    areas = np.bincount(patches.ids, face_areas(mesh)[0], minlength=1)
+    large = np.flatnonzero(areas > STRAY_SHARE * areas.max(initial=0.0))
+    if len(large) != 1:
+        raise MeshError(f"The surface is in {len(large)} pieces.")
+    kept = split_touching(Mesh(mesh.vertices, mesh.faces[patches.ids == large[0]]))
+    if find_patches(kept).count != 1 or not np.array_equal(find_patches(kept).mesh.faces, kept.faces):
+        raise MeshError("The surface is not wound consistently.")
+    return kept
+
+
+def _with_lids(
+    surface: Mesh, min_portal: float, flat_loops: set[tuple[float, ...]]
+) -> tuple[Lidded, list[tuple[float, ...]]]:
+    """Return the closed surface, its scanned faces first, and the middle of the loop that each lid face closes."""
+    vertices, lids, owners = surface.vertices, [surface.faces], []
+    for loop in boundary_loops(surface):
+        middle = vertices[loop].mean(axis=0)
+        owner = tuple(middle.round(6).tolist())
+        is_small = _diameter(vertices[loop]) < min_portal and owner not in flat_loops
+        added, lid = (_curved if is_small else _flat_or_cone)(vertices, surface.faces, loop)
+        vertices = np.vstack([vertices, added])
+        lids.append(lid)
+        owners += [owner] * len(lid)
+    mesh = Mesh(vertices, np.concatenate(lids))
+    return Lidded(mesh, np.arange(len(mesh.faces)) < len(surface.faces)), owners
+
+
+def _diameter(points: Array) -> float:
+    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max() * 2.0)
+
+
+def _curved(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
+    """Return the new vertices and faces of a lid that goes on with the wall's curvature, where the rim allows it."""
+    try:
+        return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
+    except MeshError:
+        logger.info("The hole at %s m has a folded rim and gets a plain lid", vertices[loop].mean(axis=0).round(2))
+        return _flat_or_cone(vertices, faces, loop)
+
+
+def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArray:
+    """Return the (F,) flags of faces within two rings of a loop: all that tells how the wall curves there."""
+    is_near = np.zeros(num_vertices, dtype=bool)
+    is_near[loop] = True
+    for _ in range(2):
+        touching = is_near[faces].any(axis=1)
+        is_near[faces[touching]] = True
+    return np.asarray(touching)
+
+
+def _flat_or_cone(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
+    """Return the new vertices and faces of a lid: flat where the loop allows, else a cone to its middle."""
+    lid = _flat_lid(vertices, loop)
+    if lid is not None:
+        return np.zeros((0, 3)), lid
+    tip = np.full(len(loop), len(vertices))
+    return vertices[loop].mean(axis=0)[None], np.stack([loop, np.roll(loop, -1), tip], axis=1)
+
+
+def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
+    """Return the (K - 2, 3) triangles over a loop, cut in the plane that fits it best; None when it folds there."""
+    import mapbox_earcut
+    import shapely
+
+    points = vertices[loop]
+    _, _, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    flat = (points - points.mean(axis=0)) @ axes[:2].T
+    outline = shapely.Polygon(flat)
+    triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(loop)], dtype=np.uint32)).reshape(-1, 3)
+    if not outline.is_valid or len(triangles) != len(loop) - 2:
+        return None
+    # earcut winds its triangles one way whatever the outline's; the lid must follow the loop.
+    corners = flat[triangles]
+    winding = np.linalg.det(np.dstack([corners, np.ones(corners.shape[:2])])).sum()
+    if (winding > 0) != outline.exterior.is_ccw:
+        triangles = triangles[:, ::-1]
+    lid: IntArray = loop[triangles]
+    return lid

@@ -1,0 +1,312 @@
+"""Portals: the places where the passage goes on but the scan does not, cut flat and labelled.
+
+A patch of the closed surface that was invented is either a hole in the wall, which stays filled, or the open end of a
+passage, which becomes a portal. It is an end when the vehicle could pass through it and when the passage right behind
+is no wider than the patch: behind a hole in the side of a passage, a parallel cut runs along the passage and is much
+larger than the hole.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
+from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+OBSERVED_VOXELS = 2.0
+"""A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
+MAX_SECTION_RATIO = 2.0
+"""An open end's cross-section just inside is at most this many times its own area."""
+FLAT_RIM_DEPTH = 0.25
+"""A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
+NUM_DIRECTIONS = 64
+"""Normals of a patch that are tried as its main direction."""
+MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
+"""Faces of one opening face its main direction within 50 degrees."""
+MAX_RIM_DEPTH = 0.5
+"""The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
+MAX_CUT_SHARE = 0.5
+"""A flat cut that would remove more of the volume than this is a mistake."""
+CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
+"""Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
+SLIT = 1e-3
+"""Thickness of the slit that a user's cut makes before one side is dropped, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A plane across the passage where the user ends the cave."""
+
+    point: Array
+    """(3,) in the water, m."""
+    normal: Array
+    """(3,) unit vector towards the part that is cut away."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """A patch of invented surface."""
+
+    centre: Array
+    """(3,) m."""
+    normal: Array
+    """(3,) unit vector out of the water."""
+    area: float
+    """Of the patch projected along the normal, m^2."""
+    radius: float
+    """Distance from the centre to the farthest vertex, m."""
+    innermost: float
+    """How far its rim reaches into the water, against the normal, m; not positive."""
+    is_portal: bool
+    """Whether it is the open end of a passage, not a hole in a wall."""
+
+    @property
+    def diameter(self) -> float:
+        """Of the circle with the same area, m."""
+        return float(np.sqrt(4.0 * self.area / np.pi))
+
+
+def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
+    """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
+    openings = []
+    for patch in _unobserved_patches(closed):
+        whole = _measure(closed.mesh, patch, min_diameter)
+        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter:
+            openings.append(whole)
+        else:
+            parts = _split_by_direction(closed.mesh, patch)
+            openings += [_measure(closed.mesh, part, min_diameter) for part in parts]
+    large = [opening for opening in openings if opening.diameter >= min_diameter]
+    return tuple(sorted(large, key=lambda opening: -opening.area))
+
+
+def cut_portals(
+    closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, ...], voxel: float, cuts: tuple[Cut, ...] = ()
+) -> Cavity:
+    """Return the cavity with every open end cut flat just inside its rim, and where the user wants it, and labelled.
+
+    Args:
+        closed: the solid.
+        surface: the scan it was made from, for the `observed` flags.
+        openings: from `find_openings`.
+        voxel: resolution of the scan, m.
+        cuts: the user's own.
+
+    Raises:
+        MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
+    """
+    for step in CUT_STEPS:
+        mesh, lids = _cut_all(closed, openings, cuts, voxel, step * voxel)
+        if not len(self_intersections(mesh)):
+            break
+    prove_watertight(mesh)
+    labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
+    portals: list[Portal] = []
+    for lid in lids:
+        on_lid = _faces_on_lid(mesh, lid, voxel) & (labels == WALL)
+        if not on_lid.any():
+            logger.warning("The opening at %s was cut away with another one", lid.centre.round(2))
+            continue
+        labels[on_lid] = len(portals) + 1
+        portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
+    observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
+    return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _cut_all(
+    closed: ClosedSurface, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+) -> tuple[Mesh, list[Opening]]:
+    """Return the closed mesh after all cuts, as it will be stored, and the lids they leave."""
+    solid = to_manifold(closed.mesh)
+    lids = []
+    for cut in cuts:
+        solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
+        lids.append(lid)
+    for opening in openings:
+        if opening.is_portal and not _is_cut_away(solid, opening, voxel):
+            lid = replace(opening, innermost=opening.innermost - inwards)
+            solid = _cut_flat(solid, lid)
+            lids.append(lid)
+    mesh = from_manifold(solid)
+    # The scenario stores float32: prove what will be read back.
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces), lids
+
+
+def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
+    """Return what is left of the solid behind a user's plane, and the opening that makes."""
+    import manifold3d
+
+    section = section_polygon(from_manifold(solid), cut.point, cut.normal)
+    where = f"The cut at {cut.point.round(2)} m across {cut.normal.round(2)}"
+    if section is None:
+        raise MeshError(f"{where} misses the cave. Name a point in its water; the report's plan has coordinates.")
+    outline = section.buffer(0.5 * voxel)
+    slit = manifold3d.CrossSection([np.asarray(outline.exterior.coords)[:-1]]).extrude(SLIT)
+    axes = plane_axes(cut.normal)
+    slit = slit.transform(np.column_stack([*axes, cut.normal, cut.point]))
+    pieces = (solid - slit).decompose()
+    middle = np.asarray(section.representative_point().coords[0]) @ axes + cut.point
+    kept = [piece for piece in pieces if _holds(piece, middle - SLIT * cut.normal)]
+    dropped = [piece for piece in pieces if _holds(piece, middle + 2.0 * SLIT * cut.normal)]
+    if not kept or not dropped or kept[0] is dropped[0]:
+        raise MeshError(
+            f"{where} does not divide the cave: both sides stay connected another way round. Add a cut across that "
+            "way too, or move the plane."
+        )
+    edge = np.asarray(section.exterior.coords)
+    centre = np.asarray(section.centroid.coords[0]) @ axes + cut.point
+    radius = float(np.linalg.norm(edge @ axes + cut.point - centre, axis=1).max()) + voxel
+    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, is_portal=True)
+
+
+def _holds(solid: Any, point: Array) -> bool:
+    import igl
+
+    mesh = from_manifold(solid)
+    return bool(igl.fast_winding_number(mesh.vertices, mesh.faces, point[None])[0] > 0.5)
+
+
+def _is_cut_away(solid: Any, opening: Opening, voxel: float) -> bool:
+    """Return whether an earlier cut took an opening with it."""
+    import igl
+
+    mesh = from_manifold(solid)
+    squared = igl.point_mesh_squared_distance(opening.centre[None], mesh.vertices, mesh.faces)[0]
+    return float(np.sqrt(squared[0])) > max(2.0 * voxel, 0.5 * opening.diameter)
+
+
+def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:
+    """Return the face indices of each connected patch that the scan did not see."""
+    import trimesh
+
+    solid = closed.mesh.to_trimesh()
+    unseen = np.flatnonzero(~closed.is_scan)
+    pairs = solid.face_adjacency[~closed.is_scan[solid.face_adjacency].any(axis=1)]
+    groups = trimesh.graph.connected_components(pairs, nodes=unseen, min_len=1)
+    return [np.asarray(group, dtype=np.int64) for group in groups]
+
+
+def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
+    """Return the parts of a patch that face one way each, largest first.
+
+    Where a hole in the floor runs into the open end of a passage, both are one patch; a plane through it would cut the
+    passage slantwise. Its end faces along the passage, its floor down.
+    """
+    import trimesh
+
+    corners = mesh.triangles[patch]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = vectors / np.maximum(areas, 1e-15)[:, None]
+    adjacency = trimesh.graph.face_adjacency(mesh.faces[patch])
+    parts, is_left = [], areas > 0.0
+    while is_left.any():
+        largest = np.flatnonzero(is_left)[np.argsort(-areas[is_left])[:NUM_DIRECTIONS]]
+        agreeing = (normals @ normals[largest].T > MIN_AGREEMENT) & is_left[:, None]
+        facing = agreeing[:, np.argmax(areas @ agreeing)]
+        is_left &= ~facing
+        pairs = adjacency[facing[adjacency].all(axis=1)]
+        parts += trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(facing), min_len=1)
+    return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
+
+
+def _measure(mesh: Mesh, patch: IntArray, min_diameter: float) -> Opening:
+    corners = mesh.triangles[patch]
+    vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = float(np.linalg.norm(vector_areas.sum(axis=0)))
+    normal = vector_areas.sum(axis=0) / max(area, 1e-12)
+    weights = np.linalg.norm(vector_areas, axis=1)
+    centre = np.average(corners.mean(axis=1), axis=0, weights=weights + 1e-12)
+    offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
+    innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
+    radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
+    opening = Opening(centre, normal, area, radius, innermost, is_portal=False)
+    if opening.diameter < min_diameter:
+        return opening
+    return Opening(centre, normal, area, radius, innermost, is_portal=_is_open_end(mesh, opening))
+
+
+def _rim(faces: IntArray) -> IntArray:
+    """Return the vertices on the border of a patch."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    rim: IntArray = np.unique(unique[counts == 1])
+    return rim
+
+
+def _is_open_end(mesh: Mesh, opening: Opening) -> bool:
+    """Return whether the cross-section a quarter diameter inside the opening is of about its own size."""
+    depth = opening.innermost - 0.25 * opening.diameter
+    if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
+        return False
+    section = section_polygon(mesh, opening.centre + depth * opening.normal, opening.normal)
+    return section is not None and section.area <= MAX_SECTION_RATIO * opening.area
+
+
+def section_polygon(mesh: Mesh, point: Array, normal: Array) -> Any:
+    """Return the shapely polygon of the cross-section around (or nearest to) a point, in plane coordinates.
+
+    The plane's axes are those of `plane_axes(normal)`, its origin is `point`. None where the plane misses the mesh.
+    """
+    import shapely
+    import trimesh
+
+    lines = trimesh.intersections.mesh_plane(mesh.to_trimesh(), plane_normal=normal, plane_origin=point)
+    if not len(lines):
+        return None
+    flat = (np.asarray(lines) - point) @ plane_axes(normal).T
+    snapped = shapely.set_precision(shapely.multilinestrings([shapely.linestrings(line) for line in flat]), 1e-6)
+    rings = list(shapely.polygonize([snapped]).geoms) if not snapped.is_empty else []
+    if not rings:
+        return None
+    origin = shapely.Point(0.0, 0.0)
+    return min(rings, key=lambda ring: (ring.distance(origin), -ring.area))
+
+
+def plane_axes(normal: Array) -> Array:
+    """Return the (2, 3) axes of a plane: first horizontal, second as upright as the plane allows."""
+    horizontal = np.cross([0.0, 0.0, 1.0], normal)
+    if np.linalg.norm(horizontal) < 1e-6:
+        horizontal = np.array([1.0, 0.0, 0.0])
+    horizontal = horizontal / np.linalg.norm(horizontal)
+    return np.stack([horizontal, np.cross(normal, horizontal)])
+
+
+def _cut_flat(solid: Any, lid: Opening) -> Any:
+    """Return the solid without the box outside the plane just inside the lid's rim."""
+    import manifold3d
+
+    horizontal, upright = plane_axes(lid.normal)
+    half, depth = 1.2 * lid.radius, 2.4 * lid.radius
+    box = manifold3d.Manifold.cube((2 * half, 2 * half, depth)).translate((-half, -half, 0.0))
+    base = lid.centre + lid.innermost * lid.normal
+    placed = box.transform(np.column_stack([horizontal, upright, lid.normal, base]))
+    rest = solid - placed
+    if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
+        raise MeshError(
+            f"Cutting the opening at {lid.centre.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
+            f"half of the {solid.volume():.3g} m3. The scan is open along its side and not only at its ends: it is no "
+            "passage. Scan the missing walls, or give a larger --min-portal so that the hole is filled instead."
+        )
+    return max(rest.decompose(), key=lambda piece: piece.volume())
+
+
+def _faces_on_lid(mesh: Mesh, lid: Opening, voxel: float) -> Any:
+    offsets = mesh.triangles - (lid.centre + lid.innermost * lid.normal)
+    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < 1e-3 * voxel
+    return in_plane & (np.linalg.norm(offsets, axis=2).max(axis=1) <= 1.5 * lid.radius)
+
+
+def _portal(mesh: Mesh, faces: Any, label: int, normal: Array) -> Portal:
+    corners = mesh.triangles[faces]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return Portal(label, np.average(corners.mean(axis=1), axis=0, weights=areas), normal, float(areas.sum()))

@@ -1,0 +1,1 @@
+"""What a caver measures: sections and statistics."""

@@ -1,0 +1,1 @@
+"""Tools on triangle meshes that know nothing of caves: topology, crossings, handles, distances, holes."""

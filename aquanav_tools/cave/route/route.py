@@ -1,0 +1,172 @@
+"""The route: the way through the water from entrance to goal that keeps away from the walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.water.field import BAND, DistanceField
+from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.types import Array
+
+COARSE_NODES = 50_000
+"""Nodes that suffice to tell which portals are farthest apart."""
+SMOOTHING = 0.4
+"""Length over which the route is smoothed, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A line through the water."""
+
+    points: Array
+    """(C, 3) from the entrance to the goal, evenly spaced, m."""
+    clearance: Array
+    """(C,) m."""
+
+    @property
+    def length(self) -> float:
+        """Metres along the line."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+
+def find_route(
+    cavity: Cavity,
+    field: DistanceField,
+    vehicle_radius: float,
+    entrance: Array | None = None,
+    goal: Array | None = None,
+) -> Route:
+    """Return the route between the two portals that are farthest apart through the water.
+
+    With one portal the route ends at the farthest place from it, with none it joins the two farthest places.
+
+    Args:
+        cavity: whose portals are the ends that are not given.
+        field: of the cavity.
+        vehicle_radius: clearance that the route keeps, m.
+        entrance: (3,) where the route begins instead: in the water, or on a portal.
+        goal: (3,) where the route ends instead: in the water, or on a portal.
+
+    Raises:
+        InputError: an end that is given lies in rock.
+        MeshError: the narrowest place between the ends is too tight for the vehicle; the message says how tight, where.
+    """
+    start, end = _choose_ends(cavity, field, vehicle_radius, entrance, goal)
+    path = WaterGraph(field, vehicle_radius).roomy_path(start, end)
+    if path is None:
+        raise MeshError(_too_tight(field, start, end, vehicle_radius))
+    ends = np.vstack([start, path[1:-1], end]) if len(path) > 2 else np.vstack([start, end])
+    points = _smooth(ends, field, vehicle_radius)
+    return Route(points, field.clearance(points))
+
+
+def _choose_ends(
+    cavity: Cavity, field: DistanceField, vehicle_radius: float, entrance: Array | None, goal: Array | None
+) -> tuple[Array, Array]:
+    start = None if entrance is None else _given_end(cavity, field, entrance, "entrance")
+    end = None if goal is None else _given_end(cavity, field, goal, "goal")
+    if start is not None and end is not None:
+        return start, end
+    doors = [_behind(portal, field) for portal in cavity.portals]
+    if start is None and end is None:
+        if len(doors) < 2:
+            return _ends_without_portals(field, vehicle_radius, doors)
+        return _farthest_doors(field, vehicle_radius, doors)
+    given = start if start is not None else end
+    assert given is not None
+    other = _farthest_door(field, vehicle_radius, doors, given)
+    return (given, other) if start is not None else (other, given)
+
+
+def _given_end(cavity: Cavity, field: DistanceField, point: Array, name: str) -> Array:
+    """Return a place in the water for an end that the user named, by a point in the water or on a portal."""
+    point = np.asarray(point, dtype=np.float64)
+    for portal in cavity.portals:
+        offset = point - portal.centre
+        if abs(offset @ portal.normal) <= 2.0 * field.spacing and offset @ offset <= portal.area:
+            return _behind(portal, field)
+    clearance = field.clearance_at(point)
+    if clearance <= 0.0:
+        raise InputError(
+            f"The {name} {point.round(2)} m lies in rock, {'more than ' * (clearance <= -BAND * field.spacing)}"
+            f"{-clearance:.2f} m from the water. Give a point in the water or on a portal, in metres."
+        )
+    return point
+
+
+def _farthest_doors(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
+    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
+    lengths = np.array([graph.ways_from(door).lengths_to(np.array(doors)) for door in doors])
+    first, last = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
+    return doors[min(first, last)], doors[max(first, last)]
+
+
+def _farthest_door(field: DistanceField, vehicle_radius: float, doors: list[Array], given: Array) -> Array:
+    """Return the portal's place farthest from a point; without another portal, the farthest place at all."""
+    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
+    others = [door for door in doors if np.linalg.norm(door - given) > graph.spacing]
+    if not others:
+        return _farthest(WaterGraph(field, vehicle_radius), given)
+    lengths = graph.ways_from(given).lengths_to(np.array(others))
+    return others[int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))]
+
+
+def _ends_without_portals(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
+    # The vehicle must be able to reach the farthest place, so the search keeps its clearance all the way.
+    graph = WaterGraph(field, vehicle_radius)
+    start = doors[0] if doors else _farthest(graph, graph.points[np.argmax(graph.clearance)])
+    return start, _farthest(graph, start)
+
+
+def _behind(portal: Portal, field: DistanceField) -> Array:
+    """Return the roomiest point along the portal's inward normal, within its half width, m."""
+    depths = np.linspace(0.0, 0.5 * np.sqrt(portal.area), 20)
+    points = portal.centre - depths[:, None] * portal.normal
+    return np.asarray(points[np.argmax(field.clearance(points))])
+
+
+def _farthest(graph: WaterGraph, point: Array) -> Array:
+    """Return the place with the longest way from a point."""
+    lengths = graph.ways_from(point).lengths
+    farthest: Array = graph.points[np.argmax(np.where(np.isfinite(lengths), lengths, -1.0))]
+    return farthest
+
+
+def _too_tight(field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> str:
+    path = WaterGraph(field, 0.0).roomy_path(start, end)
+    if path is None:
+        return (
+            f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The scan closes the "
+            "passage in between; cut the obstacle away or build the two parts apart."
+        )
+    clearance = field.clearance(path)
+    tightest = path[np.argmin(clearance)]
+    return (
+        f"The passage is too tight for the vehicle: its radius is {vehicle_radius:.2f} m, the clearance at "
+        f"{tightest.round(2)} m is {clearance.min():.2f} m. Check --unit, or choose a smaller vehicle with --vehicle."
+    )
+
+
+def _smooth(path: Array, field: DistanceField, vehicle_radius: float) -> Array:
+    """Return the path evenly resampled and smoothed, never closer to a wall than it was or the vehicle needs."""
+    from scipy.ndimage import gaussian_filter1d
+
+    step = 0.25 * SMOOTHING
+    points = resample(path, step)
+    for _ in range(10):
+        moved = gaussian_filter1d(points, SMOOTHING / step / 2, axis=0, mode="nearest")
+        moved[[0, -1]] = points[[0, -1]]
+        needed = np.minimum(field.clearance(points), 1.2 * vehicle_radius)
+        points = np.where((field.clearance(moved) >= needed)[:, None], moved, points)
+    return resample(points, step)
+
+
+def resample(path: Array, step: float) -> Array:
+    """Return a polyline's points at equal distances of about `step` along it, m, ends kept."""
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    stations = np.linspace(0.0, lengths[-1], max(2, round(lengths[-1] / step) + 1))
+    return np.stack([np.interp(stations, lengths, path[:, axis]) for axis in range(3)], axis=1)

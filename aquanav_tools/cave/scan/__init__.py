@@ -1,0 +1,1 @@
+"""From a file to a clean, open surface that faces the water."""

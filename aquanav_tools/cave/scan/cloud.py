@@ -1,0 +1,137 @@
+"""From a point cloud to an open surface that faces the water: screened Poisson, cut back to where there are points."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.mesh.patches import Patches
+from aquanav_tools.cave.scan.orientation import face_the_water
+from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
+from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import load_open3d
+from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
+
+THINNING = 0.5
+"""Points are thinned to one per cell of this size, voxels."""
+NUM_NEIGHBOURS = 16
+OUTLIER_RATIO = 3.0
+"""A point is an outlier when its neighbours are this many times farther away than theirs are from them ..."""
+LONELY_RATIO = 8.0
+"""... or farther than most of the cloud's by this factor: stray points in the open have only each other around."""
+MAX_DEPTH = 11
+"""Of Poisson's octree; 2^11 cells along the longest side."""
+TRIM_VOXELS = 2.5
+TRIM_SPACINGS = 2.0
+"""Surface farther from any point than TRIM_VOXELS and TRIM_SPACINGS times the points' spacing there was invented."""
+PATCH_SPACINGS = 1.2
+"""Half width of the square that stands for a point when rays look for the water, in spacings of the points there."""
+
+
+def surface_from_cloud(cloud: PointCloud, voxel: float) -> Surface:
+    """Return the surface through the points of a cloud.
+
+    Normals that come with it are used as directions only; which side is water is found out by looking around.
+
+    Args:
+        cloud: scanned points.
+        voxel: resolution of the surface, m.
+
+    Raises:
+        InputError: too few points are left without outliers.
+    """
+    points, normals, spacing = _clean(cloud, voxel)
+    if len(points) < 100:
+        raise InputError(
+            f"Only {len(points)} of {len(cloud.points)} points remain after removing outliers at {voxel:.3g} m. "
+            "The cloud is too sparse for a surface, or the unit is wrong; check --unit or give a larger --voxel."
+        )
+    normals = normals * _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))[:, None]
+    fitted = _poisson(points, normals, voxel)
+    kept = _supported(fitted, points, spacing, voxel)
+    surface = surface_from_mesh(Mesh(fitted.vertices, fitted.faces[kept]), voxel)
+    dropped_share = 1.0 - len(points) / max(len(_thinned(cloud, voxel)[0]), 1)
+    return Surface(surface.mesh, points, dropped_share, surface.turned_share)
+
+
+def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array | None]:
+    open3d = load_open3d()
+    result = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
+    if cloud.normals is not None:
+        result.normals = open3d.utility.Vector3dVector(cloud.normals)
+    result = result.voxel_down_sample(THINNING * voxel)
+    return np.asarray(result.points), None if cloud.normals is None else np.asarray(result.normals)
+
+
+def _clean(cloud: PointCloud, voxel: float) -> tuple[Array, Array, Array]:
+    """Return the (N, 3) thinned points without outliers, their unit normals (either sign) and their (N,) spacing."""
+    from scipy.spatial import cKDTree
+
+    points, normals = _thinned(cloud, voxel)
+    if len(points) <= NUM_NEIGHBOURS:
+        return points[:0], points[:0], np.zeros(0)
+    distances, neighbours = cKDTree(points).query(points, k=NUM_NEIGHBOURS + 1)
+    spread = distances[:, 1:].mean(axis=1)
+    kept = spread < OUTLIER_RATIO * np.median(spread[neighbours[:, 1:]], axis=1)
+    kept &= spread < LONELY_RATIO * np.median(spread)
+    points, spacing = points[kept], distances[kept, 1:5].mean(axis=1)
+    if normals is None or not (np.linalg.norm(normals, axis=1) > 0.5).all():
+        return points, _plane_normals(points), spacing
+    normals = normals[kept]
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), spacing
+
+
+def _plane_normals(points: Array) -> Array:
+    """Return the (N, 3) unit normals of the planes through each point's neighbours, either sign."""
+    open3d = load_open3d()
+    cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NUM_NEIGHBOURS))
+    return np.asarray(cloud.normals)
+
+
+def _outward_signs(points: Array, normals: Array, spacing: Array) -> Array:
+    """Return the (N,) signs that turn the normals out of the water.
+
+    Small squares stand for the points; each is asked which side of it is water, and neighbours outvote the odd one.
+    """
+    from scipy.spatial import cKDTree
+
+    half = (PATCH_SPACINGS * spacing)[:, None]
+    helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    side = np.cross(normals, helper)
+    side *= half / np.linalg.norm(side, axis=1, keepdims=True)
+    up = np.cross(normals, side)
+    corners = np.stack([points - side - up, points + side - up, points + side + up, points - side + up], axis=1)
+    first = 4 * np.arange(len(points))[:, None]
+    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    ids = np.tile(np.arange(len(points)), 2)
+    squares = Patches(Mesh(corners.reshape(-1, 3), faces), ids)
+    facing = face_the_water(squares, 2.0 * float(np.median(spacing)), drop_hidden=False)
+    is_turned = (facing.mesh.faces != faces).any(axis=1)[: len(points)]
+    outward = np.where(is_turned, -1.0, 1.0)[:, None] * normals
+    _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))
+    agreement = np.einsum("nk,nk->n", outward, outward[neighbours].mean(axis=1))
+    voted = np.where(agreement >= 0.0, 1.0, -1.0)[:, None] * outward
+    signs: Array = np.sign(np.einsum("nk,nk->n", voted, normals))
+    return np.where(signs == 0.0, 1.0, signs)
+
+
+def _poisson(points: Array, normals: Array, voxel: float) -> Mesh:
+    open3d = load_open3d()
+    cloud: Any = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
+    cloud.normals = open3d.utility.Vector3dVector(normals)
+    extent = float(np.ptp(points, axis=0).max()) * 1.1
+    depth = int(np.clip(np.ceil(np.log2(extent / voxel)), 5, MAX_DEPTH))
+    fitted, _ = open3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=1)
+    return Mesh(np.asarray(fitted.vertices), np.asarray(fitted.triangles).astype(np.int64))
+
+
+def _supported(fitted: Mesh, points: Array, spacing: Array, voxel: float) -> BoolArray:
+    """Return the (F,) flags of faces with a point near all their corners."""
+    from scipy.spatial import cKDTree
+
+    distance, nearest = cKDTree(points).query(fitted.vertices)
+    near = distance <= np.maximum(TRIM_VOXELS * voxel, TRIM_SPACINGS * spacing[nearest])
+    supported: BoolArray = near[fitted.faces].all(axis=1)
+    return supported

@@ -1,0 +1,96 @@
+"""Reading scans into metres with z up, and refusing what cannot be the scan of a cave."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aquanav_tools.cave.options import ScanOptions
+from aquanav_tools.cave.scan.files import read_surface
+from aquanav_tools.errors import InputError
+from aquanav_tools.types import Array, Mesh, PointCloud
+
+METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
+LARGEST_CAVE = 1000.0
+"""A scan wider than this is rather one in millimetres, unless --unit m says otherwise, m."""
+SMALLEST_CAVE = 0.5
+"""A scan that is not even this wide is rather one in kilometres or without a scale, m."""
+TYPICAL_CAVE = 30.0
+"""Of the units that are possible, the one that brings the scan closest to this size is proposed, m."""
+FAR_FROM_ORIGIN = 1000.0
+"""Beyond this, float32 coordinates are coarser than 0.1 mm and the scan is moved to the origin, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """A scan in the world frame: metres, z up."""
+
+    surface: Mesh | PointCloud
+    offset: Array
+    """(3,) what was subtracted to bring a far scan to the origin, world axes, m; zeros for most."""
+    cautions: tuple[tuple[str, str], ...] = ()
+    """Codes and sentences about what was changed while reading."""
+
+
+def read_scan(path: Path, options: ScanOptions) -> Scan:
+    """Return the surface in a file.
+
+    Raises:
+        InputError: the file is missing, of no known format, damaged, empty, or has coordinates that are not finite.
+        ResourceError: it has more than MAX_POINTS points.
+    """
+    if not path.is_file():
+        raise InputError(f"There is no file {path}. Check the path.")
+    surface, cautions = read_surface(path)
+    points = surface.vertices if isinstance(surface, Mesh) else surface.points
+    _check_points(points, path)
+    _check_size(points, options.unit)
+    rotation = _world_from_file(options.up)
+    moved = METRES_PER_UNIT[options.unit or "m"] * points @ rotation.T
+    centre = np.round(moved.mean(axis=0))
+    offset = centre if np.abs(centre).max() > FAR_FROM_ORIGIN else np.zeros(3)
+    if isinstance(surface, Mesh):
+        return Scan(Mesh(moved - offset, surface.faces, surface.colours), offset, cautions)
+    normals = None if surface.normals is None else surface.normals @ rotation.T
+    return Scan(PointCloud(moved - offset, normals, surface.colours), offset, cautions)
+
+
+def _check_size(points: Array, unit: str | None) -> None:
+    """Refuse a size that no cave has, unless the user named the unit.
+
+    Raises:
+        InputError: with the unit that it may be in.
+    """
+    if unit is not None:
+        return
+    width = float((np.percentile(points, 99.5, axis=0) - np.percentile(points, 0.5, axis=0)).max())
+    if SMALLEST_CAVE <= width <= LARGEST_CAVE or not width > 0.0:
+        return
+    names = {"dm": "decimetres", "cm": "centimetres", "mm": "millimetres", "km": "kilometres"}
+    likely = min(names, key=lambda name: abs(np.log(METRES_PER_UNIT[name] * width / TYPICAL_CAVE)))
+    raise InputError(
+        f"The cave is {width:{',.0f' if width >= 1.0 else '.2g'}} m wide: are these {names[likely]}? Then give --unit "
+        f"{likely}. If it is really that size, give --unit m."
+    )
+
+
+def _check_points(points: Array, path: Path) -> None:
+    if len(points) < 4:
+        raise InputError(f"{path} has {len(points)} points; a surface needs at least 4. The file is empty or cut off.")
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise InputError(
+            f"{path} has {bad.sum()} of {len(points)} points with coordinates that are not finite, the first at index "
+            f"{np.flatnonzero(bad)[0]}. The export went wrong; export it again or remove those points."
+        )
+
+
+def _world_from_file(up: str) -> Array:
+    """Return the rotation that takes the file's up axis to z by a cyclic permutation (and a half turn for '-')."""
+    axis = "xyz".index(up[-1])
+    rotation = np.eye(3)[[(axis + 1) % 3, (axis + 2) % 3, axis]]
+    if up.startswith("-"):
+        rotation = np.diag([1.0, -1.0, -1.0]) @ rotation
+    return rotation

@@ -1,0 +1,105 @@
+"""How fine a scan is resampled, and what that costs: decided, and said, before the work starts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.scan.orientation import face_areas
+from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.types import Array, Mesh, PointCloud
+
+VOXELS_PER_RADIUS = 4.0
+"""A quarter of the vehicle's radius resolves any place it can pass; finer is never needed."""
+MESH_VOXELS_PER_RADIUS = 2.0
+"""Large triangles do not mean low detail: a mesh is never resampled coarser than half the radius for them."""
+SPACINGS_PER_VOXEL = 2.0
+"""A voxel of a cloud holds about four points of its wall."""
+BASE_GB = 0.4
+"""The libraries and the scan itself."""
+BYTES_PER_CELL = 3000
+"""Peak memory of closing and proving per voxel of wall; measured, see eval/benchmarks/cavity.py."""
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """The voxel and its cost."""
+
+    voxel: float
+    """m."""
+    reason: str
+    """What decided it."""
+    memory_gb: float
+    """Forecast of the peak while closing, GB."""
+
+
+def choose_resolution(
+    scan: Mesh | PointCloud, vehicle_radius: float, budget_gb: float, wanted: float | None = None
+) -> Resolution:
+    """Return the voxel for a scan.
+
+    The median edge of a mesh or twice the median spacing of a cloud, within what the vehicle needs and what fits into
+    the memory budget.
+
+    Args:
+        scan: world frame, m.
+        vehicle_radius: m.
+        budget_gb: memory that closing may take, GB.
+        wanted: the user's own choice, m.
+
+    Raises:
+        InputError: the scan has no extent.
+        ResourceError: the user's choice does not fit into the budget.
+    """
+    area = _wall_area(scan, vehicle_radius)
+    smallest = float(np.sqrt(area * BYTES_PER_CELL / max((budget_gb - BASE_GB) * 1e9, 1.0)))
+    if wanted is not None:
+        if wanted < smallest:
+            raise ResourceError(
+                f"Closing {area:.0f} m2 of wall at {wanted:.3g} m takes about {_memory(area, wanted):.1f} GB, more "
+                f"than the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or more --memory."
+            )
+        return Resolution(wanted, "as given", _memory(area, wanted))
+    finest = vehicle_radius / VOXELS_PER_RADIUS
+    if isinstance(scan, Mesh):
+        detail = min(float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS)
+        reason = "the median edge of the scan"
+    else:
+        detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
+    if detail < finest:
+        detail, reason = finest, "a quarter of the vehicle's radius"
+    if detail < smallest:
+        detail, reason = smallest, f"the memory limit of {budget_gb:.1f} GB"
+    return Resolution(detail, reason, _memory(area, detail))
+
+
+def _memory(area: float, voxel: float) -> float:
+    return BASE_GB + area / voxel**2 * BYTES_PER_CELL / 1e9
+
+
+def _wall_area(scan: Mesh | PointCloud, cell: float) -> float:
+    """Return about the area of the scanned wall, m^2; of a cloud, of the cells it occupies."""
+    points = scan.vertices if isinstance(scan, Mesh) else scan.points
+    if not np.ptp(points, axis=0).max() > 0.0:
+        raise InputError(
+            f"All {len(points)} points of the scan lie in one place. The export went wrong, or the unit is wrong; "
+            "check the file and --unit."
+        )
+    if isinstance(scan, Mesh):
+        return float(face_areas(scan)[0].sum())
+    # A wall through a grid of cells occupies about 1.5 cells per cell of area.
+    return len(np.unique(np.floor(points / cell).astype(np.int64), axis=0)) * cell**2 / 1.5
+
+
+def _edge_lengths(mesh: Mesh) -> Array:
+    corners = mesh.triangles
+    lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel()
+    return lengths
+
+
+def _spacing(points: Array) -> float:
+    from scipy.spatial import cKDTree
+
+    nearest, _ = cKDTree(points).query(points[:: max(1, len(points) // 20_000)], k=2)
+    return float(np.median(nearest[:, 1]))

@@ -1,0 +1,159 @@
+"""From a scanned mesh to a clean, open surface that faces the water: the input of closing."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.mesh.patches import Patches, find_patches
+from aquanav_tools.cave.scan.orientation import face_areas, face_the_water, is_gap
+from aquanav_tools.errors import InputError
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+MIN_PATCH_SHARE = 0.01
+"""Patches with less than this share of the largest one's area are stray objects or scraps ..."""
+MAX_STRAY_SHARE = 0.1
+"""... unless they make up more than this share of all: then the scan is a soup of fragments and all of it is wall."""
+SPIKE_RATIO = 4.0
+"""A vertex whose shortest edge is this many times longer than the median edge around it is a spike."""
+MAX_SPIKES = 0.05
+"""Where more vertices than this share look like spikes, that is what the surface is like."""
+GAP_VOXELS = 4.0
+"""Space between two layers of wall that is thinner than this is no passage, voxels."""
+RAY_OFFSET = 0.1
+"""Rays that look for the water start this far from a face, voxels: beyond its noise, before the other side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """An open surface that faces the water."""
+
+    mesh: Mesh
+    """Normals out of the water."""
+    points: Array
+    """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m."""
+    dropped_share: float = 0.0
+    """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall."""
+    turned_share: float = 0.0
+    """Share of the area that was wound the other way round than the most of it."""
+
+
+def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
+    """Return the walls in a triangle soup: welded, without strays and spikes, facing the water.
+
+    Args:
+        mesh: any triangles, wound any way.
+        voxel: resolution of the scan, m.
+
+    Raises:
+        InputError: no triangle has an area.
+    """
+    clean = clean_mesh(mesh)
+    if not len(clean.faces):
+        raise InputError(f"None of the scan's {len(mesh.faces)} triangles has an area. Export the scan again.")
+    area = float(face_areas(clean)[0].sum())
+    smooth = Mesh(clean.vertices, clean.faces[~_spikes(clean)])
+    facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
+    kept = _without_unused(facing.mesh)
+    turned = min(facing.turned_share, 1.0 - facing.turned_share)
+    return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
+
+
+def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
+    """Return the surface without second layers of wall: what the closed surface passes by for good reason.
+
+    Args:
+        surface: the scan.
+        closed: the closed surface made from it.
+        voxel: resolution of the scan, m.
+    """
+    import igl
+
+    mesh = surface.mesh
+    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), closed.vertices, closed.faces)[0]
+    far = np.flatnonzero(np.asarray(squared) > voxel**2)
+    if not len(far):
+        return surface
+    gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
+    is_kept = np.ones(len(mesh.faces), dtype=bool)
+    is_kept[gaps] = False
+    areas = face_areas(mesh)[0]
+    kept = _without_unused(Mesh(mesh.vertices, mesh.faces[is_kept]))
+    share = surface.dropped_share + (1.0 - surface.dropped_share) * float(areas[gaps].sum() / areas.sum())
+    points = kept.vertices if surface.points is mesh.vertices else surface.points
+    return Surface(kept, points, share, surface.turned_share)
+
+
+def clean_mesh(mesh: Mesh) -> Mesh:
+    """Return the mesh with equal vertices merged and degenerate and repeated faces removed."""
+    solid = mesh.to_trimesh()
+    solid.merge_vertices()
+    solid.update_faces(solid.nondegenerate_faces() & solid.unique_faces())
+    solid.remove_unreferenced_vertices()
+    return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
+
+
+def sample_faces(surface: Mesh, spacing: float) -> Array:
+    """Return points that cover every face at about the given spacing."""
+    corners = surface.triangles
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    steps = np.ceil(longest / spacing).astype(int)
+    samples = []
+    for count in np.unique(steps):
+        i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
+        weights = np.stack([i, j, count - i - j], axis=1) / max(count, 1)
+        samples.append(np.einsum("kc,fcx->fkx", weights, corners[steps == count]).reshape(-1, 3))
+    return np.concatenate(samples)
+
+
+def _spikes(mesh: Mesh) -> BoolArray:
+    """Return the (F,) flags of faces at a vertex that juts far out of its surroundings, as an outlier does."""
+    opposite, lengths = _edges_at_corners(mesh)
+    corners = mesh.faces.ravel()
+    shortest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(shortest, corners, lengths.min(axis=1))
+    around = _median_by(corners, opposite, len(mesh.vertices))
+    is_spike = shortest > SPIKE_RATIO * around
+    if is_spike.mean() > MAX_SPIKES:
+        return np.zeros(len(mesh.faces), dtype=bool)
+    return np.asarray(is_spike[mesh.faces].any(axis=1))
+
+
+def _edges_at_corners(mesh: Mesh) -> tuple[Array, Array]:
+    """Return for each of the 3 F face corners the length of the edge opposite and the (3 F, 2) lengths at it, m."""
+    corners = mesh.triangles
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)  # ab, bc, ca
+    opposite = np.roll(sides, -1, axis=1)
+    at_corner = np.stack([sides, np.roll(sides, 1, axis=1)], axis=2)
+    return opposite.ravel(), at_corner.reshape(-1, 2)
+
+
+def _median_by(groups: IntArray, values: Array, count: int) -> Array:
+    """Return the median of the values in each group, inf for empty groups."""
+    order = np.lexsort((values, groups))
+    sizes = np.bincount(groups, minlength=count)
+    middle = np.concatenate([[0], np.cumsum(sizes)[:-1]]) + sizes // 2
+    medians = np.full(count, np.inf)
+    medians[sizes > 0] = values[order][middle[sizes > 0]]
+    return medians
+
+
+def _main_patches(patches: Patches) -> Patches:
+    """Return the patches without stray objects."""
+    areas = np.bincount(patches.ids, face_areas(patches.mesh)[0])
+    is_small = areas < MIN_PATCH_SHARE * areas.max()
+    if areas[is_small].sum() > MAX_STRAY_SHARE * areas.sum():
+        return patches
+    kept = ~is_small[patches.ids]
+    logger.info("Left out %d of %d pieces of the scan as strays", is_small.sum(), len(areas))
+    _, ids = np.unique(patches.ids[kept], return_inverse=True)
+    return Patches(Mesh(patches.mesh.vertices, patches.mesh.faces[kept]), ids.astype(np.int64))
+
+
+def _without_unused(mesh: Mesh) -> Mesh:
+    used, faces = np.unique(mesh.faces, return_inverse=True)
+    return Mesh(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int64))

@@ -1,0 +1,1 @@
+"""Caves made of formulas with known answers, and damage done to them."""

@@ -1,0 +1,1 @@
+"""The distance field of the water, and the ways through it."""

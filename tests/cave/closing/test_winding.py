@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.cave.closing.winding import TILE, Carving, water_surface
+from aquanav_tools.types import Mesh
+from tests.cave.open_caves import without_faces_near
+
+VOXEL = 0.08
+
+
+def sphere(radius: float = 2.5) -> Mesh:
+    """A sphere that spans several tiles."""
+    solid = trimesh.creation.icosphere(5, radius)
+    return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.vstack([mesh.vertices for mesh in meshes]), np.vstack(faces))
+
+
+def test_tiles_join_without_a_seam() -> None:
+    ball = sphere()
+    assert 5.0 / VOXEL > TILE  # the sphere crosses the borders of tiles
+    surface = water_surface(ball, VOXEL)
+    prove_watertight(surface)
+    radii = np.linalg.norm(surface.vertices, axis=1)
+    # Smoothing by s voxels draws a sphere's wall inwards by s^2 / radius; interpolation errs less.
+    assert np.abs(radii - 2.5).max() < 0.1 * VOXEL
+    assert surface.to_trimesh().volume == pytest.approx(4 / 3 * np.pi * 2.5**3, rel=3e-3)
+
+
+def test_the_surface_does_not_depend_on_where_tiles_begin() -> None:
+    ball = sphere(1.5)
+    stray = Mesh(ball.vertices * 0.02 + [-4.0, -3.0, -3.5], ball.faces)  # moves the lattice's origin
+    bodies = water_surface(joined(ball, stray), VOXEL).to_trimesh().split()
+    largest = max(bodies, key=lambda body: body.volume)
+    assert largest.is_watertight
+    assert largest.volume == pytest.approx(water_surface(ball, VOXEL).to_trimesh().volume, rel=1e-3)
+
+
+def test_a_hole_is_closed_smoothly() -> None:
+    holed = without_faces_near(sphere(), np.array([2.5, 0.0, 0.0]), 0.8)
+    surface = water_surface(holed, VOXEL)
+    prove_watertight(surface)
+    cap = np.pi * 0.13**2 * (2.5 - 0.13 / 3)  # of the height that a chord of 0.8 m to its pole leaves: 0.8^2 / 5
+    assert surface.to_trimesh().volume == pytest.approx(4 / 3 * np.pi * 2.5**3 - cap, rel=3e-3)
+
+
+def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
+    left, right = sphere(1.0), sphere(1.0)
+    apart = joined(left, Mesh(right.vertices + [2.3, 0.0, 0.0], right.faces))
+    assert len(water_surface(apart, VOXEL).to_trimesh().split()) == 2
+    leg = np.array([[[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]])
+    carved = water_surface(apart, VOXEL, Carving(leg, 0.2, np.zeros((0, 4)), 0.0))
+    prove_watertight(carved)
+    gap = np.pi * 0.2**2 * 0.3
+    balls = 2 * 4 / 3 * np.pi
+    # Smoothing draws the wall of a ball of 1 m in by (0.6 voxels)^2 / 1 m: 0.7 % of its volume; samples do more.
+    assert carved.to_trimesh().volume == pytest.approx(balls + gap, rel=0.015)

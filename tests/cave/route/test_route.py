@@ -1,0 +1,177 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure, free_height
+from aquanav_tools.cave.closing.portals import cut_portals, find_openings
+from aquanav_tools.cave.mesh.contact import CapsuleChecker
+from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.route.panels import place_panels
+from aquanav_tools.cave.route.route import find_route
+from aquanav_tools.cave.route.starts import draw_starts
+from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.cave.water.distance import distance_field
+from aquanav_tools.cave.water.field import field_from_dense
+from aquanav_tools.cave.water.geodesic import WaterGraph, shortest_length
+from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
+from tests.cave.open_caves import LENGTH, RADIUS, bend, straight
+from tests.caves import tube_cavity, tube_field, tube_guide
+
+CAPSULE = Capsule(0.2, 0.2)
+TURN_RADIUS = 4.0
+
+
+def cavity_of(mesh: Mesh) -> Cavity:
+    surface = surface_from_mesh(mesh, 0.1).mesh
+    closed = close_surface(surface, 0.1, keep_triangles=True, min_portal=0.8)
+    return cut_portals(closed, surface, find_openings(closed, 0.8), 0.1)
+
+
+@pytest.fixture(scope="module")
+def turn() -> Cavity:
+    return cavity_of(bend(TURN_RADIUS))
+
+
+def test_the_route_through_a_bend_follows_its_axis(turn: Cavity) -> None:
+    field = distance_field(turn, 0.08)
+    route = find_route(turn, field, CAPSULE.radius)
+    radii = np.linalg.norm(route.points[:, :2] - [0.0, TURN_RADIUS], axis=1)
+    inner = slice(8, -8)  # the ends begin in the roomiest place behind a portal
+    assert np.abs(radii[inner] - TURN_RADIUS).max() < 0.35
+    assert np.abs(route.points[inner, 2]).max() < 0.2
+    assert route.clearance[inner].min() > 0.7 * RADIUS
+
+
+def test_progress_rises_along_the_centreline_and_panels_do_not_cross(turn: Cavity) -> None:
+    field = distance_field(turn, 0.08)
+    route = find_route(turn, field, CAPSULE.radius)
+    guide = place_panels(turn, field, route, 0.5, PanelOptions(spacing=0.5))
+    gate, progress = guide.locate(guide.centreline[0]), []
+    for point in guide.centreline:
+        gate = guide.track(point, gate)
+        progress.append(guide.progress(point, gate))
+    assert progress[0] == 0.0
+    assert progress[-1] == pytest.approx(guide.length)
+    assert np.diff(progress).min() > 0.0
+    for before, after in zip(guide.panels, guide.panels[1:], strict=False):
+        assert ((after.polygon - before.centre) @ before.normal > 0).mean() > 0.97
+
+
+def test_a_panel_is_the_passages_cross_section(turn: Cavity) -> None:
+    field = distance_field(turn, 0.08)
+    guide = place_panels(turn, field, find_route(turn, field, CAPSULE.radius), 0.5, PanelOptions())
+    panel = guide.panels[len(guide.panels) // 2]
+    # A plane through the bend's axis meets the tube in its polygon of 48 sides.
+    to_axis = np.hypot(
+        np.linalg.norm(panel.polygon[:, :2] - [0.0, TURN_RADIUS], axis=1) - TURN_RADIUS, panel.polygon[:, 2]
+    )
+    assert np.allclose(to_axis, RADIUS, atol=0.05)
+
+
+def test_the_shortest_way_in_a_straight_tube_is_the_straight_line() -> None:
+    ways = WaterGraph(tube_field(0.2), 0.2).ways_from(np.array([1.0, 0.0, 0.0]))
+    end = np.array([18.0, 1.2, -0.5])
+    assert shortest_length(ways, end) == pytest.approx(np.linalg.norm(end - [1.0, 0.0, 0.0]), rel=0.01)
+
+
+def test_the_shortest_way_around_a_bend_hugs_its_inside(turn: Cavity) -> None:
+    clearance = 0.3
+    ways = WaterGraph(distance_field(turn, 0.08), clearance).ways_from(np.array([0.5, 0.0, 0.0]))
+    start, end = np.array([0.5, 0.0, 0.0]), np.array([TURN_RADIUS, TURN_RADIUS - 0.5, 0.0])
+    # Two tangents to the inner circle of radius r and the arc between them.
+    r, centre = TURN_RADIUS - RADIUS + clearance, np.array([0.0, TURN_RADIUS, 0.0])
+    a, b = np.linalg.norm(start - centre), np.linalg.norm(end - centre)
+    between = np.arccos((start - centre) @ (end - centre) / a / b)
+    arc = between - np.arccos(r / a) - np.arccos(r / b)
+    truth = np.sqrt(a**2 - r**2) + np.sqrt(b**2 - r**2) + r * arc
+    assert shortest_length(ways, end) == pytest.approx(truth, rel=0.01)
+
+
+def test_a_passage_too_tight_for_the_vehicle_is_refused_with_both_numbers(turn: Cavity) -> None:
+    field = distance_field(turn, 0.08)
+    with pytest.raises(MeshError, match=r"1\.20 m of clearance are needed, the widest place has 0\.9\d m"):
+        find_route(turn, field, 1.2)
+
+
+def test_a_narrow_place_in_a_wide_passage_is_named_with_its_clearance() -> None:
+    # Two chambers joined by a hole of radius 0.15 m.
+    axes = np.linspace(-1.2, 5.2, 129), np.linspace(-1.2, 1.2, 49), np.linspace(-1.2, 1.2, 49)
+    x, y, z = np.meshgrid(*axes, indexing="ij")
+    chambers = 1.0 - np.minimum(np.hypot(np.hypot(x, y), z), np.hypot(np.hypot(x - 4.0, y), z))
+    pipe = np.where((x > 0) & (x < 4), 0.15 - np.hypot(y, z), -1.0)
+    values = np.maximum(chambers, pipe).astype(np.float32)
+    field = field_from_dense(np.array([-1.2, -1.2, -1.2]), 0.05, values)
+    ends = tuple(Portal(n + 1, np.array([4.0 * n, 0, 0]), np.array([2.0 * n - 1, 0, 0]), 0.5) for n in range(2))
+    with pytest.raises(MeshError, match=r"its radius is 0\.20 m, the clearance at \[.*\] m is 0\.1\d m"):
+        find_route(replace(tube_cavity(), portals=ends), field, CAPSULE.radius)
+
+
+def test_the_route_joins_the_ends_that_are_named() -> None:
+    cavity, field = tube_cavity(), tube_field()
+    entrance, goal = np.array([4.0, 0.5, 0.0]), np.array([12.0, 0.0, -0.5])
+    route = find_route(cavity, field, CAPSULE.radius, entrance, goal)
+    assert np.allclose(route.points[[0, -1]], [entrance, goal])
+    backwards = find_route(cavity, field, CAPSULE.radius, entrance=np.array([20.0, 0.3, 0.0]))  # on the far portal
+    assert backwards.points[0, 0] > 17.0
+    assert backwards.points[-1, 0] < 3.0
+    onwards = find_route(cavity, field, CAPSULE.radius, goal=goal)  # from the portal that is farther away
+    assert onwards.points[0, 0] < 3.0
+    assert np.allclose(onwards.points[-1], goal)
+
+
+def test_an_end_in_rock_is_refused() -> None:
+    with pytest.raises(InputError, match=r"goal \[10\. +0\. +2\.15\] m lies in rock, 0\.15 m from the water"):
+        find_route(tube_cavity(), tube_field(), CAPSULE.radius, goal=np.array([10.0, 0.0, 2.15]))
+    with pytest.raises(InputError, match=r"entrance .* lies in rock, more than 0\.30 m from the water"):
+        find_route(tube_cavity(), tube_field(), CAPSULE.radius, entrance=np.array([10.0, 0.0, 9.0]))
+
+
+def test_starts_touch_nothing_and_look_along_the_tube(rng: np.random.Generator) -> None:
+    options = StartOptions(count=20, margin=0.1, max_yaw_error_deg=20.0)
+    starts = draw_starts(tube_cavity(), tube_field(), tube_guide(), CAPSULE, options, rng)
+    assert len(starts) == 20
+    for start in starts:
+        yaw = 2 * np.arctan2(start.pose.orientation[3], start.pose.orientation[0])
+        ahead = np.array([19.0, 0.0]) - start.pose.position[:2]
+        off = yaw - np.arctan2(ahead[1], ahead[0])
+        # The way ends at the sample nearest to the goal, at most half a cell's face diagonal beside it.
+        assert abs(np.rad2deg(off)) <= 20.0 + np.rad2deg(0.071 / np.linalg.norm(ahead))
+        axis = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        ends = start.pose.position + 0.1 * np.array([[-1], [1]]) * axis
+        gap = 2.0 * np.cos(np.pi / 64) - np.linalg.norm(ends[:, 1:], axis=1).max() - CAPSULE.radius
+        assert gap > 0.1 - 0.01
+        assert start.geodesic_to_goal == pytest.approx(np.linalg.norm(start.pose.position - [19, 0, 0]), rel=0.02)
+
+
+def test_the_capsule_checker_measures_the_gap_to_a_tube() -> None:
+    checker = CapsuleChecker(tube_cavity(), tube_field(), CAPSULE)
+    beside = Pose(np.array([10.0, 1.0, 0.0]), yaw_quaternion(0.0))
+    across = Pose(np.array([10.0, 1.0, 0.0]), yaw_quaternion(np.pi / 2))
+    polygon = 2.0 * (1 - np.cos(np.pi / 64))
+    assert checker.distance(beside) == pytest.approx(2.0 - 1.0 - 0.2, abs=polygon + 1e-3)
+    assert checker.distance(across) == pytest.approx(2.0 - 1.1 - 0.2, abs=polygon + 1e-3)
+    assert checker.distance(Pose(np.array([10.0, 1.9, 0.0]), yaw_quaternion(0.0))) == 0.0
+    assert checker.distance(Pose(np.array([10.0, 5.0, 0.0]), yaw_quaternion(0.0))) == 0.0
+
+
+def test_enclosure_of_an_open_tube_is_the_solid_angle_of_its_wall() -> None:
+    share = enclosure(straight(), np.array([[LENGTH / 2, 0.0, 0.0]]))[0]
+    ends = 1 - (LENGTH / 2) / np.hypot(LENGTH / 2, RADIUS)  # two caps of a cone
+    assert share == pytest.approx(1 - ends, abs=0.01)
+
+
+def test_a_wall_seen_from_one_side_is_no_cave() -> None:
+    square = np.array([[5.0, -50, -50], [5, 50, -50], [5, 50, 50], [5, -50, 50]])
+    wall = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    with pytest.raises(MeshError, match=r"no cave: from the cameras, the scanned surface fills only \d+%"):
+        check_enclosure(wall, np.zeros((3, 3)), "the cameras")
+
+
+def test_free_height_in_a_tube_is_its_diameter() -> None:
+    assert free_height(straight(), np.array([[5.0, 0.0, 0.3]])) == pytest.approx(2 * RADIUS, rel=0.01)

@@ -1,0 +1,139 @@
+from __future__ import annotations
+
+import igl
+import numpy as np
+import pytest
+
+from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.route.guide import Guide
+from aquanav_tools.cave.route.panels import place_panels
+from aquanav_tools.cave.route.starts import Start, draw_starts
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Capsule, rotation_matrix
+from tests.cave.closed_caves import BRANCH, MAIN, Cavity, DistanceField, field_of, fork, lathe, route_along, swept, walk
+
+CAPSULE = Capsule(0.17, 0.4)
+MARGIN = 0.1
+Cave = tuple[Cavity, DistanceField, Guide]
+
+
+def guided(cave: Cavity, line: np.ndarray, spacing: float = 0.15) -> Cave:
+    field = field_of(cave, spacing)
+    return cave, field, place_panels(cave, field, route_along(line, field), 0.6, PanelOptions(), CAPSULE.radius)
+
+
+@pytest.fixture(scope="module")
+def forked() -> Cave:
+    return guided(fork(), MAIN)
+
+
+@pytest.fixture(scope="module")
+def turn() -> Cave:
+    line = walk((0, 0, 0), (8, 0, 0), (8, 8, 0), turn=2.0)
+    return guided(swept(line, 1.2), line)
+
+
+def draw(cave: Cave, seed: int = 0, **options: float) -> tuple[Start, ...]:
+    return draw_starts(*cave, CAPSULE, StartOptions(**options), np.random.default_rng(seed))  # type: ignore[arg-type]
+
+
+def positions(starts: tuple[Start, ...]) -> np.ndarray:
+    return np.array([start.pose.position for start in starts])
+
+
+def test_every_start_is_free_with_its_heading(forked: Cave) -> None:
+    mesh = forked[0].mesh
+    for start in draw(forked, margin=MARGIN):
+        ahead = rotation_matrix(start.pose.orientation)[:, 0]
+        axis = start.pose.position + np.linspace(-0.5, 0.5, 81)[:, None] * CAPSULE.axis_length * ahead
+        distance = np.sqrt(igl.point_mesh_squared_distance(axis, mesh.vertices, mesh.faces)[0])
+        assert distance.min() - CAPSULE.radius > MARGIN - 1e-3  # samples on the axis are 5 mm apart
+        assert igl.fast_winding_number(mesh.vertices, mesh.faces, axis).min() > 0.5
+        assert start.clearance == pytest.approx(forked[1].clearance_at(start.pose.position))
+
+
+def test_each_of_the_equal_ranges_of_the_way_to_the_goal_has_one_start(turn: Cave) -> None:
+    starts = draw(turn, count=12)
+    assert len(starts) == 12
+    difficulty = np.array([start.difficulty for start in starts])
+    assert np.all((difficulty > 0.0) & (difficulty <= 1.0))
+    edges = np.linspace(0.4, 1.0, 13)
+    assert np.all((difficulty >= edges[:-1]) & (difficulty <= edges[1:]))
+
+
+def test_difficulty_is_the_share_of_the_longest_way_in_a_straight_tube() -> None:
+    cave = guided(swept(walk((0, 0, 0), (14, 0, 0)), 1.0), walk((0, 0, 0), (14, 0, 0)))
+    goal = cave[2].centres[-1]
+    longest = np.linalg.norm([goal[0] - 0.27, 0.73, 0.0])  # a vehicle with its margin fits to 0.27 m before the walls
+    for start in draw(cave, count=20):
+        straight = np.linalg.norm(start.pose.position - goal)
+        assert start.geodesic_to_goal == pytest.approx(straight, rel=0.02)
+        # Half a sample at either end of the longest way.
+        assert start.difficulty == pytest.approx(straight / longest, abs=0.03)
+
+
+def test_starts_keep_away_from_the_goal(turn: Cave) -> None:
+    near = draw(turn, count=30, last_share=1.0, min_goal_distance=1.5)
+    ways = [start.geodesic_to_goal for start in near]
+    assert 1.5 <= min(ways) < 2.5
+    with pytest.raises(MeshError, match=r"farthest place .* is 1\d\.\d\d m from the goal, and starts keep 50\.00 m"):
+        draw(turn, min_goal_distance=50.0)
+
+
+def test_the_same_seed_draws_the_same_starts_and_another_seed_others(turn: Cave) -> None:
+    assert np.array_equal(positions(draw(turn, 1, count=10)), positions(draw(turn, 1, count=10)))
+    assert np.abs(positions(draw(turn, 1, count=10)) - positions(draw(turn, 2, count=10))).max(axis=1).min() > 1e-6
+
+
+def test_starts_fill_the_cross_section_and_not_only_its_middle(turn: Cave) -> None:
+    offsets = np.linalg.norm(positions(draw(turn, count=200, last_share=1.0))[:, None] - turn[2].centreline, axis=2)
+    # Of a disc of radius 1.2 - 0.27 m, three quarters of the area lie beyond half its radius. 200 draws: +- 3 %.
+    assert (offsets.min(axis=1) > 0.5 * 0.93).mean() == pytest.approx(0.75, abs=0.1)
+
+
+def test_dead_ends_have_starts_that_are_located_where_they_leave_the_route(forked: Cave) -> None:
+    _, field, guide = forked
+    starts = draw(forked, count=60, last_share=1.0)
+    places = positions(starts)
+    deep = places[places[:, 1] > 3.0]
+    assert np.linalg.norm(deep[:, None] - BRANCH, axis=2).min(axis=1).max() < 1.0
+    # The dead end holds about 13 of 29 m of passage, and as many ways to the goal are only found in it.
+    assert len(deep) > 10
+    for place in deep:
+        gate = guide.locate(place, field)
+        assert 2.0 <= guide.arc_lengths[gate] <= 5.5
+
+
+def test_starts_look_along_the_way_to_the_goal(forked: Cave) -> None:
+    for start in draw(forked, count=60, last_share=1.0, max_yaw_error_deg=20.0):
+        ahead = rotation_matrix(start.pose.orientation)[:2, 0]
+        x, y, _ = start.pose.position
+        if y < 1.0 and x > 7.0:  # the goal is in sight
+            to_goal = forked[2].centres[-1][:2] - [x, y]
+            assert ahead @ to_goal / np.linalg.norm(to_goal) > np.cos(np.deg2rad(20.0 + 5.0))  # a sample beside it
+        if y > 5.0 and x > 12.0:  # in the dead end the way leads back, at most 20 degrees off its axis
+            assert ahead[0] < -np.cos(np.deg2rad(20.0 + 20.0))
+
+
+def test_water_behind_a_squeeze_that_is_too_tight_has_no_starts() -> None:
+    cave = lathe(16.0, lambda x: 1.0 - 0.9 * np.exp(-(((x - 5.0) / 0.5) ** 2)))
+    field = field_of(cave, 0.1)
+    line = walk((5.5, 0, 0), (16, 0, 0))
+    guide = place_panels(cave, field, route_along(line, field), 0.6, PanelOptions(), CAPSULE.radius)
+    assert positions(draw((cave, field, guide), count=20))[:, 0].min() > 5.0
+
+
+def test_a_cave_too_tight_for_the_margin_is_refused(turn: Cave) -> None:
+    with pytest.raises(MeshError, match=r"no place from which the goal can be reached has 1\.67 m of clearance"):
+        draw(turn, margin=1.5)
+
+
+def test_ranges_without_a_free_pose_are_left_out_until_most_are() -> None:
+    # A tube with room for the vehicle but not for its margin, and a chamber before its far end.
+    def wide(near: float) -> Cave:
+        cave = lathe(16.0, lambda x: np.where(x < near, 1.0, 0.24))
+        return guided(cave, walk((0, 0, 0), (16, 0, 0)), 0.08)
+
+    assert 10 <= len(draw(wide(9.0), count=20, last_share=1.0)) < 20
+    with pytest.raises(MeshError, match=r"Only \d of 20 starts have a free pose"):
+        draw(wide(5.0), count=20, last_share=1.0)
