@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave import damage, synthetic
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
 from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.synthetic import damage
 from aquanav_tools.cave.synthetic.damage import Truth
 from aquanav_tools.types import Mesh
 from eval.corpus.bad_inputs import bad_inputs

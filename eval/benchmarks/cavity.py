@@ -41,8 +41,8 @@ NUM_SAMPLES = 50_000
 
 def make_scan(num_triangles: int, folder: Path) -> None:
     """Write a rough cave of about `num_triangles` with 60 holes, 3 mm of noise and torn ends, and its truth."""
-    from aquanav_tools.cave.synthetic import caves as synthetic
-from aquanav_tools.cave import damage, synthetic
+from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.synthetic import damage
     from eval.corpus.files import write_case
 
     voxel = float(np.sqrt(LENGTH * FACES_PER_METRE / num_triangles))

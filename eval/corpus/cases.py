@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from aquanav_tools.cave import damage, synthetic
 from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.synthetic import damage
 from aquanav_tools.cave.synthetic.damage import DamagedScan
 
 Make = Callable[[], DamagedScan]

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave import damage, synthetic
 from aquanav_tools.cave.scan.surface import clean_mesh
 from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.cave.synthetic import damage
 from aquanav_tools.cave.synthetic.damage import DamagedScan
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Mesh, PointCloud
