@@ -125,10 +125,14 @@ def _close(
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
-    with journal.stage(f"Preparing the surface at {1000 * resolution.voxel:.0f} mm"):
+    journal.announce(
+        f"Closing at {1000 * resolution.voxel:.0f} mm ({resolution.reason}); this takes about "
+        f"{resolution.memory_gb:.1f} GB of the {options.closing.memory:.1f} GB allowed."
+    )
+    with journal.stage("Preparing the surface"):
         voxel = resolution.voxel
         surface = surface_from_mesh(scan, voxel) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel)
-    with journal.stage(f"Closing it, about {resolution.memory_gb:.1f} GB") as progress:
+    with journal.stage("Closing the cavity") as progress:
         closed = close_surface(
             surface.mesh,
             voxel,
@@ -142,7 +146,7 @@ def _close(
         cuts = tuple(_cut(plane) for plane in options.closing.cut)
         cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts)
         if not len(evidence.inside) and not len(evidence.legs):
-            check_is_hollow(cavity)
+            check_is_hollow(cavity, float(closed.is_scan.mean()))
     return resolution, surface, closed, cavity
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import resource
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 from aquanav_tools.types import Progress, Stages
@@ -21,11 +21,17 @@ class StageRecord:
     """Largest resident memory of the process up to the stage's end."""
 
 
+def _keep_quiet(sentence: str) -> None:
+    """Tell nobody."""
+
+
 @dataclass
 class Journal:
     """Collects the stages of one build."""
 
     display: Stages
+    announce: Callable[[str], None] = _keep_quiet
+    """Tells the user something before long work starts."""
     stages: list[StageRecord] = field(default_factory=list)
     notices: list[tuple[str, str]] = field(default_factory=list)
     """(code, sentence) of results that are poor but usable."""

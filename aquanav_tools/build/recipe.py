@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,18 +55,25 @@ class BuildResult:
     journal: Journal
 
 
-def build_cave(options: BuildOptions, display: Stages = silent) -> BuildResult:
+def build_cave(
+    options: BuildOptions, display: Stages = silent, announce: Callable[[str], None] | None = None
+) -> BuildResult:
     """Build a scenario folder from photos or a scan.
 
     Nothing is written before the input has been read and found sound. A build that stops later leaves no scenario.toml:
-    photo builds keep their point cloud, a report and the finished stages in the output folder.
+    a report that says why and where, from photos their point cloud and the finished stages too, stay in the folder.
+
+    Args:
+        options: input, output and settings.
+        display: shows the progress of the stages.
+        announce: tells the user what long work will take before it starts.
 
     Raises:
         AquanavError: with what happened, the likely cause and what to do.
     """
     _check_output(options)
     load_vehicle(options.vehicle)
-    journal = Journal(display)
+    journal = Journal(display) if announce is None else Journal(display, announce)
     return _build_from_photos(options, journal) if options.kind == "photos" else _build_from_scan(options, journal)
 
 

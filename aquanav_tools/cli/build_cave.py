@@ -76,7 +76,7 @@ def _run(options: Options) -> None:
 
     began = time.perf_counter()
     plain = BuildOptions(**{field.name: getattr(options, field.name) for field in dataclasses.fields(BuildOptions)})
-    result = build_cave(plain, _bar)
+    result = build_cave(plain, _bar, lambda sentence: print(sentence, file=sys.stderr))
     numbers = result.built.statistics
     for code, sentence in result.journal.notices:
         print(f"warning ({code}): {sentence}", file=sys.stderr)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -18,7 +19,8 @@ from tests.cave.open_caves import wavy_sheet
 
 OUTPUTS = {
     "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "guide.json", "starts.json",
-    "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png",
+    "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png", "cave-lod1.glb",
+    "cave-lod2.glb", "drawings",
 }  # fmt: skip
 
 
@@ -65,21 +67,28 @@ def test_the_record_names_versions_options_and_input_hash(built: Path, scan: Pat
     assert record["inputs"] == {"tube.stl": hashlib.sha256(scan.read_bytes()).hexdigest()}
     assert record["options"]["starts"]["count"] == 20
     assert record["libraries"]["trimesh"] == trimesh.__version__
-    assert [stage["title"] for stage in record["stages"]][:2] == ["Reading the scan", "Preparing the surface"]
+    assert [stage["title"] for stage in record["stages"]][:4] == [
+        "Reading the scan",
+        "Choosing the resolution",
+        "Preparing the surface",
+        "Closing the cavity",
+    ]
 
 
 def test_unit_up_axis_and_recipe_are_applied_and_flags_win(built: Path, scan: Path, tmp_path: Path) -> None:
     mesh = trimesh.load(scan)
     mesh.vertices = 100.0 * mesh.vertices[:, [1, 2, 0]]  # world x, y, z from the file's z, x, y: up is y
     mesh.export(tmp_path / "tube.ply")
-    (tmp_path / "mine.toml").write_text('[scan]\nunit = "cm"\n[panels]\nspacing = 2.0\n[starts]\ncount = 7\n')
+    (tmp_path / "mine.toml").write_text(
+        '[scan]\nunit = "cm"\n[panels]\nspacing = 1.0\nmin_spacing = 1.0\n[starts]\ncount = 7\n'
+    )
     flags = ("--up", "y", "--recipe", tmp_path / "mine.toml", "--starts.count", 5)
     result = run(tmp_path / "tube.ply", "-o", tmp_path / "out", *flags)
     assert result.returncode == 0, result.stderr
     scenario = read_scenario(tmp_path / "out")
     assert scenario.cavity.volume == pytest.approx(read_scenario(built).cavity.volume, rel=1e-4)
     assert len(scenario.starts) == 5
-    assert np.diff(scenario.guide.arc_lengths).min() > 1.5
+    assert np.diff(scenario.guide.arc_lengths).max() < 1.2
 
 
 def test_a_finished_scenario_is_only_replaced_when_told_so(scan: Path, built: Path) -> None:
@@ -105,13 +114,88 @@ def a_thin_pipe(path: Path) -> None:
     tube(0.1, 8.0).mesh.to_trimesh().export(path)
 
 
+def a_cave_in_millimetres(path: Path) -> None:
+    mesh = tube(1.0, 8.0).mesh.to_trimesh()
+    mesh.apply_scale(1000.0)
+    mesh.export(path)
+
+
+def a_header_of_fifty_million_points(path: Path) -> None:
+    lines = ["ply", "format binary_little_endian 1.0", "element vertex 50000000", "property float x"]
+    path.write_text("\n".join([*lines, "property float y", "property float z", "end_header", ""]))
+
+
+def a_boulder(path: Path) -> None:
+    trimesh.creation.icosphere(4, 2.0).export(path)
+
+
+def two_caves(path: Path) -> None:
+    one = tube(1.0, 8.0).mesh.to_trimesh()
+    trimesh.util.concatenate([one, one.copy().apply_translation([0.0, 5.0, 0.0])]).export(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "make", "flags", "message"),
+    [
+        ("sheet.ply", a_sheet, (), "no cave|encloses no space"),
+        ("pipe.stl", a_thin_pipe, (), "choose a smaller vehicle"),
+        ("boulder.stl", a_boulder, (), "This is a solid without an inside: .* as a boulder does"),
+        ("two.stl", two_caves, (), r"two separate caves: .* choose one with --inside"),
+        (
+            "tube.stl",
+            lambda path: tube(1.0, 8.0).mesh.to_trimesh().export(path),
+            ("--cut", *"4 9 0 1 0 0".split()),
+            "misses",
+        ),
+    ],
+)
+def test_a_scan_that_is_no_cave_ends_with_a_sentence_and_a_report(
+    name: str, make: object, flags: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    make(tmp_path / name)  # type: ignore[operator]
+    result = run(tmp_path / name, "-o", tmp_path / "out", *flags)
+    assert result.returncode == 4, result.stderr
+    assert re.search(message, result.stderr)
+    assert "Traceback" not in result.stderr
+    assert {path.name for path in (tmp_path / "out").iterdir()} <= {
+        "report.html",
+        "report.json",
+        "build.json",
+        "faults.png",
+    }
+    assert re.search(message, json.loads((tmp_path / "out" / "report.json").read_text())["error"])
+
+
+def test_a_cut_ends_the_cave_and_the_route_goes_where_it_is_told(scan: Path, tmp_path: Path) -> None:
+    flags = ("--cut", 6, 0, 0, 1, 0, 0, "--entrance", "6,0,0", "--goal", "0.1,0,0", "--starts.count", 4)
+    result = run(scan, "-o", tmp_path / "out", *flags)
+    assert result.returncode == 0, result.stderr
+    scenario = read_scenario(tmp_path / "out")
+    ends = sorted(portal.centre[0] for portal in scenario.cavity.portals)
+    assert ends == pytest.approx([0.0, 6.0], abs=1e-3)
+    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 6.0, rel=1e-3)
+    assert scenario.guide.centres[0][0] > scenario.guide.centres[-1][0]
+
+
+def test_an_unknown_portal_is_answered_with_those_there_are(scan: Path, tmp_path: Path) -> None:
+    result = run(scan, "-o", tmp_path / "out", "--goal", "7")
+    assert result.returncode == 2
+    assert "There is no portal 7. There are: 1 at" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("name", "make", "flags", "code", "message"),
     [
         ("missing.stl", None, (), 2, "There is no file or folder"),
-        ("sheet.ply", a_sheet, (), 4, "This is no cave"),
         ("nan.obj", a_mesh_with_nan, (), 2, "1 of 8 points with coordinates that are not finite"),
-        ("pipe.stl", a_thin_pipe, (), 4, "choose a smaller vehicle"),
+        (
+            "mm.stl",
+            a_cave_in_millimetres,
+            (),
+            2,
+            "The cave is 8,000 m wide: are these millimetres? Then give --unit mm",
+        ),
+        ("far.ply", a_header_of_fifty_million_points, (), 6, "has about 50 million points, more than the 20 million"),
         ("sheet.ply", a_sheet, ("--vehicle", "bluerov"), 2, "Did you mean 'bluerov2'"),
         ("sheet.ply", a_sheet, ("--unit", "furlong"), 2, "furlong"),
         ("sheet.ply", a_sheet, ("--recipe", "none.toml"), 2, "There is no file none.toml"),

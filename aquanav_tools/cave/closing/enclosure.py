@@ -11,6 +11,8 @@ from aquanav_tools.types import Array, Mesh
 MIN_ENCLOSURE = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
 NUM_DIRECTIONS = 256
+MIN_CLOSED_SHARE = 0.99
+"""A scan that was closed all around needs hardly any new face."""
 MAX_CONVEXITY = 0.85
 """A boulder fills more of its convex hull than this; a passage winds and fills a half or less."""
 
@@ -71,13 +73,17 @@ def check_enclosure(surface: Mesh, viewpoints: Array, what: str) -> float:
     return share
 
 
-def check_is_hollow(cavity: Cavity) -> None:
+def check_is_hollow(cavity: Cavity, scanned_share: float) -> None:
     """Check that a closed surface is a cave seen from inside, not a rock seen from outside.
+
+    Args:
+        cavity: the closed surface.
+        scanned_share: share of its faces that the scan had already.
 
     Raises:
         MeshError: it has no open end and is nearly convex: nothing tells that there is a passage in it.
     """
-    if cavity.portals:
+    if cavity.portals or scanned_share < MIN_CLOSED_SHARE:
         return
     share = cavity.volume / float(cavity.mesh.to_trimesh().convex_hull.volume)
     if share > MAX_CONVEXITY:

@@ -144,12 +144,13 @@ def _cut_all(
 def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
     """Return what is left of the solid behind a user's plane, and the opening that makes."""
     import manifold3d
+    import shapely
 
     section = section_polygon(from_manifold(solid), cut.point, cut.normal)
     where = f"The cut at {cut.point.round(2)} m across {cut.normal.round(2)}"
-    if section is None:
+    if section is None or section.distance(shapely.Point(0.0, 0.0)) > voxel:
         raise MeshError(f"{where} misses the cave. Name a point in its water; the report's plan has coordinates.")
-    outline = section.buffer(0.5 * voxel)
+    outline = shapely.geometry.polygon.orient(section.buffer(0.5 * voxel))
     slit = manifold3d.CrossSection([np.asarray(outline.exterior.coords)[:-1]]).extrude(SLIT)
     axes = plane_axes(cut.normal)
     slit = slit.transform(np.column_stack([*axes, cut.normal, cut.point]))

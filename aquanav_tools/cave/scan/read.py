@@ -17,7 +17,7 @@ LARGEST_CAVE = 1000.0
 """A scan wider than this is rather one in millimetres, unless --unit m says otherwise, m."""
 SMALLEST_CAVE = 0.5
 """A scan that is not even this wide is rather one in kilometres or without a scale, m."""
-TYPICAL_CAVE = 30.0
+TYPICAL_CAVE = 15.0
 """Of the units that are possible, the one that brings the scan closest to this size is proposed, m."""
 FAR_FROM_ORIGIN = 1000.0
 """Beyond this, float32 coordinates are coarser than 0.1 mm and the scan is moved to the origin, m."""
