@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
@@ -30,7 +31,7 @@ from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
-from aquanav_tools.types import Array, Mesh, PointCloud
+from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
 
 COLLISION_ERROR_SHARE = 0.05
 """The collision mesh may differ from the cavity by this share of the vehicle's radius."""
@@ -72,9 +73,20 @@ class BuiltCave:
 
 
 def build_scenario(
-    scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, evidence: Evidence = NO_EVIDENCE
+    scan: Mesh | PointCloud,
+    options: BuildOptions,
+    journal: Journal,
+    evidence: Evidence = NO_EVIDENCE,
+    measured: Array | None = None,
 ) -> BuiltCave:
     """Return the scenario in a scan (world frame, metres, z up).
+
+    Args:
+        scan: walls.
+        options: settings of the stages.
+        journal: collects their cost and what is poor but usable.
+        evidence: what is known to be water.
+        measured: (N, 3) where the walls were measured, m; everywhere when not given.
 
     Raises:
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
@@ -83,6 +95,8 @@ def build_scenario(
     capsule = vehicle.capsule
     rng = np.random.default_rng(options.seed)
     resolution, surface, closed, cavity = _close(scan, options, journal, capsule.radius, evidence)
+    if measured is not None:
+        cavity = replace(cavity, observed=_near_points(cavity, measured, 2.0 * resolution.voxel))
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, capsule.radius))
         share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
@@ -148,6 +162,12 @@ def _close(
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(cavity, float(closed.is_scan.mean()))
     return resolution, surface, closed, cavity
+
+
+def _near_points(cavity: Cavity, points: Array, distance: float) -> BoolArray:
+    """Return the (F,) flags of wall with one of some points within a distance (m) of it."""
+    nearest, _ = cKDTree(points).query(cavity.mesh.triangles.mean(axis=1))
+    return np.asarray((nearest <= distance) & (cavity.labels == WALL))
 
 
 def _cut(plane: tuple[float, ...]) -> Cut:

@@ -8,6 +8,9 @@ from typing import Literal
 
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 
+SURVEY_SUFFIXES = (".svx", ".3d", ".th")
+"""Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""
+
 
 @dataclass(frozen=True)
 class PhotoScaleOptions:
@@ -28,7 +31,8 @@ class BuildOptions:
     """One build, from input to scenario folder."""
 
     input: Path
-    """Folder of photos, or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz)."""
+    """Folder of photos; or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz); or a
+    survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""
@@ -39,6 +43,8 @@ class BuildOptions:
     """Seed of every random draw."""
     overwrite: bool = False
     """Replace a scenario that is already in the output folder."""
+    survey: Path | None = None
+    """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
     recipe: Path | None = None
     """TOML file with settings for the stages, as in pipelines/build; flags given here win over it."""
     scan: ScanOptions = field(default_factory=ScanOptions)
@@ -49,6 +55,8 @@ class BuildOptions:
     starts: StartOptions = field(default_factory=StartOptions)
 
     @property
-    def kind(self) -> Literal["photos", "scan"]:
-        """Way to build it: photos when the input is a folder."""
-        return "photos" if self.input.is_dir() else "scan"
+    def kind(self) -> Literal["photos", "scan", "survey"]:
+        """Way to build it: photos when the input is a folder, a survey by the ending of the file's name."""
+        if self.input.is_dir():
+            return "photos"
+        return "survey" if self.input.suffix.lower() in SURVEY_SUFFIXES else "scan"

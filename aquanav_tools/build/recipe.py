@@ -25,8 +25,10 @@ from aquanav_tools.build.photo_stages import (
     workspace_key,
     write_cloud,
 )
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.scan.read import read_scan
+from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
@@ -74,7 +76,8 @@ def build_cave(
     _check_output(options)
     load_vehicle(options.vehicle)
     journal = Journal(display) if announce is None else Journal(display, announce)
-    return _build_from_photos(options, journal) if options.kind == "photos" else _build_from_scan(options, journal)
+    build = {"photos": _build_from_photos, "scan": _build_from_scan, "survey": _build_from_survey}[options.kind]
+    return build(options, journal)
 
 
 def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
@@ -85,14 +88,37 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
         journal.warn(code, sentence)
     if scan.offset.any():
         journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
-    facts = {"offset": scan.offset.tolist()}
+    facts: dict[str, Any] = {"offset": scan.offset.tolist()}
+    survey, evidence = None, NO_EVIDENCE
+    if options.survey is not None:
+        survey = read_survey(options.survey)
+        inputs[options.survey.name] = file_hash(options.survey)
+        evidence = survey_evidence(survey, scan.offset)
     try:
-        built = build_scenario(scan.surface, options, journal)
+        built = build_scenario(scan.surface, options, journal, evidence)
     except MeshError as error:
         options.output.mkdir(parents=True, exist_ok=True)
         _report_failure(error, options, journal, inputs, facts, scan.surface)
         raise
+    if survey is not None:
+        facts["survey"] = hold_against(survey, built.scenario.cavity.mesh, scan.offset, journal)
     return _finish(built, scan.surface, options, journal, inputs, facts)
+
+
+def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:
+    with journal.stage("Reading the survey"):
+        survey = read_survey(options.input)
+        inputs = {options.input.name: file_hash(options.input)}
+    with journal.stage("Modelling the walls"):
+        walls = model_walls(survey, journal)
+    facts = {"offset": walls.offset.tolist(), **walls.facts}
+    try:
+        built = build_scenario(walls.surface, options, journal, walls.evidence, walls.measured)
+    except MeshError as error:
+        options.output.mkdir(parents=True, exist_ok=True)
+        _report_failure(error, options, journal, inputs, facts, walls.surface)
+        raise
+    return _finish(built, walls.surface, options, journal, inputs, facts)
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:

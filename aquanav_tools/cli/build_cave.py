@@ -1,4 +1,4 @@
-"""The command aquanav-build-cave: photos or a scan in, scenario folder out."""
+"""The command aquanav-build-cave: photos, a scan or a survey in, scenario folder out."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ DESCRIPTION = """Build a scenario from a real cave.
 
   aquanav-build-cave photos/ -o caves/mine --positions photos/positions.csv
   aquanav-build-cave scan.stl -o caves/mine --unit cm --up y
+  aquanav-build-cave survey.3d -o caves/mine
 
 Photos are matched, placed and measured (resumable: run the same command again after a kill); scans of any mesh format
-or point cloud are read as they are. The result is a folder with a watertight cavity, portals, route, panels, start
-poses and a report with pictures."""
+or point cloud are read as they are; a survey becomes a cave through its splays and passage dimensions. The result is a
+folder with a watertight cavity, portals, route, panels, start poses and a report with drawings."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +37,8 @@ class Options(BuildOptions):
     """The command line."""
 
     input: tyro.conf.Positional[Path]
-    """Folder of photos, or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz)."""
+    """Folder of photos; or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz); or a
+    survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Scenario folder to write."""
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
