@@ -45,6 +45,7 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
     return {
         "statistics": dataclasses.asdict(built.statistics),
         "fit": dataclasses.asdict(built.fit),
+        "voxel": built.voxel,
         "resolution": dataclasses.asdict(built.resolution),
         "closed_by": built.method,
         "left_out_share": built.surface.dropped_share,

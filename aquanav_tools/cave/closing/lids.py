@@ -96,7 +96,8 @@ def _with_lids(
         vertices = np.vstack([vertices, added])
         lids.append(lid)
         owners += [owner] * len(lid)
-    mesh = Mesh(vertices, np.concatenate(lids))
+    # What is proven is what a scenario keeps: float32.
+    mesh = Mesh(vertices.astype(np.float32).astype(np.float64), np.concatenate(lids))
     return Lidded(mesh, np.arange(len(mesh.faces)) < len(surface.faces)), owners
 
 

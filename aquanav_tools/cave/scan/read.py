@@ -13,8 +13,8 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
-LARGEST_CAVE = 1000.0
-"""A scan wider than this is rather one in millimetres, unless --unit m says otherwise, m."""
+LARGEST_CAVE = 500.0
+"""A scan wider than this is rather one in centimetres or millimetres, unless --unit m says otherwise, m."""
 SMALLEST_CAVE = 0.5
 """A scan that is not even this wide is rather one in kilometres or without a scale, m."""
 TYPICAL_CAVE = 15.0

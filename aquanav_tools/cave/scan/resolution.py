@@ -14,6 +14,12 @@ VOXELS_PER_RADIUS = 4.0
 """A quarter of the vehicle's radius resolves any place it can pass; finer is never needed."""
 MESH_VOXELS_PER_RADIUS = 2.0
 """Large triangles do not mean low detail: a mesh is never resampled coarser than half the radius for them."""
+VOXELS_OF_NOISE = 4.0
+"""A voxel is four times the typical noise, so that half of the points can lie within a quarter voxel of the wall ..."""
+NOISE_VOXELS_PER_RADIUS = 1.0
+"""... but never larger than the vehicle's radius."""
+NUM_NOISE_SAMPLES = 5_000
+NUM_NEIGHBOURS = 16
 SPACINGS_PER_VOXEL = 2.0
 """A voxel of a cloud holds about four points of its wall."""
 BASE_GB = 0.4
@@ -39,8 +45,8 @@ def choose_resolution(
 ) -> Resolution:
     """Return the voxel for a scan.
 
-    The median edge of a mesh or twice the median spacing of a cloud, within what the vehicle needs and what fits into
-    the memory budget.
+    The median edge of a mesh or twice the median spacing of a cloud, or four times the noise where that is more;
+    within what the vehicle needs and what fits into the memory budget.
 
     Args:
         scan: world frame, m.
@@ -67,6 +73,9 @@ def choose_resolution(
         reason = "the median edge of the scan"
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
+    noise = min(VOXELS_OF_NOISE * _noise(scan), vehicle_radius / NOISE_VOXELS_PER_RADIUS)
+    if detail < noise:
+        detail, reason = noise, "the noise of the scan"
     if detail < finest:
         detail, reason = finest, "a quarter of the vehicle's radius"
     if detail < smallest:
@@ -96,6 +105,21 @@ def _edge_lengths(mesh: Mesh) -> Array:
     corners = mesh.triangles
     lengths: Array = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).ravel()
     return lengths
+
+
+def _noise(scan: Mesh | PointCloud) -> float:
+    """Return the median distance of points from the plane through their neighbours, m."""
+    from scipy.spatial import cKDTree
+
+    points = np.unique(scan.vertices, axis=0) if isinstance(scan, Mesh) else scan.points
+    if len(points) <= NUM_NEIGHBOURS:
+        return 0.0
+    asked = points[:: max(1, len(points) // NUM_NOISE_SAMPLES)]
+    _, neighbours = cKDTree(points).query(asked, k=NUM_NEIGHBOURS)
+    around = points[neighbours[:, 1:]]
+    middles = around.mean(axis=1)
+    normals = np.linalg.svd(around - middles[:, None], full_matrices=False)[2][:, 2]
+    return float(np.median(np.abs(np.einsum("nk,nk->n", asked - middles, normals))))
 
 
 def _spacing(points: Array) -> float:

@@ -58,6 +58,9 @@ def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
     area = float(face_areas(clean)[0].sum())
     smooth = Mesh(clean.vertices, clean.faces[~_spikes(clean)])
     facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
+    if facing.hidden_share > 0.0:
+        # What was one patch with the outside of a shell is one of its own now, and votes as one.
+        facing = face_the_water(_main_patches(find_patches(facing.mesh)), RAY_OFFSET * voxel)
     kept = _without_unused(facing.mesh)
     turned = min(facing.turned_share, 1.0 - facing.turned_share)
     return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
