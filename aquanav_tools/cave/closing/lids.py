@@ -92,7 +92,7 @@ def _with_lids(
         middle = vertices[loop].mean(axis=0)
         owner = tuple(middle.round(6).tolist())
         is_small = _diameter(vertices[loop]) < min_portal and owner not in flat_loops
-        added, lid = (_curved if is_small else _flat_or_cone)(vertices, surface.faces, loop)
+        added, lid = (_curved if is_small else _flat)(vertices, surface.faces, loop)
         vertices = np.vstack([vertices, added])
         lids.append(lid)
         owners += [owner] * len(lid)
@@ -110,8 +110,8 @@ def _curved(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, In
     try:
         return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
     except MeshError:
-        logger.info("The hole at %s m has a folded rim and gets a plain lid", vertices[loop].mean(axis=0).round(2))
-        return _flat_or_cone(vertices, faces, loop)
+        logger.info("The hole at %s m has an uneven rim and gets a flat lid", vertices[loop].mean(axis=0).round(2))
+        return _flat(vertices, faces, loop)
 
 
 def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArray:
@@ -124,13 +124,17 @@ def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArr
     return np.asarray(touching)
 
 
-def _flat_or_cone(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
-    """Return the new vertices and faces of a lid: flat where the loop allows, else a cone to its middle."""
+def _flat(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
+    """Return no new vertices, and the (K - 2, 3) faces over a loop, cut in the plane that fits it best.
+
+    Raises:
+        MeshError: the loop folds over itself there. A fan to its middle would close it too, but a crack that runs
+            around the passage would get a wall across the passage.
+    """
     lid = _flat_lid(vertices, loop)
-    if lid is not None:
-        return np.zeros((0, 3)), lid
-    tip = np.full(len(loop), len(vertices))
-    return vertices[loop].mean(axis=0)[None], np.stack([loop, np.roll(loop, -1), tip], axis=1)
+    if lid is None:
+        raise MeshError(f"The rim of the hole at {vertices[loop].mean(axis=0).round(2)} m folds over itself.")
+    return np.zeros((0, 3)), lid
 
 
 def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
