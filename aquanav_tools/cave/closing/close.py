@@ -36,6 +36,8 @@ LEG_VOXELS = 1.5
 """Water that is carved around a blocked leg, voxels."""
 FAULT_VOXELS = (1.5, 3.0, 5.0)
 """Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
+NOISE_VOXELS = 1.0
+"""Tunnels and pillars thinner than this come from noise, voxels."""
 MIN_SEEN_SHARE = 0.5
 """A tunnel was scanned when at least this share of the shortest loop around it follows the scan."""
 
@@ -104,7 +106,7 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
         solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), evidence)
         mesh = _simplified(solid, voxel)
         wrong = contradictions(mesh, evidence, voxel)
-        faults = _unseen_handles(mesh, surface, voxel)
+        faults = _false_handles(mesh, surface, voxel)
         if fault_voxels is None or not (wrong.count or faults):
             break
         carving = _carve(carving, evidence, wrong.legs, faults, fault_voxels, voxel)
@@ -123,24 +125,35 @@ def _carve(
     voxel: float,
 ) -> Carving:
     """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
-    balls = [(*handle.centre, 0.5 * handle.length + 2.0 * fault_voxels * voxel) for handle in faults]
+    balls = [
+        (
+            *handle.centre,
+            0.5 * handle.length + 2.0 * fault_voxels * voxel,
+            0.0 if handle.diameter < NOISE_VOXELS * voxel else voxel,
+        )
+        for handle in faults
+    ]
     return Carving(
         np.concatenate([before.legs, evidence.legs[blocked]]),
         LEG_VOXELS * voxel,
-        np.concatenate([before.faults, np.array(balls).reshape(-1, 4)]),
+        np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
         fault_voxels * voxel,
     )
 
 
-def _unseen_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...]:
-    """Return the tunnels and pillars of a closed mesh that the scan did not see."""
+def _false_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...]:
+    """Return the tunnels and pillars of a closed mesh that the scan did not see, or cannot tell from its noise."""
     import igl
 
     def seen_share(handle: Handle) -> float:
         squared = igl.point_mesh_squared_distance(handle.points, surface.vertices, surface.faces)[0]
         return float((np.asarray(squared) <= voxel**2).mean())
 
-    return tuple(handle for handle in find_handles(mesh) if seen_share(handle) < MIN_SEEN_SHARE)
+    return tuple(
+        handle
+        for handle in find_handles(mesh)
+        if handle.diameter < NOISE_VOXELS * voxel or seen_share(handle) < MIN_SEEN_SHARE
+    )
 
 
 def _main_water(mesh: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, str], ...]]:

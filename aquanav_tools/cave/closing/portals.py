@@ -86,7 +86,17 @@ def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, 
             parts = _split_by_direction(closed.mesh, patch)
             openings += [_measure(closed.mesh, part, min_diameter) for part in parts]
     large = [opening for opening in openings if opening.diameter >= min_diameter]
-    return tuple(sorted(large, key=lambda opening: -opening.area))
+    return _without_overlaps(sorted(large, key=lambda opening: -opening.area))
+
+
+def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
+    """Return openings, given largest first, without portals whose middle lies in a larger one: one end, one portal."""
+    kept: list[Opening] = []
+    for opening in openings:
+        larger = [other for other in kept if other.is_portal]
+        is_part = any(np.linalg.norm(opening.centre - other.centre) < other.radius for other in larger)
+        kept.append(replace(opening, is_portal=opening.is_portal and not is_part))
+    return tuple(kept)
 
 
 def cut_portals(

@@ -43,12 +43,13 @@ class Carving:
     leg_radius: float
     """m."""
     faults: Array
-    """(K, 4) balls (centre, radius) in which unseen wall is smoothed until no window or pillar is left in it, m."""
+    """(K, 5) balls (centre, radius) in which wall is smoothed until no window or pillar is left in it, and how near to
+    the scan it stays as it is, m."""
     fault_radius: float
-    """Windows and pillars of unseen wall that are thinner than twice this disappear there, m."""
+    """Windows and pillars that are thinner than twice this disappear there, m."""
 
 
-NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 4)), 0.0)
+NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
 
 
 def water_surface(
@@ -176,7 +177,7 @@ def _winding_in_tile(winding, origin: Array, voxel: float, is_near: BoolArray) -
 
 
 def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, carving: Carving) -> Array:
-    """Return the field with unseen wall closed and opened by a ball inside the faulty places."""
+    """Return the field with the wall closed and opened by a ball inside the faulty places."""
     from scipy.ndimage import distance_transform_edt
 
     size = field.shape[0] * voxel
@@ -185,15 +186,15 @@ def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, 
         return field
     points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
     is_faulty = np.zeros(field.shape, dtype=bool)
-    for x, y, z, radius in carving.faults[beside]:
-        is_faulty |= ((points - (x, y, z)) ** 2).sum(axis=-1) < radius**2
+    for x, y, z, radius, untouched in carving.faults[beside]:
+        is_faulty |= (((points - (x, y, z)) ** 2).sum(axis=-1) < radius**2) & (distance * voxel >= untouched)
     radius = carving.fault_radius / voxel
     water = distance_transform_edt(field >= 0) <= radius  # grown: pillars drown
     water = distance_transform_edt(water) > radius  # shrunk back
     water = distance_transform_edt(water) > radius  # shrunk: windows close
     water = distance_transform_edt(~water) <= radius  # grown back
     smooth = np.where(water, -1.0, 1.0)
-    return np.where(is_faulty & (distance > 1.0), smooth, field)
+    return np.where(is_faulty, smooth, field)
 
 
 def _with_legs(field: Array, origin: Array, voxel: float, carving: Carving) -> Array:

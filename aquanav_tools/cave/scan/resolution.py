@@ -18,6 +18,8 @@ VOXELS_OF_NOISE = 4.0
 """A voxel is four times the typical noise, so that half of the points can lie within a quarter voxel of the wall ..."""
 NOISE_VOXELS_PER_RADIUS = 1.0
 """... but never larger than the vehicle's radius."""
+MIN_MESH_NOISE = 0.2
+"""Unevenness of a mesh below this share of its edges is the relief of the wall: decimation leaves no noise."""
 NUM_NOISE_SAMPLES = 5_000
 NUM_NEIGHBOURS = 16
 SPACINGS_PER_VOXEL = 2.0
@@ -74,7 +76,8 @@ def choose_resolution(
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
     noise = min(VOXELS_OF_NOISE * _noise(scan), vehicle_radius / NOISE_VOXELS_PER_RADIUS)
-    if detail < noise:
+    is_relief = isinstance(scan, Mesh) and _noise(scan) < MIN_MESH_NOISE * float(np.median(_edge_lengths(scan)))
+    if detail < noise and not is_relief:
         detail, reason = noise, "the noise of the scan"
     if detail < finest:
         detail, reason = finest, "a quarter of the vehicle's radius"

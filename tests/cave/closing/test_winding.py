@@ -57,7 +57,7 @@ def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
     apart = joined(left, Mesh(right.vertices + [2.3, 0.0, 0.0], right.faces))
     assert len(water_surface(apart, VOXEL).to_trimesh().split()) == 2
     leg = np.array([[[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]])
-    carved = water_surface(apart, VOXEL, Carving(leg, 0.2, np.zeros((0, 4)), 0.0))
+    carved = water_surface(apart, VOXEL, Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     gap = np.pi * 0.2**2 * 0.3
     balls = 2 * 4 / 3 * np.pi
