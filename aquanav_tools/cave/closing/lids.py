@@ -26,6 +26,11 @@ MAX_REPAIRED_SHARE = 0.02
 """A surface of which more than this share of the area is broken is better resampled."""
 MAX_LID_SHARE = 0.4
 """With more of the closed surface made of lids the scan was a sheet, not a passage."""
+MAX_FAN = 0.5
+"""A hole with a folded rim is closed with a fan to its middle when it is narrower than this share of the narrowest
+portal: a crack that runs around a passage that a vehicle fits through is wider, and would get a wall across it ..."""
+MIN_ROUNDNESS = 0.4
+"""... or when it is as open as a ragged end: a crack encloses no area to speak of."""
 STRAY_SHARE = 0.01
 """Pieces of a sound surface with less than this share of its area are scraps."""
 
@@ -91,8 +96,12 @@ def _with_lids(
     for loop in boundary_loops(surface):
         middle = vertices[loop].mean(axis=0)
         owner = tuple(middle.round(6).tolist())
-        is_small = _diameter(vertices[loop]) < min_portal and owner not in flat_loops
-        added, lid = (_curved if is_small else _flat)(vertices, surface.faces, loop)
+        diameter = _diameter(vertices[loop])
+        added, lid = _lid(vertices, surface.faces, loop, diameter < min_portal and owner not in flat_loops)
+        if lid is None and (diameter < MAX_FAN * min_portal or _roundness(vertices[loop]) > MIN_ROUNDNESS):
+            added, lid = _fan(vertices, loop)
+        if lid is None:
+            raise MeshError(f"The rim of the hole at {np.round(owner, 2)} m folds over itself.")
         vertices = np.vstack([vertices, added])
         lids.append(lid)
         owners += [owner] * len(lid)
@@ -105,13 +114,27 @@ def _diameter(points: Array) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max() * 2.0)
 
 
-def _curved(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
-    """Return the new vertices and faces of a lid that goes on with the wall's curvature, where the rim allows it."""
-    try:
-        return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
-    except MeshError:
-        logger.info("The hole at %s m has an uneven rim and gets a flat lid", vertices[loop].mean(axis=0).round(2))
-        return _flat(vertices, faces, loop)
+def _lid(vertices: Array, faces: IntArray, loop: IntArray, is_curved: bool) -> tuple[Array, IntArray | None]:
+    """Return the new vertices and faces of a lid, curved like the wall around or flat; no faces where neither goes."""
+    if is_curved:
+        try:
+            return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
+        except MeshError:
+            logger.info("The hole at %s m has an uneven rim", vertices[loop].mean(axis=0).round(2))
+    return np.zeros((0, 3)), _flat_lid(vertices, loop)
+
+
+def _roundness(points: Array) -> float:
+    """Return the area that a loop encloses, seen from where it looks largest, as a share of its circle's."""
+    offsets = points - points.mean(axis=0)
+    area = 0.5 * np.linalg.norm(np.cross(offsets, np.roll(offsets, -1, axis=0)).sum(axis=0))
+    return float(area / (np.pi / 4.0 * _diameter(points) ** 2))
+
+
+def _fan(vertices: Array, loop: IntArray) -> tuple[Array, IntArray]:
+    """Return the middle of a loop as a new vertex, and the faces around it."""
+    tip = np.full(len(loop), len(vertices))
+    return vertices[loop].mean(axis=0)[None], np.stack([loop, np.roll(loop, -1), tip], axis=1)
 
 
 def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArray:
@@ -122,19 +145,6 @@ def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArr
         touching = is_near[faces].any(axis=1)
         is_near[faces[touching]] = True
     return np.asarray(touching)
-
-
-def _flat(vertices: Array, faces: IntArray, loop: IntArray) -> tuple[Array, IntArray]:
-    """Return no new vertices, and the (K - 2, 3) faces over a loop, cut in the plane that fits it best.
-
-    Raises:
-        MeshError: the loop folds over itself there. A fan to its middle would close it too, but a crack that runs
-            around the passage would get a wall across the passage.
-    """
-    lid = _flat_lid(vertices, loop)
-    if lid is None:
-        raise MeshError(f"The rim of the hole at {vertices[loop].mean(axis=0).round(2)} m folds over itself.")
-    return np.zeros((0, 3)), lid
 
 
 def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
