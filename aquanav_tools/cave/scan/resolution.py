@@ -21,7 +21,9 @@ NOISE_VOXELS_PER_RADIUS = 1.0
 MIN_MESH_NOISE = 0.2
 """Unevenness of a mesh below this share of its edges is the relief of the wall: decimation leaves no noise."""
 NUM_NOISE_SAMPLES = 5_000
-NUM_NEIGHBOURS = 16
+NUM_MESH_NEIGHBOURS = 16
+NUM_CLOUD_NEIGHBOURS = 48
+"""Points that a plane is laid through; the nearest few of a dense cloud lie within its noise and tell nothing."""
 SPACINGS_PER_VOXEL = 2.0
 """A voxel of a cloud holds about four points of its wall."""
 BASE_GB = 0.4
@@ -114,11 +116,13 @@ def _noise(scan: Mesh | PointCloud) -> float:
     """Return the median distance of points from the plane through their neighbours, m."""
     from scipy.spatial import cKDTree
 
+    is_mesh = isinstance(scan, Mesh)
     points = np.unique(scan.vertices, axis=0) if isinstance(scan, Mesh) else scan.points
-    if len(points) <= NUM_NEIGHBOURS:
+    num_neighbours = NUM_MESH_NEIGHBOURS if is_mesh else NUM_CLOUD_NEIGHBOURS
+    if len(points) <= num_neighbours:
         return 0.0
     asked = points[:: max(1, len(points) // NUM_NOISE_SAMPLES)]
-    _, neighbours = cKDTree(points).query(asked, k=NUM_NEIGHBOURS)
+    _, neighbours = cKDTree(points).query(asked, k=num_neighbours)
     around = points[neighbours[:, 1:]]
     middles = around.mean(axis=1)
     normals = np.linalg.svd(around - middles[:, None], full_matrices=False)[2][:, 2]
