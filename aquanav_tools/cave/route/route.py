@@ -9,6 +9,7 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity, Portal
 from aquanav_tools.cave.water.field import BAND, DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.cave.water.widest import widest_path
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.types import Array
 
@@ -58,7 +59,7 @@ def find_route(
     start, end = _choose_ends(cavity, field, vehicle_radius, entrance, goal)
     path = WaterGraph(field, vehicle_radius).roomy_path(start, end)
     if path is None:
-        raise MeshError(_too_tight(field, start, end, vehicle_radius))
+        raise _too_tight(cavity, field, start, end, vehicle_radius)
     ends = np.vstack([start, path[1:-1], end]) if len(path) > 2 else np.vstack([start, end])
     points = _smooth(ends, field, vehicle_radius)
     return Route(points, field.clearance(points))
@@ -136,19 +137,29 @@ def _farthest(graph: WaterGraph, point: Array) -> Array:
     return farthest
 
 
-def _too_tight(field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> str:
-    path = WaterGraph(field, 0.0).roomy_path(start, end)
-    if path is None:
-        return (
+def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> MeshError:
+    """Return the error that says where the widest way is too narrow, and which vehicle would fit."""
+    found = widest_path(cavity, field, start, end)
+    if found is None:
+        return MeshError(
             f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The scan closes the "
-            "passage in between; cut the obstacle away or build the two parts apart."
+            "passage in between; cut the obstacle away or build the two parts apart.",
+            [(_place(start), "start of the route"), (_place(end), "its end")],
         )
-    clearance = field.clearance(path)
-    tightest = path[np.argmin(clearance)]
-    return (
-        f"The passage is too tight for the vehicle: its radius is {vehicle_radius:.2f} m, the clearance at "
-        f"{tightest.round(2)} m is {clearance.min():.2f} m. Check --unit, or choose a smaller vehicle with --vehicle."
+    path, room = found
+    tightest = path[np.argmin(field.clearance(path))]
+    way = float(np.linalg.norm(np.diff(path[: int(np.argmin(field.clearance(path))) + 1], axis=0), axis=1).sum())
+    return MeshError(
+        f"The passage is too tight for the vehicle: {2.0 * room:.2f} m at {way:.1f} m along the widest way, at "
+        f"{tightest.round(2)} m: narrower than the vehicle's {2.0 * vehicle_radius:.3f} m. The largest vehicle that "
+        f"fits is {2.0 * room:.2f} m wide. Check --unit, or choose a smaller vehicle with --vehicle.",
+        [(_place(tightest), f"{2.0 * room:.2f} m wide")],
     )
+
+
+def _place(point: Array) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in point)
+    return x, y, z
 
 
 def _smooth(path: Array, field: DistanceField, vehicle_radius: float) -> Array:

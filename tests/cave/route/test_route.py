@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -175,3 +176,16 @@ def test_a_wall_seen_from_one_side_is_no_cave() -> None:
 
 def test_free_height_in_a_tube_is_its_diameter() -> None:
     assert free_height(straight(), np.array([[5.0, 0.0, 0.3]])) == pytest.approx(2 * RADIUS, rel=0.01)
+
+
+def test_a_passage_that_is_too_tight_names_the_place_and_the_largest_vehicle() -> None:
+    tube = straight()
+    squeeze = 1.0 - 0.85 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 2))
+    cavity = cavity_of(Mesh(tube.vertices * np.hstack([np.ones_like(squeeze), squeeze, squeeze]), tube.faces))
+    with pytest.raises(MeshError, match=r"too tight .* narrower than the vehicle's 0\.400 m") as refusal:
+        find_route(cavity, distance_field(cavity, 0.05), CAPSULE.radius)
+    width = float(re.search(r"largest vehicle that fits is (.*) m wide", str(refusal.value))[1])
+    assert width == pytest.approx(2 * 0.15 * RADIUS, abs=0.02)  # a prism of 48 sides, and two digits
+    (place, what) = refusal.value.places[0]
+    assert place == pytest.approx((0.5 * LENGTH, 0.0, 0.0), abs=0.15)
+    assert what.endswith("m wide")
