@@ -36,6 +36,8 @@ MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
+FLAT_LID = 1e-3
+"""An end whose rim is flat to this share of a voxel needs no cut: its lid is the portal."""
 CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
 """Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
 SLIT = 1e-3
@@ -143,8 +145,9 @@ def _cut_all(
         lids.append(lid)
     for opening in openings:
         if opening.is_portal and not _is_cut_away(solid, opening, voxel):
-            lid = replace(opening, innermost=opening.innermost - inwards)
-            solid = _cut_flat(solid, lid)
+            is_flat = -opening.innermost < FLAT_LID * voxel
+            lid = opening if is_flat else replace(opening, innermost=opening.innermost - inwards)
+            solid = solid if is_flat else _cut_flat(solid, lid)
             lids.append(lid)
     mesh = from_manifold(solid)
     # The scenario stores float32: prove what will be read back.
@@ -313,7 +316,7 @@ def _cut_flat(solid: Any, lid: Opening) -> Any:
 
 def _faces_on_lid(mesh: Mesh, lid: Opening, voxel: float) -> Any:
     offsets = mesh.triangles - (lid.centre + lid.innermost * lid.normal)
-    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < 1e-3 * voxel
+    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < FLAT_LID * voxel
     return in_plane & (np.linalg.norm(offsets, axis=2).max(axis=1) <= 1.5 * lid.radius)
 
 

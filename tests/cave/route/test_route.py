@@ -1,12 +1,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure, free_height
 from aquanav_tools.cave.closing.portals import cut_portals, find_openings
@@ -17,7 +16,6 @@ from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import field_from_dense
 from aquanav_tools.cave.water.geodesic import WaterGraph, shortest_length
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
@@ -98,19 +96,6 @@ def test_a_passage_too_tight_for_the_vehicle_is_refused_with_both_numbers(turn: 
     field = distance_field(turn, 0.08)
     with pytest.raises(MeshError, match=r"1\.20 m of clearance are needed, the widest place has 0\.9\d m"):
         find_route(turn, field, 1.2)
-
-
-def test_a_narrow_place_in_a_wide_passage_is_named_with_its_clearance() -> None:
-    # Two chambers joined by a hole of radius 0.15 m.
-    axes = np.linspace(-1.2, 5.2, 129), np.linspace(-1.2, 1.2, 49), np.linspace(-1.2, 1.2, 49)
-    x, y, z = np.meshgrid(*axes, indexing="ij")
-    chambers = 1.0 - np.minimum(np.hypot(np.hypot(x, y), z), np.hypot(np.hypot(x - 4.0, y), z))
-    pipe = np.where((x > 0) & (x < 4), 0.15 - np.hypot(y, z), -1.0)
-    values = np.maximum(chambers, pipe).astype(np.float32)
-    field = field_from_dense(np.array([-1.2, -1.2, -1.2]), 0.05, values)
-    ends = tuple(Portal(n + 1, np.array([4.0 * n, 0, 0]), np.array([2.0 * n - 1, 0, 0]), 0.5) for n in range(2))
-    with pytest.raises(MeshError, match=r"its radius is 0\.20 m, the clearance at \[.*\] m is 0\.1\d m"):
-        find_route(replace(tube_cavity(), portals=ends), field, CAPSULE.radius)
 
 
 def test_the_route_joins_the_ends_that_are_named() -> None:
