@@ -109,6 +109,8 @@ def _read_table(path: Path) -> PointCloud:
     """Read rows of x y z, with nx ny nz after them when those are unit vectors; other columns are left out."""
     with path.open("rb") as stream:
         start = stream.read(65536)
+    if not start.strip():
+        raise InputError(f"{path} is empty: it has 0 points, and a surface needs at least 4. Export the scan again.")
     announced = path.stat().st_size * len(start.splitlines()) // max(len(start), 1)
     if announced > MAX_POINTS:
         raise _too_many(path, announced)
