@@ -24,9 +24,9 @@ logger = logging.getLogger(__name__)
 
 OBSERVED_VOXELS = 2.0
 """A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
-MAX_SECTION_RATIO = 3.0
+MAX_SECTION_RATIO = 2.5
 """An open end's cross-section just inside is at most this many times its own area. Measured: up to 2.4 at ends, of
-which only the part that faces along the passage counts, and 7 and more behind holes in a floor."""
+which only the part that faces along the passage counts; behind holes in a floor 7 and more, once below 3."""
 FLAT_RIM_DEPTH = 0.25
 """A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
 NUM_DIRECTIONS = 64
