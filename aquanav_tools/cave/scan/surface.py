@@ -100,19 +100,6 @@ def clean_mesh(mesh: Mesh) -> Mesh:
     return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
 
 
-def sample_faces(surface: Mesh, spacing: float) -> Array:
-    """Return points that cover every face at about the given spacing."""
-    corners = surface.triangles
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    steps = np.ceil(longest / spacing).astype(int)
-    samples = []
-    for count in np.unique(steps):
-        i, j = np.nonzero(np.add.outer(np.arange(count + 1), np.arange(count + 1)) <= count)
-        weights = np.stack([i, j, count - i - j], axis=1) / max(count, 1)
-        samples.append(np.einsum("kc,fcx->fkx", weights, corners[steps == count]).reshape(-1, 3))
-    return np.concatenate(samples)
-
-
 def _spikes(mesh: Mesh) -> BoolArray:
     """Return the (F,) flags of faces at a vertex that juts far out of its surroundings, as an outlier does."""
     opposite, lengths = _edges_at_corners(mesh)
