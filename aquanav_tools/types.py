@@ -106,6 +106,27 @@ class PointCloud:
     """(N, 3) RGB, or None when unknown."""
 
 
+@dataclass(frozen=True, eq=False)
+class Sim3:
+    """b_from_a: turns, scales and moves points of frame a into frame b."""
+
+    scale: float
+    rotation: Array
+    """(3, 3)."""
+    translation: Array
+    """(3,)."""
+
+    def apply(self, points: Array) -> Array:
+        """Return (N, 3) points of frame a in frame b."""
+        moved: Array = self.scale * points @ self.rotation.T + self.translation
+        return moved
+
+    def turn(self, directions: Array) -> Array:
+        """Return (N, 3) unit vectors of frame a in frame b."""
+        turned: Array = directions @ self.rotation.T
+        return turned
+
+
 def yaw_quaternion(yaw: float) -> Array:
     """Return the (4,) quaternion (w, x, y, z) of a turn by `yaw` radians about world z."""
     return np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)])

@@ -16,9 +16,8 @@ from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
-from aquanav_tools.reconstruct.scale import Sim3
 from aquanav_tools.scenario.folder import file_hash
-from aquanav_tools.types import BoolArray, Mesh, PointCloud
+from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""

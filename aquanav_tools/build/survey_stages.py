@@ -10,12 +10,12 @@ import numpy as np
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.scan.read import FAR_FROM_ORIGIN
-from aquanav_tools.cave.survey.drift import DriftReport, Similarity, check_drift
+from aquanav_tools.cave.survey.drift import DriftReport, check_drift
 from aquanav_tools.cave.survey.model import Survey
 from aquanav_tools.cave.survey.passage_graph import passage_graph
 from aquanav_tools.cave.survey.solid import survey_solid
 from aquanav_tools.cave.survey.walls import wall_points
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, Mesh, Sim3
 
 MAX_SCALE_ERROR = 0.01
 MAX_TILT_DEG = 2.0
@@ -86,7 +86,7 @@ def hold_against(survey: Survey, cavity: Mesh, offset: Array, journal: Journal) 
     Raises:
         InputError: the survey has too few splays for that.
     """
-    report = check_drift(survey, cavity, Similarity(1.0, np.eye(3), -offset))
+    report = check_drift(survey, cavity, Sim3(1.0, np.eye(3), -offset))
     tilt_deg, yaw_deg = np.rad2deg(report.tilt), np.rad2deg(report.yaw)
     if (
         abs(report.scan_scale - 1.0) > MAX_SCALE_ERROR

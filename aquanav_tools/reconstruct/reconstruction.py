@@ -17,13 +17,12 @@ from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_p
 from aquanav_tools.reconstruct.scale import (
     Georeference,
     GeoreferenceOptions,
-    Sim3,
     georeference,
     level,
     move_model,
     read_positions,
 )
-from aquanav_tools.types import Array, PointCloud, Stages, silent
+from aquanav_tools.types import Array, PointCloud, Sim3, Stages, silent
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.mapping import SparseModel
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, Sim3
 
 MIN_POSITIONS = 3
 LINE_SHARE = 0.02
@@ -32,27 +32,6 @@ class GeoreferenceOptions:
     def __post_init__(self) -> None:
         if not self.max_error > 0:
             raise ValueError(f"max_error = {self.max_error} is not above 0.")
-
-
-@dataclass(frozen=True, eq=False)
-class Sim3:
-    """b_from_a: turns, scales and moves points of frame a into frame b."""
-
-    scale: float
-    rotation: Array
-    """(3, 3)."""
-    translation: Array
-    """(3,)."""
-
-    def apply(self, points: Array) -> Array:
-        """Return (N, 3) points of frame a in frame b."""
-        moved: Array = self.scale * points @ self.rotation.T + self.translation
-        return moved
-
-    def turn(self, directions: Array) -> Array:
-        """Return (N, 3) unit vectors of frame a in frame b."""
-        turned: Array = directions @ self.rotation.T
-        return turned
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from aquanav_tools.cave.survey.model import StationFlag, Survey
 from aquanav_tools.cave.survey.passage_graph import PassageGraph, passage_graph
 from aquanav_tools.errors import InputError
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Sim3
 
 MIN_SPLAYS = 20
 """Fewer ends of splays than this do not hold the seven numbers of a similarity."""
@@ -32,24 +32,7 @@ SHIFT_ITERATIONS = 8
 SHIFT_DAMPING = 0.02
 """As DAMPING, for the shift of one station: the few splays of a straight tube hold nothing along it but noise."""
 
-
-@dataclass(frozen=True, eq=False)
-class Similarity:
-    """mesh_from_survey: x -> scale * rotation @ x + translation."""
-
-    scale: float
-    rotation: Array
-    """(3, 3)."""
-    translation: Array
-    """(3,) m."""
-
-    def apply(self, points: Array) -> Array:
-        """Return (K, 3) points of the survey in the scan's coordinates."""
-        moved: Array = self.scale * points @ self.rotation.T + self.translation
-        return moved
-
-
-IDENTITY = Similarity(1.0, np.eye(3), np.zeros(3))
+IDENTITY = Sim3(1.0, np.eye(3), np.zeros(3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +53,7 @@ class DriftReport:
     drift_per_100_m: float
     """Growth, per 100 m of survey from its first entrance, of the shift that brings each station's splays onto the
     wall, m; slope by Theil and Sen. A shift along a smooth passage cannot be seen and counts as none."""
-    fit: Similarity
+    fit: Sim3
     """What brings the survey onto the scan best."""
     median_after_fit: float
     """Median distance after that, m."""
@@ -97,7 +80,7 @@ class DriftReport:
         return float(np.arctan2(self.fit.rotation[1, 0], self.fit.rotation[0, 0]))
 
 
-def check_drift(survey: Survey, mesh: Mesh, start: Similarity = IDENTITY) -> DriftReport:
+def check_drift(survey: Survey, mesh: Mesh, start: Sim3 = IDENTITY) -> DriftReport:
     """Compare a survey with the scan of the same cave.
 
     Args:
@@ -133,7 +116,7 @@ def check_drift(survey: Survey, mesh: Mesh, start: Similarity = IDENTITY) -> Dri
     )
 
 
-def fit_similarity(points: Array, mesh: Mesh, start: Similarity = IDENTITY) -> Similarity:
+def fit_similarity(points: Array, mesh: Mesh, start: Sim3 = IDENTITY) -> Sim3:
     """Return the similarity that brings (K, 3) points onto a surface best, from a start nearby.
 
     Iterated closest points, point to plane, all seven numbers at once, with a robust weight for each point.
@@ -161,13 +144,13 @@ def fit_similarity(points: Array, mesh: Mesh, start: Similarity = IDENTITY) -> S
     return fit
 
 
-def _moved(fit: Similarity, turn: Array, shift: Array, growth: float, centre: Array) -> Similarity:
+def _moved(fit: Sim3, turn: Array, shift: Array, growth: float, centre: Array) -> Sim3:
     """Return the fit followed by a turn (rotation vector), a growth about a centre, and a shift."""
     from scipy.spatial.transform import Rotation
 
     rotation = Rotation.from_rotvec(turn).as_matrix()
     translation = growth * rotation @ (fit.translation - centre) + centre + shift
-    return Similarity(fit.scale * growth, rotation @ fit.rotation, translation)
+    return Sim3(fit.scale * growth, rotation @ fit.rotation, translation)
 
 
 def _to_wall(mesh: Mesh, points: Array) -> tuple[Array, Array, Array]:
@@ -190,7 +173,7 @@ def _is_inside(mesh: Mesh, points: Array) -> BoolArray:
     return inside
 
 
-def _blocked(survey: Survey, graph: PassageGraph, mesh: Mesh, start: Similarity) -> tuple[tuple[str, str], ...]:
+def _blocked(survey: Survey, graph: PassageGraph, mesh: Mesh, start: Sim3) -> tuple[tuple[str, str], ...]:
     """Return the names of the stations at both ends of each leg that crosses the surface."""
     ends = start.apply(graph.segments.reshape(-1, 3)).reshape(-1, 2, 3)
     along = ends[:, 1] - ends[:, 0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aquanav_tools.cave.survey.drift import Similarity, check_drift
+from aquanav_tools.cave.survey.drift import Sim3, check_drift
 from aquanav_tools.cave.survey.model import Leg, LegFlag, Station, StationFlag, Survey
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, sweep
 from aquanav_tools.errors import InputError
@@ -58,7 +58,7 @@ def test_a_survey_without_errors_fits(survey: Survey, cave: SyntheticCave) -> No
 
 def test_scale_turn_tilt_and_shift_are_recovered(survey: Survey, cave: SyntheticCave, rng: np.random.Generator) -> None:
     rotation = Rotation.from_euler("zx", [2.0, 1.0], degrees=True).as_matrix()
-    truth = Similarity(1.03, rotation, np.array([0.3, -0.2, 0.1]))
+    truth = Sim3(1.03, rotation, np.array([0.3, -0.2, 0.1]))
     noise = 0.01  # m, a good laser
     wrong = moved(survey, lambda x: (x - truth.translation) @ rotation / truth.scale + noise * rng.normal(size=3))
     report = check_drift(wrong, cave.truth)
