@@ -1,15 +1,18 @@
-"""Rendering triangles from any side, in parallel or perspective projection, by casting rays: no graphics driver."""
+"""Rendering triangles from any side, in parallel or perspective projection, without a graphics driver."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
+from aquanav_tools.report.raster import NO_FACE, rasterise
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 SUPERSAMPLING = 2
-"""Rays per pixel along each side."""
+"""Samples per pixel along each side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +36,13 @@ class Camera:
         """(3,) unit vector into the picture."""
         return np.cross(self.up, self.right)
 
+    def height(self, width: int) -> int:
+        """Return the height of a picture `width` pixels wide, pixels."""
+        return max(1, round(width / self.aspect))
+
     def rays(self, width: int) -> tuple[Array, Array]:
         """Return the origins and unit directions, (H, W, 3) each, of the pixels of a picture `width` pixels wide."""
-        height = max(1, round(width / self.aspect))
+        height = self.height(width)
         across = self.reach * ((np.arange(width) + 0.5) * 2.0 / width - 1.0)
         upward = self.reach * (height - (np.arange(height) + 0.5) * 2.0) / width
         offsets = across[None, :, None] * self.right + upward[:, None, None] * self.up
@@ -64,7 +71,7 @@ class Shot:
     """What a camera sees, per pixel."""
 
     faces: IntArray
-    """(H, W) index of the face that is hit, -1 for none."""
+    """(H, W) index of the face that is hit, NO_FACE for none."""
     distance: Array
     """(H, W) m along the ray, inf for none."""
     facing: Array
@@ -75,40 +82,51 @@ class Shot:
     @property
     def is_hit(self) -> BoolArray:
         """(H, W) whether there is a face."""
-        return self.faces >= 0
+        return self.faces != NO_FACE
 
 
 class Scene:
     """Triangles, ready to be looked at many times."""
 
     def __init__(self, mesh: Mesh) -> None:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
+        self._mesh = mesh
         corners = mesh.triangles
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
-        self._scene = EmbreeScene()
-        TriangleMesh(self._scene, np.ascontiguousarray(corners, dtype=np.float32))
+
+    @cached_property
+    def _rays(self) -> Any:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        scene = EmbreeScene()
+        TriangleMesh(scene, np.ascontiguousarray(self._mesh.triangles, dtype=np.float32))
+        return scene
 
     def look(self, camera: Camera, width: int) -> Shot:
         """Return what a camera sees in a picture `width` pixels wide; both sides of faces are visible."""
+        faces, distance, ways = (self._project if camera.is_parallel else self._cast)(camera, width)
+        is_hit = faces != NO_FACE
+        cosine = np.where(is_hit, np.einsum("...i,...i->...", self._normals[faces], ways), 0.0)
+        normals = np.where((cosine > 0.0)[..., None], -self._normals[faces], self._normals[faces])
+        return Shot(faces, distance, np.abs(cosine), normals)
+
+    def _project(self, camera: Camera, width: int) -> tuple[IntArray, Array, Array]:
+        """Return the (H, W) faces and distances in a parallel projection, and its (3,) direction."""
+        height = camera.height(width)
+        flat, depth = camera.project(self._mesh.vertices)
+        places = np.column_stack([0.5 * width * (flat[:, 0] + 1.0), 0.5 * (height - flat[:, 1] * width), -depth])
+        faces, nearness = rasterise(places[self._mesh.faces], width, height)
+        return faces, -nearness, camera.ahead
+
+    def _cast(self, camera: Camera, width: int) -> tuple[IntArray, Array, Array]:
+        """Return the (H, W) faces and distances that a pinhole's rays hit, and the rays' (H, W, 3) directions."""
         origins, ways = camera.rays(width)
-        shape = origins.shape[:2]
-        hits = self._scene.run(
+        hits = self._rays.run(
             origins.reshape(-1, 3).astype(np.float32), ways.reshape(-1, 3).astype(np.float32), output=True
         )
-        faces = np.asarray(hits["primID"], dtype=np.int64)
-        is_hit = faces >= 0
-        normals = self._normals[faces]
-        cosine = np.einsum("ij,ij->i", normals, ways.reshape(-1, 3))
-        normals = np.where((cosine > 0.0)[:, None], -normals, normals)
-        return Shot(
-            faces=faces.reshape(shape),
-            distance=np.where(is_hit, hits["tfar"], np.inf).reshape(shape),
-            facing=np.where(is_hit, np.abs(cosine), 0.0).reshape(shape),
-            normals=normals.reshape(*shape, 3),
-        )
+        faces = np.asarray(hits["primID"], dtype=np.int64).reshape(ways.shape[:2])
+        return faces, np.where(faces != NO_FACE, hits["tfar"].reshape(faces.shape), np.inf), ways
 
 
 def is_visible(shot: Shot, camera: Camera, points: Array, slack: float) -> BoolArray:
@@ -131,7 +149,7 @@ def pixel_of(shot: Shot, camera: Camera, points: Array) -> tuple[Array, Array]:
 
 
 def shrink(colours: Array) -> Array:
-    """Return an (H, W, 3) picture made of SUPERSAMPLING x SUPERSAMPLING rays per pixel."""
+    """Return an (H, W, 3) picture made of SUPERSAMPLING x SUPERSAMPLING samples per pixel."""
     height, width = (size // SUPERSAMPLING for size in colours.shape[:2])
     blocks = colours[: height * SUPERSAMPLING, : width * SUPERSAMPLING]
     mean: Array = blocks.reshape(height, SUPERSAMPLING, width, SUPERSAMPLING, 3).mean(axis=(1, 3))

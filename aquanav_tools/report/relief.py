@@ -1,4 +1,4 @@
-"""Shaded cut-away images of a cavity, made by casting parallel rays: no display and no graphics driver needed."""
+"""Shaded cut-away images of a cavity, in parallel projection: no display and no graphics driver needed."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.report.raster import NO_FACE, rasterise
 from aquanav_tools.types import Array, Mesh
 
-MAX_RAYS = 4_000_000
+MAX_PIXELS = 4_000_000
 LIGHT = np.array([-0.45, 0.55, 0.70])
 """Direction to the light in the picture's frame (right, up, towards the viewer): from the upper left, as on maps."""
 TINTS = np.array([[0.10, 0.32, 0.44], [0.22, 0.50, 0.60], [0.55, 0.74, 0.76], [0.84, 0.89, 0.86]])
@@ -70,47 +71,34 @@ def plan_and_section(centreline: Array) -> tuple[View, View]:
 
 
 def cut_away(mesh: Mesh, view: View, pixel: float) -> Relief:
-    """Return the relief of a closed mesh's inside at `pixel` metres per pixel, coarser beyond MAX_RAYS pixels."""
+    """Return the relief of a closed mesh's inside at `pixel` metres per pixel, coarser beyond MAX_PIXELS pixels."""
     flat = view.project(mesh.vertices)
     low, high = flat.min(axis=0), flat.max(axis=0)
     low, high = low - 2 * pixel, high + 2 * pixel
-    pixel = max(pixel, float(np.sqrt(np.prod(high - low) / MAX_RAYS)))
+    pixel = max(pixel, float(np.sqrt(np.prod(high - low) / MAX_PIXELS)))
     width, height = (int(n) for n in np.ceil((high - low) / pixel))
-    depths, facing = _cast(mesh, view, low, pixel, (width, height))
+    depths, facing = _rasterised(mesh, view, low, pixel, (width, height))
     extent = (low[0], low[0] + width * pixel, low[1], low[1] + height * pixel)
     return Relief(_shade(depths, facing), tuple(float(edge) for edge in extent))  # type: ignore[arg-type]
 
 
-def _cast(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[int, int]) -> tuple[Array, Array]:
+def _rasterised(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[int, int]) -> tuple[Array, Array]:
     """Return (H, W) height towards the viewer, NaN beside the cave, and (H, W, 3) normals into the water, view frame.
 
     Only faces whose outer side is turned away from the viewer are kept. That cuts the near side away, without the
     second cast from just behind the first hit that would have to guess how far "just behind" is.
     """
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
     axes = np.stack([view.right, view.up, view.towards], axis=1)
     corners = mesh.triangles @ axes
     inward = np.cross(corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0])
     kept = inward[:, 2] > 0.0
     corners, inward = corners[kept], inward[kept] / np.linalg.norm(inward[kept], axis=1, keepdims=True)
-    top = float(corners[..., 2].max()) + 1.0
-
-    scene = EmbreeScene()
-    TriangleMesh(scene, np.ascontiguousarray(corners, dtype=np.float32))
     width, height = size
-    grid_right, grid_up = np.meshgrid(np.arange(width) + 0.5, np.arange(height)[::-1] + 0.5)
-    origins = np.full((width * height, 3), top, dtype=np.float32)
-    origins[:, 0] = low[0] + pixel * grid_right.ravel()
-    origins[:, 1] = low[1] + pixel * grid_up.ravel()
-    directions = np.broadcast_to(np.array([0.0, 0.0, -1.0], dtype=np.float32), origins.shape).copy()
-    hits = scene.run(origins, directions, output=True)
-
-    is_hit = hits["primID"] >= 0
-    depths = np.where(is_hit, top - hits["tfar"], np.nan).reshape(height, width)
-    normals = np.where(is_hit[:, None], inward[hits["primID"]], [0.0, 0.0, 1.0]).reshape(height, width, 3)
-    return depths, normals
+    corners[..., 0] = (corners[..., 0] - low[0]) / pixel
+    corners[..., 1] = height - (corners[..., 1] - low[1]) / pixel
+    faces, heights = rasterise(corners, width, height)
+    is_hit = faces != NO_FACE
+    return np.where(is_hit, heights, np.nan), np.where(is_hit[..., None], inward[faces], [0.0, 0.0, 1.0])
 
 
 def _shade(depths: Array, normals: Array) -> Array:

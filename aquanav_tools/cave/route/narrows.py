@@ -130,13 +130,24 @@ def _roomiest(points: Array, stations: Array, walls: Surface, num_moves: int) ->
 def _minima(clearance: Array, vehicle_width: float) -> IntArray:
     """Return the stations of the narrowest place, of every clear narrowing, and of every stretch too tight."""
     from scipy.ndimage import label
-    from scipy.signal import find_peaks
 
-    dips, _ = find_peaks(-np.log(np.maximum(clearance, 1e-9)), prominence=np.log(MIN_NARROWING))
     stretches, count = label(2.0 * clearance < vehicle_width)
-    chosen = {int(np.argmin(clearance)), *dips.tolist()}
+    chosen = {int(np.argmin(clearance)), *_dips(clearance)}
     for stretch in range(1, count + 1):
         inside = np.flatnonzero(stretches == stretch)
         if not chosen & set(inside.tolist()):
             chosen.add(int(inside[np.argmin(clearance[inside])]))
     return np.array(sorted(chosen), dtype=np.int64)
+
+
+def _dips(clearance: Array) -> list[int]:
+    """Return the stations with MIN_NARROWING times the room on both sides, before the next narrower place or an end."""
+    dips = []
+    falls, rises = np.diff(clearance, prepend=np.inf) < 0.0, np.diff(clearance, append=np.inf) >= 0.0
+    for station in np.flatnonzero(falls & rises):
+        here = clearance[station]
+        before, after = clearance[:station][::-1], clearance[station + 1 :]
+        rooms = [side[: np.argmax(side < here) if (side < here).any() else None] for side in (before, after)]
+        if min(room.max(initial=0.0) for room in rooms) >= MIN_NARROWING * here:
+            dips.append(int(station))
+    return dips
