@@ -1,7 +1,8 @@
 """Closing: from an open, damaged surface to a solid that encloses the water.
 
 A sound surface is closed exactly, by a lid over each hole (`lids`). Anything else is resampled (`winding`). Whatever
-the way, the result is a proven solid, holds all that is known to be water, and has no tunnel that nobody scanned.
+the way, the result is one solid, holds all that is known to be water, and has no tunnel that nobody scanned. What is
+kept of it is proven after the open ends were cut (`portals`).
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.cavity import from_manifold, to_manifold
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.winding import NO_CARVING, Carving, water_surface
+from aquanav_tools.cave.mesh.decimation import without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
-from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
@@ -25,9 +26,8 @@ logger = logging.getLogger(__name__)
 
 SCAN_VOXELS = 0.75
 """A resampled face follows the scan when its middle is within this distance of it, voxels."""
-SIMPLIFY_VOXELS = (0.1, 0.03)
-"""Triangles of the resampled surface are merged where that moves it by no more than this, voxels: the first of these
-that makes no faces cross; the raw surface of marching cubes never crosses itself."""
+SIMPLIFY_VOXELS = 0.1
+"""Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
 MIN_SECOND_CAVE = 0.2
 """Separate water with at least this share of the largest body's volume is a cave of its own, not a stray pocket."""
 MIN_FLOATING_ROCK = 1e-4
@@ -44,7 +44,7 @@ MIN_SEEN_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class ClosedSurface:
-    """A proven solid around the water."""
+    """A solid around the water, in one piece."""
 
     mesh: Mesh
     is_scan: BoolArray
@@ -104,7 +104,7 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
     carving = NO_CARVING
     for fault_voxels in (*FAULT_VOXELS, None):
         solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), evidence)
-        mesh = _simplified(solid, voxel)
+        mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
         wrong = contradictions(mesh, evidence, voxel)
         faults = _false_handles(mesh, surface, voxel)
         if fault_voxels is None or not (wrong.count or faults):
@@ -112,7 +112,6 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
         carving = _carve(carving, evidence, wrong.legs, faults, fault_voxels, voxel)
     if wrong.count:
         raise _sealed(evidence, wrong.points, wrong.legs)
-    prove_watertight(mesh)
     return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
 
 
@@ -206,21 +205,6 @@ def _middle(body: Any) -> Array:
     low, high = np.array(body.bounding_box()).reshape(2, 3)
     middle: Array = 0.5 * (low + high)
     return middle
-
-
-def _simplified(solid: Any, voxel: float) -> Mesh:
-    """Return the solid's mesh with fewer triangles, none of which cross."""
-    for tolerance in SIMPLIFY_VOXELS:
-        pieces = solid.simplify(tolerance * voxel).decompose()
-        mesh = _as_stored(from_manifold(max(pieces, key=lambda piece: piece.volume())))
-        if not len(self_intersections(mesh)):
-            return mesh
-    return _as_stored(from_manifold(solid))
-
-
-def _as_stored(mesh: Mesh) -> Mesh:
-    """Return the mesh with the float32 coordinates that a scenario keeps: what is proven is what is read back."""
-    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
 
 
 def _sealed(evidence: Evidence, points: IntArray, legs: IntArray) -> MeshError:

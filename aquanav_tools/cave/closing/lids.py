@@ -55,7 +55,10 @@ def close_with_lids(surface: Mesh, min_portal: float) -> Lidded:
         MeshError: the surface is in several pieces or too broken, or the result is not a proven solid.
     """
     whole = float(face_areas(surface)[0].sum())
-    kept = _largest_patch(Mesh(surface.vertices, surface.faces[~crowded_faces(surface.faces)]))
+    # Most surfaces that are too broken are so before any lid is made.
+    is_broken = crowded_faces(surface.faces)
+    is_broken[np.unique(self_intersections(surface))] = True
+    kept = _largest_patch(Mesh(surface.vertices, surface.faces[~is_broken]))
     flat_loops: set[tuple[float, ...]] = set()
     for _ in range(MAX_ROUNDS):
         if face_areas(kept)[0].sum() < (1.0 - MAX_REPAIRED_SHARE) * whole:

@@ -17,13 +17,23 @@ from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
 WATER_LEVEL = 0.5
-TILE = 48
+TILE = 96
 """Cells along a tile's edge."""
 COARSE_STEP = 4
 """Away from the walls the winding number is sampled on every fourth sample only."""
-BAND_VOXELS = 4
-HALO = 8
-"""Samples around a tile that smoothing and morphology may look at; a multiple of COARSE_STEP."""
+CROSSED_VOXELS = 0.9
+"""Every point of a wall is this near to a sample, half a cell's diagonal and a little more."""
+BAND_VOXELS = 2
+"""Distances are exact this near to the wall and cut off beyond: the smoothing looks no farther."""
+HALO = 4
+"""Samples around a tile that smoothing may look at; a multiple of COARSE_STEP."""
+CARVING_HALO = 8
+"""The same where faults are carved, which looks farther."""
+BETWEEN_STEP = 12
+"""Samples of which one is asked to find tiles that the water's border crosses away from any wall."""
+NEAR_ACCURACY, HOLE_ACCURACY = 1.3, 2.0
+"""Of igl's fast winding number: within 0.04 at the first (measured), enough to tell the sides of a wall apart, and
+within 0.005 at the second, where the number itself shapes the fill; the first costs less than half."""
 SMOOTHING = 0.6
 """Standard deviation of the filter that removes the staircase, voxels."""
 UNSURE = 0.35
@@ -68,7 +78,7 @@ def water_surface(
     """
     import igl
 
-    lattice = _Lattice(surface, voxel)
+    lattice = _Lattice(surface, voxel, CARVING_HALO if len(carving.faults) else HALO)
     winding = igl.FastWindingNumberBVH()
     winding.init(surface.vertices, surface.faces)
     tiles = lattice.tiles_with_level(winding)
@@ -88,15 +98,15 @@ def water_surface(
 class _Lattice:
     """The samples in space: their tiles, and which triangles come near each tile."""
 
-    def __init__(self, surface: Mesh, voxel: float) -> None:
-        self.voxel = voxel
-        margin = (HALO + COARSE_STEP) * voxel
+    def __init__(self, surface: Mesh, voxel: float, halo: int) -> None:
+        self.voxel, self.halo = voxel, halo
+        margin = (halo + COARSE_STEP) * voxel
         self.origin = surface.vertices.min(axis=0) - margin
         extent = surface.vertices.max(axis=0) + margin - self.origin
         self.num_tiles = np.ceil(extent / (TILE * voxel)).astype(np.int64)
         self.num_samples = self.num_tiles * TILE + 1
         self._corners = surface.triangles
-        reach = (HALO + BAND_VOXELS + 1) * voxel
+        reach = (halo + BAND_VOXELS + 1) * voxel
         low = np.floor((self._corners.min(axis=1) - reach - self.origin) / (TILE * voxel)).astype(np.int64)
         high = np.floor((self._corners.max(axis=1) + reach - self.origin) / (TILE * voxel)).astype(np.int64)
         last = self.num_tiles - 1
@@ -105,8 +115,8 @@ class _Lattice:
     def tiles_with_level(self, winding) -> IntArray:  # type: ignore[no-untyped-def]  # igl ships no types
         """Return the (T, 3) tiles with wall near them, and those through which the water's border may pass unseen."""
         near = np.unique(self._tile_ids)
-        # Between two walls or across a hole the winding number changes over metres: four samples a tile show it.
-        step = TILE // 4
+        # Between two walls or across a hole the winding number changes over metres.
+        step = BETWEEN_STEP
         counts = self.num_samples // step + 1
         values = np.empty(counts)
         y, z = np.meshgrid(np.arange(counts[1]), np.arange(counts[2]), indexing="ij")
@@ -114,7 +124,7 @@ class _Lattice:
             samples = np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
             values[x] = winding.winding_number(self.origin + self.voxel * step * samples).reshape(y.shape)
         unsure = np.argwhere(np.abs(values - WATER_LEVEL) < UNSURE)
-        touched = [np.clip((unsure + shift) // 4, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
+        touched = [np.clip((unsure + shift) * step // TILE, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
         between = np.unique(np.ravel_multi_index(np.concatenate(touched).T, self.num_tiles))
         return np.stack(np.unravel_index(np.union1d(near, between), self.num_tiles), axis=1)
 
@@ -146,33 +156,40 @@ def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
     """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it."""
     from scipy.ndimage import gaussian_filter
 
-    voxel, count = lattice.voxel, TILE + 1 + 2 * HALO
-    origin = lattice.origin + voxel * (tile * TILE - HALO)
+    voxel, halo = lattice.voxel, lattice.halo
+    count = TILE + 1 + 2 * halo
+    origin = lattice.origin + voxel * (tile * TILE - halo)
     close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
     distance = close.astype(np.float64)
-    excess = _winding_in_tile(winding, origin, voxel, distance < BAND_VOXELS * voxel) - WATER_LEVEL
+    excess = _winding_in_tile(winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
     magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
     field: Array = -np.sign(excess) * magnitude
     field = _without_faults(field, distance / voxel, origin, voxel, carving)
     field = _with_legs(field, origin, voxel, carving)
-    inner = slice(HALO, -HALO)
+    inner = slice(halo, -halo)
     smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
     smooth[np.abs(smooth) < SMALLEST_VALUE] = SMALLEST_VALUE
     return smooth
 
 
-def _winding_in_tile(winding, origin: Array, voxel: float, is_near: BoolArray) -> Array:  # type: ignore[no-untyped-def]
-    """Return the winding number at all samples: exact near walls and holes, the nearest coarse sample's elsewhere."""
-    count = is_near.shape[0]
+def _winding_in_tile(winding, origin: Array, voxel: float, is_wall: BoolArray) -> Array:  # type: ignore[no-untyped-def]
+    """Return the winding number at all samples, away from walls and holes that of the nearest coarse sample."""
+    from scipy.ndimage import maximum_filter
+
+    count = is_wall.shape[0]
     coarse_count = (count - 1) // COARSE_STEP + 1
     axis = np.arange(coarse_count) * COARSE_STEP
     samples = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     coarse = winding.winding_number(origin + voxel * samples).reshape((coarse_count,) * 3)
     nearest = np.minimum((np.arange(count) + COARSE_STEP // 2) // COARSE_STEP, coarse_count - 1)
     values: Array = coarse[np.ix_(nearest, nearest, nearest)]
-    fine = np.argwhere(is_near | (np.abs(values - WATER_LEVEL) < UNSURE))
-    if len(fine):
-        values[tuple(fine.T)] = winding.winding_number(origin + voxel * fine)
+    # No wall passes between any other sample and the coarse one that speaks for it.
+    is_near = maximum_filter(is_wall, size=COARSE_STEP + 1)
+    is_hole = ~is_near & (np.abs(values - WATER_LEVEL) < UNSURE)
+    for asked, accuracy in ((is_near, NEAR_ACCURACY), (is_hole, HOLE_ACCURACY)):
+        fine = np.argwhere(asked)
+        if len(fine):
+            values[tuple(fine.T)] = winding.winding_number(origin + voxel * fine, accuracy)
     return values
 
 

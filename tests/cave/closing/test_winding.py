@@ -9,7 +9,7 @@ from aquanav_tools.cave.closing.winding import TILE, Carving, water_surface
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import without_faces_near
 
-VOXEL = 0.08
+VOXEL = 0.05
 
 
 def sphere(radius: float = 2.5) -> Mesh:

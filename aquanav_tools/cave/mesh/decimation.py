@@ -1,0 +1,72 @@
+"""Fewer triangles for the same surface, none of which cross."""
+
+from __future__ import annotations
+
+import logging
+
+import numpy as np
+
+from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.types import BoolArray, IntArray, Mesh
+
+logger = logging.getLogger(__name__)
+
+MAX_ROUNDS = 4
+PROTECTED_TOLERANCES = 10.0
+"""Wall within this many tolerances of faces that cross is left as it is in the next round."""
+
+
+def without_excess(mesh: Mesh, tolerance: float) -> Mesh:
+    """Return a closed mesh with triangles merged where that moves it by about `tolerance` (m), none crossing.
+
+    A merger moves the surface by no more than the tolerance, and in one place they add up to more than that (measured:
+    twice). Where merged faces would cross, the wall is left as it is and the rest merged anew. Coordinates are rounded
+    to 32-bit floats, which is what a scenario keeps.
+    """
+    is_protected = np.zeros(len(mesh.faces), dtype=np.bool_)
+    for _ in range(MAX_ROUNDS):
+        merged = merge_faces(mesh, np.where(is_protected, 1 + np.arange(len(mesh.faces)), 0), tolerance)
+        crossing = np.unique(self_intersections(merged))
+        if not len(crossing):
+            return merged
+        logger.info("%d merged faces cross; the wall around them is left as it is", len(crossing))
+        is_protected |= faces_near(mesh, merged, crossing, PROTECTED_TOLERANCES * tolerance)
+    return as_stored(mesh)
+
+
+def merge_faces(mesh: Mesh, labels: IntArray, tolerance: float) -> Mesh:
+    """Return the largest piece of a closed mesh with triangles of the same label merged, by up to `tolerance` (m).
+
+    Rims between labels only lose vertices that lie on straight lines. All vertices are the mesh's own, rounded to 32
+    bits.
+    """
+    import manifold3d
+
+    order = np.argsort(labels, kind="stable")
+    names, counts = np.unique(labels, return_counts=True)
+    first = manifold3d.Manifold.reserve_ids(len(names))
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(
+            vert_properties=np.ascontiguousarray(mesh.vertices),
+            tri_verts=mesh.faces[order].astype(np.uint64),
+            run_index=np.concatenate([[0], 3 * np.cumsum(counts)]).astype(np.uint64),
+            run_original_id=np.arange(first, first + len(names), dtype=np.uint32),
+        )
+    )
+    merged = max(solid.simplify(tolerance).decompose(), key=lambda piece: piece.volume()).to_mesh64()
+    return as_stored(Mesh(np.array(merged.vert_properties)[:, :3], np.array(merged.tri_verts, dtype=np.int64)))
+
+
+def faces_near(mesh: Mesh, other: Mesh, faces: IntArray, distance: float) -> BoolArray:
+    """Return the (F,) flags of a mesh's faces whose middle is within `distance` (m) of some faces of another mesh."""
+    import igl
+
+    if not len(faces):
+        return np.zeros(len(mesh.faces), dtype=np.bool_)
+    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), other.vertices, other.faces[faces])[0]
+    return np.asarray(squared) <= distance**2
+
+
+def as_stored(mesh: Mesh) -> Mesh:
+    """Return the mesh with the float32 coordinates that a scenario keeps: what is proven is what is read back."""
+    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces)
