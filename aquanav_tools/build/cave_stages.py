@@ -16,7 +16,8 @@ from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
-from aquanav_tools.cave.closing.portals import Cut, cut_portals, find_openings
+from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.portals import Cut, cut_portals
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.narrows import Narrow, find_narrows

@@ -1,9 +1,6 @@
 """Portals: the places where the passage goes on but the scan does not, cut flat and labelled.
 
-A patch of the closed surface that was invented is either a hole in the wall, which stays filled, or the open end of a
-passage, which becomes a portal. It is an end when the vehicle could pass through it and when the passage right behind
-is no wider than the patch: behind a hole in the side of a passage, a parallel cut runs along the passage and is much
-larger than the hole.
+Which openings are open ends is told in `openings`.
 """
 
 from __future__ import annotations
@@ -18,23 +15,12 @@ from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove
 from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, IntArray, Mesh
+from aquanav_tools.types import Array, Mesh
 
 logger = logging.getLogger(__name__)
 
 OBSERVED_VOXELS = 2.0
 """A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
-MAX_SECTION_RATIO = 2.5
-"""An open end's cross-section just inside is at most this many times its own area. Measured: up to 2.4 at ends, of
-which only the part that faces along the passage counts; behind holes in a floor 7 and more, once below 3."""
-FLAT_RIM_DEPTH = 0.25
-"""A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
-NUM_DIRECTIONS = 64
-"""Normals of a patch that are tried as its main direction."""
-MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
-"""Faces of one opening face its main direction within 50 degrees."""
-MAX_RIM_DEPTH = 0.5
-"""The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
 FLAT_LID = 1e-3
@@ -76,30 +62,6 @@ class Opening:
     def diameter(self) -> float:
         """Of the circle with the same area, m."""
         return float(np.sqrt(4.0 * self.area / np.pi))
-
-
-def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
-    """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
-    openings = []
-    for patch in _unobserved_patches(closed):
-        whole = _measure(closed.mesh, patch, min_diameter)
-        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter:
-            openings.append(whole)
-        else:
-            parts = _split_by_direction(closed.mesh, patch)
-            openings += [_measure(closed.mesh, part, min_diameter) for part in parts]
-    large = [opening for opening in openings if opening.diameter >= min_diameter]
-    return _without_overlaps(sorted(large, key=lambda opening: -opening.area))
-
-
-def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
-    """Return openings, given largest first, without portals whose middle lies in a larger one: one end, one portal."""
-    kept: list[Opening] = []
-    for opening in openings:
-        larger = [other for other in kept if other.is_portal]
-        is_part = any(np.linalg.norm(opening.centre - other.centre) < other.radius for other in larger)
-        kept.append(replace(opening, is_portal=opening.is_portal and not is_part))
-    return tuple(kept)
 
 
 def cut_portals(
@@ -197,74 +159,6 @@ def _is_cut_away(solid: Any, opening: Opening, voxel: float) -> bool:
     mesh = from_manifold(solid)
     squared = igl.point_mesh_squared_distance(opening.centre[None], mesh.vertices, mesh.faces)[0]
     return float(np.sqrt(squared[0])) > max(2.0 * voxel, 0.5 * opening.diameter)
-
-
-def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:
-    """Return the face indices of each connected patch that the scan did not see."""
-    import trimesh
-
-    solid = closed.mesh.to_trimesh()
-    unseen = np.flatnonzero(~closed.is_scan)
-    pairs = solid.face_adjacency[~closed.is_scan[solid.face_adjacency].any(axis=1)]
-    groups = trimesh.graph.connected_components(pairs, nodes=unseen, min_len=1)
-    return [np.asarray(group, dtype=np.int64) for group in groups]
-
-
-def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
-    """Return the parts of a patch that face one way each, largest first.
-
-    Where a hole in the floor runs into the open end of a passage, both are one patch; a plane through it would cut the
-    passage slantwise. Its end faces along the passage, its floor down.
-    """
-    import trimesh
-
-    corners = mesh.triangles[patch]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(vectors, axis=1)
-    normals = vectors / np.maximum(areas, 1e-15)[:, None]
-    adjacency = trimesh.graph.face_adjacency(mesh.faces[patch])
-    parts, is_left = [], areas > 0.0
-    while is_left.any():
-        largest = np.flatnonzero(is_left)[np.argsort(-areas[is_left])[:NUM_DIRECTIONS]]
-        agreeing = (normals @ normals[largest].T > MIN_AGREEMENT) & is_left[:, None]
-        facing = agreeing[:, np.argmax(areas @ agreeing)]
-        is_left &= ~facing
-        pairs = adjacency[facing[adjacency].all(axis=1)]
-        parts += trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(facing), min_len=1)
-    return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
-
-
-def _measure(mesh: Mesh, patch: IntArray, min_diameter: float) -> Opening:
-    corners = mesh.triangles[patch]
-    vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = float(np.linalg.norm(vector_areas.sum(axis=0)))
-    normal = vector_areas.sum(axis=0) / max(area, 1e-12)
-    weights = np.linalg.norm(vector_areas, axis=1)
-    centre = np.average(corners.mean(axis=1), axis=0, weights=weights + 1e-12)
-    offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
-    innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
-    radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
-    opening = Opening(centre, normal, area, radius, innermost, is_portal=False)
-    if opening.diameter < min_diameter:
-        return opening
-    return Opening(centre, normal, area, radius, innermost, is_portal=_is_open_end(mesh, opening))
-
-
-def _rim(faces: IntArray) -> IntArray:
-    """Return the vertices on the border of a patch."""
-    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-    unique, counts = np.unique(edges, axis=0, return_counts=True)
-    rim: IntArray = np.unique(unique[counts == 1])
-    return rim
-
-
-def _is_open_end(mesh: Mesh, opening: Opening) -> bool:
-    """Return whether the cross-section a quarter diameter inside the opening is of about its own size."""
-    depth = opening.innermost - 0.25 * opening.diameter
-    if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
-        return False
-    section = section_polygon(mesh, opening.centre + depth * opening.normal, opening.normal)
-    return section is not None and section.area <= MAX_SECTION_RATIO * opening.area
 
 
 def section_polygon(mesh: Mesh, point: Array, normal: Array) -> Any:

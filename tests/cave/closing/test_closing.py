@@ -6,7 +6,8 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing.close import close_surface
-from aquanav_tools.cave.closing.portals import cut_portals, find_openings
+from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.resolution import choose_resolution
 from aquanav_tools.cave.scan.surface import surface_from_mesh
@@ -140,3 +141,17 @@ def test_the_voxel_grows_until_closing_fits_into_memory() -> None:
 def test_points_in_one_place_are_refused() -> None:
     with pytest.raises(InputError, match="lie in one place"):
         choose_resolution(PointCloud(np.ones((100, 3))), 0.2, 4.0)
+
+
+@pytest.mark.parametrize("distance", [0.6, 0.9, 1.2])
+def test_a_hole_as_wide_as_the_passage_is_no_open_end(distance: float) -> None:
+    closed, cavity = close(without_faces_near(straight(), np.array([5.0, 0.0, RADIUS]), distance))
+    assert len(cavity.portals) == 2
+    assert any(not opening.is_portal for opening in find_openings(closed, MIN_PORTAL))
+
+
+def test_an_end_cut_slantwise_is_still_an_end() -> None:
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    slanted = Mesh(mesh.vertices, mesh.faces[middles[:, 0] + 0.7 * middles[:, 2] < 8.0])
+    assert len(close(slanted)[1].portals) == 2

@@ -8,7 +8,8 @@ import pytest
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure, free_height
-from aquanav_tools.cave.closing.portals import cut_portals, find_openings
+from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.mesh.contact import CapsuleChecker
 from aquanav_tools.cave.options import PanelOptions, StartOptions
 from aquanav_tools.cave.route.panels import place_panels

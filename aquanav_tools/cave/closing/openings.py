@@ -1,0 +1,157 @@
+"""Openings: the patches of a closed surface that nobody scanned, and which of them are open ends of the passage.
+
+A patch is either a hole in the wall, which stays filled, or the open end of a passage, which becomes a portal. It is an
+end when the vehicle could pass through it and when no passage goes by behind it. Just inside an end, the view sideways
+meets scanned wall about where the patch's rim is; just inside a hole in the side of a passage or chamber, water goes on
+beyond the patch to two opposite sides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.closing.portals import Opening, plane_axes
+from aquanav_tools.types import Array, IntArray, Mesh
+
+MAX_REACH = 1.4
+"""Just inside an open end, water reaches at most this many times as far as the patch does, to one of any two opposite
+sides. Measured on about 100 damaged caves: up to 1.13 at ends, 1.65 and more at holes of up to 2.4 m."""
+VIEW_DEPTH = 0.25
+"""The view sideways is taken this many diameters inside the rim."""
+NUM_SIDES = 72
+VIEW_TILTS = np.deg2rad([-15.0, 0.0, 15.0])
+"""Of three rays to each side the middle one counts: a single boulder or crack decides nothing."""
+FLAT_RIM_DEPTH = 0.25
+"""A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
+NUM_DIRECTIONS = 64
+"""Normals of a patch that are tried as its main direction."""
+MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
+"""Faces of one opening face its main direction within 50 degrees."""
+MAX_RIM_DEPTH = 0.5
+"""The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
+
+
+def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
+    """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
+    view = _View(closed)
+    openings = []
+    for patch in _unobserved_patches(closed):
+        whole = _measure(closed.mesh, patch)
+        if whole.diameter < min_diameter:
+            continue
+        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter and view.ends_at(whole, patch):
+            openings.append(replace(whole, is_portal=True))
+            continue
+        for part in _split_by_direction(closed.mesh, patch):
+            opening = _measure(closed.mesh, part)
+            if opening.diameter >= min_diameter:
+                openings.append(replace(opening, is_portal=view.ends_at(opening, part)))
+    return _without_overlaps(sorted(openings, key=lambda opening: -opening.area))
+
+
+def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
+    """Return openings, given largest first, without portals whose middle lies in a larger one: one end, one portal."""
+    kept: list[Opening] = []
+    for opening in openings:
+        larger = [other for other in kept if other.is_portal]
+        is_part = any(np.linalg.norm(opening.centre - other.centre) < other.radius for other in larger)
+        kept.append(replace(opening, is_portal=opening.is_portal and not is_part))
+    return tuple(kept)
+
+
+class _View:
+    """Looks around in the closed water."""
+
+    def __init__(self, closed: ClosedSurface) -> None:
+        from embreex.mesh_construction import TriangleMesh
+        from embreex.rtcore_scene import EmbreeScene
+
+        self._closed = closed
+        self._middle = closed.mesh.vertices.mean(axis=0)  # Embree works in float32
+        self._scene = EmbreeScene()
+        self._triangles = TriangleMesh(self._scene, (closed.mesh.triangles - self._middle).astype(np.float32))
+
+    def ends_at(self, opening: Opening, patch: IntArray) -> bool:
+        """Return whether the passage ends at a patch, and no passage goes by behind it."""
+        if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
+            return False
+        return self.reach(opening, patch) <= MAX_REACH
+
+    def reach(self, opening: Opening, patch: IntArray) -> float:
+        """Return how many times as far as a patch the water behind it reaches to both of two opposite sides."""
+        angle = np.linspace(0.0, 2.0 * np.pi, NUM_SIDES, endpoint=False)
+        sides = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ plane_axes(opening.normal)
+        own = ((self._closed.mesh.triangles[patch].reshape(-1, 3) - opening.centre) @ sides.T).max(axis=0)
+        place = opening.centre + (opening.innermost - VIEW_DEPTH * opening.diameter) * opening.normal
+        water = np.median([self._look(place, np.cos(t) * sides + np.sin(t) * opening.normal) for t in VIEW_TILTS], 0)
+        ratio = water / own
+        return float(np.minimum(ratio, np.roll(ratio, NUM_SIDES // 2)).max())
+
+    def _look(self, place: Array, ways: Array) -> Array:
+        """Return the (N,) distances at which scanned wall is seen in (N, 3) directions; inf through other openings."""
+        starts = np.tile(place - self._middle, (len(ways), 1)).astype(np.float32)
+        seen = self._scene.run(starts, ways.astype(np.float32), output=1)
+        faces = np.asarray(seen["primID"])
+        is_wall = (faces >= 0) & self._closed.is_scan[np.maximum(faces, 0)]
+        distances: Array = np.where(is_wall, np.asarray(seen["tfar"], dtype=np.float64), np.inf)
+        return distances
+
+
+def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:
+    """Return the face indices of each connected patch that the scan did not see."""
+    import trimesh
+
+    solid = closed.mesh.to_trimesh()
+    unseen = np.flatnonzero(~closed.is_scan)
+    pairs = solid.face_adjacency[~closed.is_scan[solid.face_adjacency].any(axis=1)]
+    groups = trimesh.graph.connected_components(pairs, nodes=unseen, min_len=1)
+    return [np.asarray(group, dtype=np.int64) for group in groups]
+
+
+def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
+    """Return the parts of a patch that face one way each, largest first.
+
+    Where a hole in the floor runs into the open end of a passage, both are one patch; a plane through it would cut the
+    passage slantwise. Its end faces along the passage, its floor down.
+    """
+    import trimesh
+
+    corners = mesh.triangles[patch]
+    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(vectors, axis=1)
+    normals = vectors / np.maximum(areas, 1e-15)[:, None]
+    adjacency = trimesh.graph.face_adjacency(mesh.faces[patch])
+    parts, is_left = [], areas > 0.0
+    while is_left.any():
+        largest = np.flatnonzero(is_left)[np.argsort(-areas[is_left])[:NUM_DIRECTIONS]]
+        agreeing = (normals @ normals[largest].T > MIN_AGREEMENT) & is_left[:, None]
+        facing = agreeing[:, np.argmax(areas @ agreeing)]
+        is_left &= ~facing
+        pairs = adjacency[facing[adjacency].all(axis=1)]
+        parts += trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(facing), min_len=1)
+    return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
+
+
+def _measure(mesh: Mesh, patch: IntArray) -> Opening:
+    """Return a patch's place and size; nothing is said about its being a portal yet."""
+    corners = mesh.triangles[patch]
+    vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = float(np.linalg.norm(vector_areas.sum(axis=0)))
+    normal = vector_areas.sum(axis=0) / max(area, 1e-12)
+    weights = np.linalg.norm(vector_areas, axis=1)
+    centre = np.average(corners.mean(axis=1), axis=0, weights=weights + 1e-12)
+    offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
+    innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
+    radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
+    return Opening(centre, normal, area, radius, innermost, is_portal=False)
+
+
+def _rim(faces: IntArray) -> IntArray:
+    """Return the vertices on the border of a patch."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    unique, counts = np.unique(edges, axis=0, return_counts=True)
+    rim: IntArray = np.unique(unique[counts == 1])
+    return rim
