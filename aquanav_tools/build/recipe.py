@@ -191,7 +191,8 @@ def _finish(
     shutil.rmtree(partial, ignore_errors=True)
     with journal.stage("Writing the scenario"):
         scenario = write_scenario(built.scenario, partial)
-        write_glb(scenario.cavity, partial / "cave.glb", _colours_of(scan, scenario.cavity.mesh))
+        colours = _colours_of(scan, scenario.cavity.mesh)
+        write_glb(scenario.cavity, scenario.collision, partial / "cave.glb", colours)
         draw_cave(scenario, partial / "cave.png")
         record_cave(CaveModel(scenario), partial / "build.rrd")
     with journal.stage("Drawing the cave"):

@@ -75,9 +75,7 @@ class Shot:
     distance: Array
     """(H, W) m along the ray, inf for none."""
     facing: Array
-    """(H, W) cosine between the ray and the face's normal, in [0, 1]; 0 for none."""
-    normals: Array
-    """(H, W, 3) unit normal of the face, towards the camera."""
+    """(H, W) cosine between the ray and the face's normal, in [0, 1]; meaningless for none."""
 
     @property
     def is_hit(self) -> BoolArray:
@@ -105,28 +103,28 @@ class Scene:
 
     def look(self, camera: Camera, width: int) -> Shot:
         """Return what a camera sees in a picture `width` pixels wide; both sides of faces are visible."""
-        faces, distance, ways = (self._project if camera.is_parallel else self._cast)(camera, width)
-        is_hit = faces != NO_FACE
-        cosine = np.where(is_hit, np.einsum("...i,...i->...", self._normals[faces], ways), 0.0)
-        normals = np.where((cosine > 0.0)[..., None], -self._normals[faces], self._normals[faces])
-        return Shot(faces, distance, np.abs(cosine), normals)
+        return self._project(camera, width) if camera.is_parallel else self._cast(camera, width)
 
-    def _project(self, camera: Camera, width: int) -> tuple[IntArray, Array, Array]:
-        """Return the (H, W) faces and distances in a parallel projection, and its (3,) direction."""
+    def normals_towards(self, camera: Camera) -> Array:
+        """Return the (F, 3) unit normals of the faces, turned to the viewer of a parallel projection."""
+        away = self._normals @ camera.ahead > 0.0
+        return np.where(away[:, None], -self._normals, self._normals)
+
+    def _project(self, camera: Camera, width: int) -> Shot:
         height = camera.height(width)
         flat, depth = camera.project(self._mesh.vertices)
         places = np.column_stack([0.5 * width * (flat[:, 0] + 1.0), 0.5 * (height - flat[:, 1] * width), -depth])
         faces, nearness = rasterise(places[self._mesh.faces], width, height)
-        return faces, -nearness, camera.ahead
+        return Shot(faces, -nearness, np.abs(self._normals @ camera.ahead)[faces])
 
-    def _cast(self, camera: Camera, width: int) -> tuple[IntArray, Array, Array]:
-        """Return the (H, W) faces and distances that a pinhole's rays hit, and the rays' (H, W, 3) directions."""
+    def _cast(self, camera: Camera, width: int) -> Shot:
         origins, ways = camera.rays(width)
         hits = self._rays.run(
             origins.reshape(-1, 3).astype(np.float32), ways.reshape(-1, 3).astype(np.float32), output=True
         )
         faces = np.asarray(hits["primID"], dtype=np.int64).reshape(ways.shape[:2])
-        return faces, np.where(faces != NO_FACE, hits["tfar"].reshape(faces.shape), np.inf), ways
+        distance = np.where(faces != NO_FACE, hits["tfar"].reshape(faces.shape), np.inf)
+        return Shot(faces, distance, np.abs(np.einsum("...i,...i->...", self._normals[faces], ways)))
 
 
 def is_visible(shot: Shot, camera: Camera, points: Array, slack: float) -> BoolArray:

@@ -86,7 +86,7 @@ def _draw_view(figure: Any, axes: Any, scene: Scene, camera: Camera, width_in: f
     shot = scene.look(camera, round(SUPERSAMPLING * DPI * width_in))
     middle, half_height = (camera.position @ camera.right, camera.position @ camera.up), camera.reach / camera.aspect
     extent = (middle[0] - camera.reach, middle[0] + camera.reach, middle[1] - half_height, middle[1] + half_height)
-    axes.imshow(shrink(_shade(shot, camera)), extent=extent, interpolation="antialiased", aspect="auto")
+    axes.imshow(shrink(_shade(scene, shot, camera)), extent=extent, interpolation="antialiased", aspect="auto")
     if not len(points):
         return
     flat = points @ np.stack([camera.right, camera.up], axis=1)
@@ -106,11 +106,11 @@ def _style_axes(axes: Any, caption: str, size_in: tuple[float, float]) -> None:
         spine.set_color("#dbe4e8")
 
 
-def _shade(shot: Shot, camera: Camera) -> Array:
+def _shade(scene: Scene, shot: Shot, camera: Camera) -> Array:
     """Return the (H, W, 3) colours: pale, so that the markers stand out, lit from the upper left."""
     sun = 0.6 * (camera.up - 0.6 * camera.right) - camera.ahead
-    light = 0.5 + 0.55 * np.clip(shot.normals @ (sun / np.linalg.norm(sun)), 0.0, 1.0)
-    return np.where(shot.is_hit[..., None], np.clip(SURFACE * light[..., None], 0.0, 1.0), 1.0)
+    light = 0.5 + 0.55 * np.clip(scene.normals_towards(camera) @ (sun / np.linalg.norm(sun)), 0.0, 1.0)
+    return np.where(shot.is_hit[..., None], np.minimum(SURFACE * light[:, None], 1.0)[shot.faces], 1.0)
 
 
 def _write_list(figure: Any, points: Array, labels: Sequence[str], top_in: float, page: float) -> None:

@@ -22,8 +22,8 @@ TITLE_IN = 0.40
 FOOT_IN = 0.75
 MAX_VIEWS_HEIGHT_IN = 11.0
 DPI = 130
-SUPERSAMPLING = 1.7
-"""Rays per pixel of the page along each side."""
+SUPERSAMPLING = 1.25
+"""Samples per pixel of the page along each side."""
 NAMES = ("Plan, seen from above", "Long section, seen from the side")
 
 FEW_CONTACTS = 20
@@ -92,8 +92,9 @@ def _draw_relief(axes: Any, relief: Relief) -> None:
     """Draw the relief with a fine outline, and frame it."""
     axes.imshow(relief.colours, extent=relief.extent, interpolation="antialiased", zorder=1)
     axes.contour(
-        relief.colours[..., 3], levels=[0.5], extent=relief.extent, origin="upper", colors=INK, linewidths=0.7, zorder=2
-    )
+        relief.colours[::2, ::2, 3], levels=[0.5], extent=relief.extent, origin="upper", colors=INK, linewidths=0.7,
+        zorder=2,
+    )  # fmt: skip
     axes.set_xlim(relief.extent[:2])
     axes.set_ylim(relief.extent[2:])
     axes.set_axis_off()

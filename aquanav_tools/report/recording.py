@@ -54,7 +54,8 @@ class CaveModel:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.mesh = thin(scenario.cavity.mesh, MAX_CAVE_TRIANGLES)
+        is_small = len(scenario.cavity.mesh.faces) <= MAX_CAVE_TRIANGLES
+        self.mesh = scenario.cavity.mesh if is_small else thin(scenario.collision, MAX_CAVE_TRIANGLES)
         self.normals = np.asarray(self.mesh.to_trimesh().vertex_normals, dtype=np.float32)
         _, section = plan_and_section(scenario.guide.centreline)
         self.aside = section.towards + np.array([0.0, 0.0, 0.6])

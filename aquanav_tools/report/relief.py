@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.report.raster import NO_FACE, rasterise
 from aquanav_tools.types import Array, Mesh
@@ -14,6 +15,10 @@ LIGHT = np.array([-0.45, 0.55, 0.70])
 """Direction to the light in the picture's frame (right, up, towards the viewer): from the upper left, as on maps."""
 TINTS = np.array([[0.10, 0.32, 0.44], [0.22, 0.50, 0.60], [0.55, 0.74, 0.76], [0.84, 0.89, 0.86]])
 """Colours from the far side of the cave to the near side."""
+NUM_TINTS = 1024
+"""Shades between them: more than the eye or a byte per channel tell apart."""
+MAX_RANKED = 100_000
+"""About so many pixels tell how the depths are spread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +44,7 @@ class View:
 class Relief:
     """A picture of the inside of a cavity, seen with the side towards the viewer cut away."""
 
-    colours: Array
+    colours: npt.NDArray[np.float32]
     """(H, W, 4) red, green, blue and opacity in [0, 1]; the first row is the top."""
     extent: tuple[float, float, float, float]
     """Left, right, bottom and top edge in picture coordinates, m."""
@@ -77,13 +82,13 @@ def cut_away(mesh: Mesh, view: View, pixel: float) -> Relief:
     low, high = low - 2 * pixel, high + 2 * pixel
     pixel = max(pixel, float(np.sqrt(np.prod(high - low) / MAX_PIXELS)))
     width, height = (int(n) for n in np.ceil((high - low) / pixel))
-    depths, facing = _rasterised(mesh, view, low, pixel, (width, height))
+    depths, light = _rasterised(mesh, view, low, pixel, (width, height))
     extent = (low[0], low[0] + width * pixel, low[1], low[1] + height * pixel)
-    return Relief(_shade(depths, facing), tuple(float(edge) for edge in extent))  # type: ignore[arg-type]
+    return Relief(_shade(depths, light), tuple(float(edge) for edge in extent))  # type: ignore[arg-type]
 
 
 def _rasterised(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Return (H, W) height towards the viewer, NaN beside the cave, and (H, W, 3) normals into the water, view frame.
+    """Return (H, W) height towards the viewer, NaN beside the cave, and how well the wall is lit there, in [0, 1].
 
     Only faces whose outer side is turned away from the viewer are kept. That cuts the near side away, without the
     second cast from just behind the first hit that would have to guess how far "just behind" is.
@@ -93,46 +98,49 @@ def _rasterised(mesh: Mesh, view: View, low: Array, pixel: float, size: tuple[in
     inward = np.cross(corners[:, 2] - corners[:, 0], corners[:, 1] - corners[:, 0])
     kept = inward[:, 2] > 0.0
     corners, inward = corners[kept], inward[kept] / np.linalg.norm(inward[kept], axis=1, keepdims=True)
+    light = np.clip(inward @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
     width, height = size
     corners[..., 0] = (corners[..., 0] - low[0]) / pixel
     corners[..., 1] = height - (corners[..., 1] - low[1]) / pixel
     faces, heights = rasterise(corners, width, height)
     is_hit = faces != NO_FACE
-    return np.where(is_hit, heights, np.nan), np.where(is_hit[..., None], inward[faces], [0.0, 0.0, 1.0])
+    return np.where(is_hit, heights, np.nan), np.where(is_hit, light[faces], 1.0)
 
 
-def _shade(depths: Array, normals: Array) -> Array:
-    """Return the (H, W, 4) colours: tint by depth, light by normal, hollows darker (a depth image minus its blur)."""
+def _shade(depths: Array, light: Array) -> npt.NDArray[np.float32]:
+    """Return the (H, W, 4) colours: tint by depth, lit, hollows darker (a depth image minus its blur)."""
     is_hit = np.isfinite(depths)
-    share = np.zeros(depths.shape)
+    share = np.zeros(depths.shape, dtype=np.float32)
     share[is_hit] = _spread(depths[is_hit])
-    stops = np.linspace(0.0, 1.0, len(TINTS))
-    tint = np.stack([np.interp(share, stops, TINTS[:, channel]) for channel in range(3)], axis=-1)
-
-    light = 0.55 + 0.55 * np.clip(normals @ (LIGHT / np.linalg.norm(LIGHT)), 0.0, 1.0)
+    steps = np.linspace(0.0, 1.0, NUM_TINTS)
+    tints = np.stack([np.interp(steps, np.linspace(0.0, 1.0, len(TINTS)), column) for column in TINTS.T], axis=-1)
+    tint = tints.astype(np.float32)[(share * (NUM_TINTS - 1)).astype(int)]
     width = 1 + int(0.025 * max(depths.shape))
-    blurred = _blur(share, width) / np.maximum(_blur(is_hit.astype(float), width), 1e-6)
+    blurred = _blur(share, width) / np.maximum(_blur(is_hit.astype(np.float32), width), 1e-6)
     hollow = np.clip(1.0 - 0.9 * (blurred - share), 0.6, 1.15)
 
-    colours = np.zeros((*depths.shape, 4))
-    colours[..., :3] = np.clip(tint * (light * hollow)[..., None], 0.0, 1.0)
+    colours = np.zeros((*depths.shape, 4), dtype=np.float32)
+    colours[..., :3] = np.clip(tint * ((0.55 + 0.55 * light) * hollow).astype(np.float32)[..., None], 0.0, 1.0)
     colours[..., 3] = is_hit
     return colours
 
 
-def _blur(image: Array, width: int) -> Array:
+def _blur(image: npt.NDArray[np.float32], width: int) -> npt.NDArray[np.float32]:
     """Return the image under a window of `width` pixels, twice: close to a Gaussian at a cost without the width."""
     from scipy.ndimage import uniform_filter
 
-    blurred: Array = uniform_filter(uniform_filter(image, width, mode="constant"), width, mode="constant")
+    blurred: npt.NDArray[np.float32] = uniform_filter(
+        uniform_filter(image, width, mode="constant"), width, mode="constant"
+    )
     return blurred
 
 
 def _spread(depths: Array) -> Array:
     """Return (N,) values in [0, 1], half by depth and half by rank, so that a flat floor still shows its shape."""
-    low, high = np.percentile(depths, [1.0, 99.0])
+    some = depths[:: max(1, len(depths) // MAX_RANKED)]
+    low, high = np.percentile(some, [1.0, 99.0])
     linear = np.clip((depths - low) / max(high - low, 1e-9), 0.0, 1.0)
-    levels = np.quantile(depths, np.linspace(0.0, 1.0, 257))
+    levels = np.quantile(some, np.linspace(0.0, 1.0, 257))
     rank = np.interp(depths, levels, np.linspace(0.0, 1.0, 257))
     spread: Array = 0.5 * linear + 0.5 * rank
     return spread

@@ -40,11 +40,13 @@ def draw_sections(cave: CaveMap, path: Path) -> None:
     page = HEAD_IN + sum(heights) + FOOT_IN
     figure = new_figure(WIDTH_IN, page)
     _write_title(figure, cave.name, "Cross-sections, looking along the route; L, R, U, D in metres from the station")
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0), xlim=(0.0, WIDTH_IN), ylim=(0.0, page))  # in inches
+    axes.set_axis_off()
     top = page - HEAD_IN - GUTTER_IN
     for number, section in enumerate(sections):
         row, column = divmod(number, NUM_COLUMNS)
         left = MARGIN_IN + column * (cell + GUTTER_IN)
-        _draw_cell(figure, section, number, (left, top - sum(heights[:row])), cell, heights[row], scale)
+        _draw_cell(axes, section, number, (left, top - sum(heights[:row])), cell, heights[row], scale)
     draw_scale_bar(figure, scale, MARGIN_IN, 0.28)
     save_drawing(figure, path, DPI)
 
@@ -127,33 +129,27 @@ def _write_title(figure: Any, name: str, title: str) -> None:
 
 
 def _draw_cell(
-    figure: Any, section: Section, number: int, corner: tuple[float, float], cell: float, height: float, scale: float
+    axes: Any, section: Section, number: int, corner: tuple[float, float], cell: float, height: float, scale: float
 ) -> None:
     """Draw one section in the cell whose upper left corner is given in inches, with its numbers below."""
-    page_width, page_height = figure.get_size_inches()
     left, top = corner
     room = height - TEXT_IN - GUTTER_IN
-    axes = figure.add_axes((left / page_width, (top - room) / page_height, cell / page_width, room / page_height))
-    axes.set_axis_off()
-    flip = np.array([-1.0, 1.0])  # plane coordinates run to the left, pages to the right
-    rings = [section.outline * flip, *(hole * flip for hole in section.holes)]
-    middle = 0.5 * (rings[0].min(axis=0) + rings[0].max(axis=0))
-    axes.set_xlim(middle[0] - 0.5 * cell / scale, middle[0] + 0.5 * cell / scale)
-    axes.set_ylim(middle[1] - 0.5 * room / scale, middle[1] + 0.5 * room / scale)
-    draw_rings(axes, [rings[0][::-1], *(ring[::-1] for ring in rings[1:])])
-    axes.plot([-section.left, section.right], [0.0, 0.0], color=BLUE, linewidth=0.7, zorder=2)
-    axes.plot([0.0, 0.0], [-section.down, section.up], color=BLUE, linewidth=0.7, zorder=2)
-    axes.plot(0.0, 0.0, **STATION, markersize=4, zorder=3)
+    flip = np.array([-scale, scale])  # plane coordinates run to the left, pages to the right
+    middle = 0.5 * (section.outline.min(axis=0) + section.outline.max(axis=0))
+    x, y = station = np.array([left + 0.5 * cell, top - 0.5 * room]) - middle * flip
+    draw_rings(axes, [station + ring[::-1] * flip for ring in (section.outline, *section.holes)])
+    axes.plot([x - scale * section.left, x + scale * section.right], [y, y], color=BLUE, linewidth=0.7, zorder=2)
+    axes.plot([x, x], [y - scale * section.down, y + scale * section.up], color=BLUE, linewidth=0.7, zorder=2)
+    axes.plot(x, y, **STATION, markersize=4, zorder=3)
     lines = (
         f"{number}   at {section.arc_length:g} m",
         f"{_short(section.area)} m²,  {_short(section.width)} x {_short(section.height)} m",
         f"L {_short(section.left)}  R {_short(section.right)}  U {_short(section.up)}  D {_short(section.down)}",
     )
     for line, text in enumerate(lines):
-        figure.text(
-            (left + 0.5 * cell) / page_width, (top - room - 0.1 - 0.16 * line) / page_height, text, ha="center",
-            va="top", color=MUTED if line else INK, fontsize=7.5 if line else 9.0,
-            fontweight="normal" if line else "bold",
+        axes.text(
+            left + 0.5 * cell, top - room - 0.1 - 0.16 * line, text, ha="center", va="top",
+            color=MUTED if line else INK, fontsize=7.5 if line else 9.0, fontweight="normal" if line else "bold",
         )  # fmt: skip
 
 

@@ -17,7 +17,6 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.mesh.deviation import measure_deviation
 from aquanav_tools.types import Array, IntArray, Mesh
 
 WALL_COLOUR = (126, 150, 160)
@@ -27,8 +26,6 @@ UNSEEN_SHARE = 0.6
 PORTAL_COLOUR = (251, 86, 7)
 LEVEL_SHARES = (1.0, 1 / 4, 1 / 16)
 """Triangles of each level, relative to the cavity's."""
-NUM_PLACES = 50_000
-"""Places where a level's error is measured, on either surface."""
 
 _FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
@@ -43,12 +40,14 @@ class Level:
 
     path: Path
     num_triangles: int
-    error: float
-    """Largest distance between this level and the cavity, either way, m."""
 
 
 def write_glb(
-    cavity: Cavity, path: Path, colours: Colours | None = None, levels: tuple[float, ...] = LEVEL_SHARES
+    cavity: Cavity,
+    simplified: Mesh,
+    path: Path,
+    colours: Colours | None = None,
+    levels: tuple[float, ...] = LEVEL_SHARES,
 ) -> tuple[Level, ...]:
     """Write the cavity as GLB, y up as glTF has it: cave.glb, then cave-lod1.glb, cave-lod2.glb for `path` cave.glb.
 
@@ -57,19 +56,24 @@ def write_glb(
 
     Args:
         cavity: what to show.
+        simplified: its surface with fewer triangles, say the collision mesh: the coarser levels are made from it, which
+            is several times faster.
         path: of the first level.
         colours: (V, 3) sRGB per vertex of the cavity; None for one colour of rock.
-        levels: share of the cavity's triangles per level, at most 1, falling.
+        levels: largest share of the cavity's triangles per level, at most 1, falling; the first shows it as it is.
     """
     written = []
     mesh, origins = cavity.mesh, np.arange(len(cavity.mesh.faces))
     for index, share in enumerate(levels):
         level_path = path if index == 0 else path.with_name(f"{path.stem}-lod{index}{path.suffix}")
-        if share < 1.0:
-            mesh, chosen = _with_faces(mesh, round(share * len(cavity.mesh.faces)))
+        if index == 1:
+            mesh, origins = simplified, _nearest_faces(simplified, cavity.mesh)
+        max_faces = round(share * len(cavity.mesh.faces))
+        if len(mesh.faces) > max_faces:
+            mesh, chosen = _with_faces(mesh, max_faces)
             origins = origins[chosen]
         level_path.write_bytes(_glb(*_coloured_corners(cavity, mesh, origins, colours)))
-        written.append(Level(level_path, len(mesh.faces), 0.0 if share >= 1.0 else _error(cavity.mesh, mesh)))
+        written.append(Level(level_path, len(mesh.faces)))
     return tuple(written)
 
 
@@ -86,17 +90,20 @@ def transfer_colours(mesh: Mesh, points: Array, colours: Colours) -> Colours:
     return found
 
 
+def _nearest_faces(mesh: Mesh, target: Mesh) -> IntArray:
+    """Return for each face of a mesh the one of another that is nearest to its middle."""
+    import igl
+
+    found = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), target.vertices, target.faces)[1]
+    return np.asarray(found, dtype=np.int64)
+
+
 def _with_faces(mesh: Mesh, num_faces: int) -> tuple[Mesh, IntArray]:
     """Return the mesh with fewer faces, and for each of them the one it stems from (Garland and Heckbert 1997)."""
     import igl
 
     vertices, faces, origins, _ = igl.qslim(mesh.vertices, mesh.faces, num_faces)
     return Mesh(np.asarray(vertices), np.asarray(faces, dtype=np.int64)), np.asarray(origins, dtype=np.int64).ravel()
-
-
-def _error(truth: Mesh, mesh: Mesh) -> float:
-    there, back = measure_deviation(mesh, truth, NUM_PLACES), measure_deviation(truth, mesh, NUM_PLACES)
-    return max(there.largest(), back.largest())
 
 
 def _coloured_corners(

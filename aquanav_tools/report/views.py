@@ -42,6 +42,8 @@ MIN_LOOK_AHEAD = 1.5
 FIELD_OF_VIEW = np.radians(90.0)
 LAMP_REACH = 3.0
 """Distance at which the lamp is half as bright, in widths of the passage (roots of its mean section)."""
+HAZE_STEP = 16
+"""Every so many pixels tell from where to where the haze grows."""
 HOOP_STEP = 0.01
 """Distance between the dots a panel's outline is drawn with, m."""
 
@@ -127,7 +129,7 @@ def _draw(figure: Any, axes: Any, cave: CaveMap, panels: tuple[Array, ...], scen
     width_in = axes.get_position().width * WIDTH_IN
     shot = scene.look(camera, round(SUPERSAMPLING * DPI * width_in))
     surface = paint(cave.cavity)
-    colours = _sunlit(shot, camera, surface) if camera.is_parallel else _lamplit(shot, surface, cave)
+    colours = _sunlit(scene, shot, camera, surface) if camera.is_parallel else _lamplit(shot, surface, cave)
     slack = 0.004 * float(np.ptp(cave.cavity.mesh.vertices, axis=0).max())
     for outline in panels:
         _draw_hoop(colours, shot, camera, outline, cave, slack)
@@ -151,14 +153,14 @@ def paint(cavity: Cavity) -> Array:
     return painted
 
 
-def _sunlit(shot: Shot, camera: Camera, surface: Array) -> Array:
+def _sunlit(scene: Scene, shot: Shot, camera: Camera, surface: Array) -> Array:
     """Return the (H, W, 3) colours of a view from outside; what is farther away is a little paler."""
     towards = np.stack([camera.right, camera.up, -camera.ahead])
-    light = 0.45 + 0.6 * np.clip(shot.normals @ (SUN / np.linalg.norm(SUN) @ towards), 0.0, 1.0)
-    near, far = (np.percentile(shot.distance[shot.is_hit], share) for share in (1.0, 99.0))
+    light = 0.45 + 0.6 * np.clip(scene.normals_towards(camera) @ (SUN / np.linalg.norm(SUN) @ towards), 0.0, 1.0)
+    near, far = np.percentile(shot.distance[shot.is_hit][::HAZE_STEP], (1.0, 99.0))
     haze = 0.25 * np.clip((shot.distance - near) / max(far - near, 1e-9), 0.0, 1.0)[..., None]
-    colours = (1.0 - haze) * surface[shot.faces] * light[..., None] + haze
-    return np.where(shot.is_hit[..., None], np.clip(colours, 0.0, 1.0), 1.0)
+    lit = np.minimum(surface * light[:, None], 1.0)[shot.faces]
+    return np.where(shot.is_hit[..., None], lit + haze * (1.0 - lit), 1.0)
 
 
 def _lamplit(shot: Shot, surface: Array, cave: CaveMap) -> Array:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.report.relief import View, _rasterised, cut_away, plan_and_section
+from aquanav_tools.report.relief import LIGHT, View, _rasterised, cut_away, plan_and_section
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS
@@ -35,12 +35,14 @@ def test_views_turn_with_the_cave_and_the_goal_stays_right(angle: float) -> None
 def test_view_from_above_into_the_tube_sees_its_floor(tube: Scenario) -> None:
     view = View(X, Y)
     low, pixel = np.array([0.0, -TUBE_RADIUS]), 0.1
-    heights, normals = _rasterised(tube.cavity.mesh, view, low, pixel, (200, 40))
+    heights, light = _rasterised(tube.cavity.mesh, view, low, pixel, (200, 40))
     across = low[1] + pixel * (np.arange(40)[::-1] + 0.5)
     floor = -np.sqrt(TUBE_RADIUS**2 - across**2)
     # The 64-sided polygon lies up to R (1 - cos(pi / 64)) = 2.4 mm inside its circle, more where the wall is steep.
     np.testing.assert_allclose(heights[8:32, 100], floor[8:32], atol=0.005)
-    assert (normals[8:32, 100, 2] > 0.5).all()
+    inward = -np.stack([np.zeros(40), across, floor], axis=1) / TUBE_RADIUS
+    lambert = np.clip(inward @ LIGHT / np.linalg.norm(LIGHT), 0.0, 1.0)
+    np.testing.assert_allclose(light[8:32, 100], lambert[8:32], atol=0.05)  # facets are up to 2.8 degrees off
 
 
 def test_relief_covers_the_tubes_outline_and_nothing_else(tube: Scenario) -> None:

@@ -23,6 +23,10 @@ MIN_SHARE = 0.01
 """Smaller parts than this share of the water are pockets behind squeezes too tight to sample; they are left out."""
 
 
+Table = npt.NDArray[np.int32]
+"""(N, K) row of each sample's neighbours, -1 where there is none."""
+
+
 @dataclass(frozen=True, eq=False)
 class Lattice:
     """Samples of water on a regular grid, in lexicographic order."""
@@ -35,7 +39,7 @@ class Lattice:
     """(N, 3)."""
     clearance: Array
     """(N,) m."""
-    neighbours: npt.NDArray[np.int32]
+    neighbours: Table
     """(N, 26) sample in the direction of OFFSETS, -1 where there is none."""
     part: npt.NDArray[np.int32]
     """(N,) number of the connected part a sample is in, from 0."""
@@ -70,13 +74,12 @@ def sample_water(field: DistanceField, max_samples: int) -> Lattice:
             f"clearance, the samples are {spacing:.2f} m apart. Check --unit, or choose a smaller vehicle."
         )
     indices, clearance = _in_order(indices[kept] // stride, clearance[kept])
-    indices, clearance = _without_small_parts(indices, clearance)
-    indices, clearance = _drowned(indices, clearance)
-    table = neighbour_table(indices, OFFSETS)
+    indices, clearance, table = _without_small_parts(indices, clearance)
+    indices, clearance, table = _drowned(indices, clearance, table)
     return Lattice(field.origin, spacing, indices, clearance, table, _parts(table))
 
 
-def neighbour_table(indices: IntArray, offsets: IntArray) -> npt.NDArray[np.int32]:
+def neighbour_table(indices: IntArray, offsets: IntArray) -> Table:
     """Return the (N, K) rows of the neighbours at (K, 3) offsets among lexicographic (N, 3) indices, -1 for none.
 
     The offsets must be symmetric: offsets[K - 1 - n] is opposite to offsets[n].
@@ -114,16 +117,20 @@ def _parts(table):  # type: ignore[no-untyped-def]
     return part
 
 
-def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
-    part = _parts(neighbour_table(indices, OFFSETS))
+def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray, Array, Table]:
+    """Return the samples of large parts, and the table of their neighbours, who are all in the same part."""
+    table = neighbour_table(indices, OFFSETS)
+    part = _parts(table)
     kept = (np.bincount(part) >= MIN_SHARE * len(indices))[part]
-    return indices[kept], clearance[kept]
+    if not kept.all():
+        number = np.append(np.cumsum(kept, dtype=np.int32) - 1, np.int32(-1))
+        table = number[table[kept]]
+    return indices[kept], clearance[kept], table
 
 
-def _drowned(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
-    """Return the samples with those in floating rock added, layer by layer."""
+def _drowned(indices: IntArray, clearance: Array, table: Table) -> tuple[IntArray, Array, Table]:
+    """Return the samples with those in floating rock added, layer by layer, and the table of their neighbours."""
     while True:
-        table = neighbour_table(indices, OFFSETS)
         rock = _shore(indices, table)
         shore = _parts(neighbour_table(rock, OFFSETS[FACE_OFFSETS]))
         # West of a part's first sample in order lies the rock around that part.
@@ -131,12 +138,13 @@ def _drowned(indices: IntArray, clearance: Array) -> tuple[IntArray, Array]:
         around = [shore[np.flatnonzero((rock == first - [1, 0, 0]).all(axis=1))[0]] for first in firsts]
         floating = ~np.isin(shore, around)
         if not floating.any():
-            return indices, clearance
+            return indices, clearance, table
         drowned = np.zeros(int(floating.sum()))
         indices, clearance = _in_order(np.concatenate([indices, rock[floating]]), np.append(clearance, drowned))
+        table = neighbour_table(indices, OFFSETS)
 
 
-def _shore(indices: IntArray, table: npt.NDArray[np.int32]) -> IntArray:
+def _shore(indices: IntArray, table: Table) -> IntArray:
     """Return the (R, 3) samples of rock beside water, in lexicographic order."""
     rows, columns = np.nonzero(table < 0)
     rock = indices[rows] + OFFSETS[columns]

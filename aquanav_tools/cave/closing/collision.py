@@ -22,6 +22,8 @@ MAX_ROUNDS = 6
 """Times that faulty places are protected before a smaller tolerance is tried."""
 NUM_PLACES = 200_000
 """Places where the error is measured, on either surface: one every 3 cm for 200 m^2 of wall."""
+NUM_FARTHEST = 1000
+"""Places whose side of the wall is found first."""
 PROTECTED_SHARE = 2.0
 """Wall within this multiple of the bound of a faulty face is left as it is in the next round."""
 
@@ -94,12 +96,24 @@ def _refusal(truth: Mesh, bound: float, faces: IntArray) -> MeshError:
 
 
 def _described(cavity: Cavity, mesh: Mesh, bound: float, there: Deviation, back: Deviation) -> CollisionMesh:
+    intrusion, invention = _largest_by_side(there, cavity.mesh)
+    return CollisionMesh(mesh, bound, intrusion, invention, back.largest(), len(cavity.mesh.faces))
+
+
+def _largest_by_side(there: Deviation, truth: Mesh) -> tuple[float, float]:
+    """Return the largest distances of the places in the water and of those in the rock, m; 0 where there are none.
+
+    The farthest places nearly always lie on both sides, so that the sides of all others need not be found.
+    """
     import igl
 
-    truth = cavity.mesh
-    is_in_water = np.asarray(igl.fast_winding_number(truth.vertices, truth.faces, there.points)) > 0.5
-    intrusion, invention = there.largest(is_in_water), there.largest(~is_in_water)
-    return CollisionMesh(mesh, bound, intrusion, invention, back.largest(), len(truth.faces))
+    order = np.argsort(-there.distance, kind="stable")
+    for places in (order[:NUM_FARTHEST], order):
+        winding = igl.fast_winding_number(truth.vertices, truth.faces, there.points[places])
+        is_in_water, distance = np.asarray(winding) > 0.5, there.distance[places]
+        if is_in_water.any() and not is_in_water.all():
+            break
+    return float(distance[is_in_water].max(initial=0.0)), float(distance[~is_in_water].max(initial=0.0))
 
 
 def _faces_near(truth: Mesh, mesh: Mesh, faces: IntArray, distance: float) -> BoolArray:

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import Cavity, to_manifold
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.portals import plane_axes
+from aquanav_tools.cave.mesh.slicing import slice_mesh
 from aquanav_tools.cave.route.route import resample
 from aquanav_tools.types import Array, Mesh
 
@@ -87,12 +88,11 @@ def cross_sections(cavity: Cavity, points: Array, spacing: float) -> tuple[Secti
     """
     if not spacing > 0.0:
         raise ValueError(f"The spacing of stations must be positive, not {spacing} m.")
-    solid = to_manifold(cavity.mesh)
     lengths = arc_lengths(points)
     stations = np.arange(0.0, lengths[-1] + 1e-9, spacing)
     centres = point_at(points, lengths, stations)
     chords = _chords(points, lengths, stations)
-    found = (_section(solid, *row) for row in zip(stations, centres, chords, strict=True))
+    found = (_section(cavity.mesh, *row) for row in zip(stations, centres, chords, strict=True))
     return tuple(section for section in found if section is not None)
 
 
@@ -140,10 +140,10 @@ def _chords(points: Array, lengths: Array, stations: Array) -> Array:
     return unit
 
 
-def _section(solid: Any, arc_length: float, centre: Array, normal: Array) -> Section | None:
+def _section(mesh: Mesh, arc_length: float, centre: Array, normal: Array) -> Section | None:
     import shapely
 
-    polygon = water_around(solid, centre, normal)
+    polygon = water_around(mesh, centre, normal)
     if polygon is None:
         return None
     origin = shapely.Point(0.0, 0.0)
@@ -164,14 +164,14 @@ def _section(solid: Any, arc_length: float, centre: Array, normal: Array) -> Sec
     )  # fmt: skip
 
 
-def water_around(solid: Any, centre: Array, normal: Array) -> Any:
+def water_around(mesh: Mesh, centre: Array, normal: Array) -> Any:
     """Return the shapely polygon of the water around a station, in plane coordinates; None where it is in rock."""
+    import manifold3d
     import shapely
 
-    axes = np.vstack([plane_axes(normal), normal])
-    pieces = solid.transform(np.column_stack([axes, -axes @ centre])).slice(0.0).decompose()
+    cuts = slice_mesh(mesh, centre, np.vstack([plane_axes(normal), normal]))
     origin = shapely.Point(0.0, 0.0)
-    for piece in pieces:
+    for piece in manifold3d.CrossSection(cuts, manifold3d.FillRule.EvenOdd).decompose():
         rings = sorted((shapely.Polygon(ring) for ring in piece.to_polygons()), key=lambda ring: -ring.area)
         polygon = shapely.Polygon(rings[0].exterior.coords, [ring.exterior.coords for ring in rings[1:]])
         if polygon.contains(origin):

@@ -24,7 +24,7 @@ class BoxTree(NamedTuple):
 
 def build_tree(low: Array, high: Array) -> tuple[BoxTree, IntArray]:
     """Return the tree over (N, 3) boxes, N > 0, and the (N,) box behind each of its leaves."""
-    order = np.argsort(_morton_codes(0.5 * (low + high)), kind="stable")
+    order = np.argsort(morton_codes(0.5 * (low + high)), kind="stable")
     size = 1 << int(len(low) - 1).bit_length()
     lows, highs = np.full((2 * size, 3), np.inf), np.full((2 * size, 3), -np.inf)
     lows[size : size + len(low)], highs[size : size + len(low)] = low[order], high[order]
@@ -61,8 +61,8 @@ def _meet(tree, a, b):  # type: ignore[no-untyped-def]
     return True
 
 
-def _morton_codes(points: Array) -> IntArray:
-    """Return the place of each point along a curve through space that keeps neighbours together."""
+def morton_codes(points: Array) -> IntArray:
+    """Return the (N,) places of (N, 3) points along a curve through space that keeps neighbours together."""
     low = points.min(axis=0)
     scale = (2**_MORTON_BITS - 1) / max(float((points.max(axis=0) - low).max()), 1e-300)
     cells = ((points - low) * scale).astype(np.int64)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+from aquanav_tools.types import Array, IntArray, Mesh
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class Deviation:
         """Return the faces with a place farther away than `bound`, m."""
         return np.unique(self.faces[self.distance > bound])
 
-    def largest(self, of: BoolArray | slice = slice(None)) -> float:
-        """Return the largest distance of some of the places, m; 0 if there are none."""
-        return float(self.distance[of].max(initial=0.0))
+    def largest(self) -> float:
+        """Return the largest distance, m."""
+        return float(self.distance.max())
 
 
 def measure_deviation(mesh: Mesh, target: Mesh, num_places: int) -> Deviation:

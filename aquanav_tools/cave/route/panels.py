@@ -8,11 +8,10 @@ from wall to wall a panel ends at the pillar; around a boulder that hangs free i
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import Cavity, to_manifold
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.portals import plane_axes
 from aquanav_tools.cave.measure.sections import water_around
 from aquanav_tools.cave.mesh.contact import Surface
@@ -23,7 +22,7 @@ from aquanav_tools.cave.route.route import Route
 from aquanav_tools.cave.route.stations import MIN_PANELS, Line, Sight, choose_stations, direct
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, Mesh
 
 CHAIN_WINDOW = 30
 """At most this many panels in a row may be left out."""
@@ -64,9 +63,8 @@ def place_panels(
     line = _inner_line(route, inset, options)
     sight = Sight(line, Surface(cavity.mesh), vehicle_radius, options.margin)
     stations = [int(station) for station in choose_stations(line, sight, options)]
-    solid = to_manifold(cavity.mesh)
-    panels = [_panel(solid, field, line.points[n], line.tangents[n], n * line.step) for n in stations]
-    panels = _turn_until_apart(solid, field, panels, line.tangents[stations])
+    panels = [_panel(cavity.mesh, field, line.points[n], line.tangents[n], n * line.step) for n in stations]
+    panels = _turn_until_apart(cavity.mesh, field, panels, line.tangents[stations])
     kept = _fewest_crossings(panels, stations, sight, options.spacing)
     return Guide(line.points, tuple(panels[n] for n in kept))
 
@@ -84,8 +82,8 @@ def _inner_line(route: Route, inset: float, options: PanelOptions) -> Line:
     return direct(route.points[inner], step, route.clearance[inner], options.tangent_length)
 
 
-def _panel(solid: Any, field: DistanceField, centre: Array, normal: Array, arc_length: float) -> Panel:
-    section = water_around(solid, centre, normal)
+def _panel(mesh: Mesh, field: DistanceField, centre: Array, normal: Array, arc_length: float) -> Panel:
+    section = water_around(mesh, centre, normal)
     if section is None:
         raise MeshError(
             f"No cross-section can be cut at {centre.round(2)} m: the route touches the wall there. Rebuild with a "
@@ -95,7 +93,7 @@ def _panel(solid: Any, field: DistanceField, centre: Array, normal: Array, arc_l
     return Panel(centre, normal, outline, float(arc_length), field.clearance_at(centre))
 
 
-def _turn_until_apart(solid: Any, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
+def _turn_until_apart(mesh: Mesh, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
     """Return the panels turned until no two neighbours cross, as little as TURN_SHARE allows."""
     panels = list(panels)
     for _ in range(MAX_ROUNDS):
@@ -104,7 +102,7 @@ def _turn_until_apart(solid: Any, field: DistanceField, panels: list[Panel], tan
         if not turned:
             break
         for n, normal in turned.items():
-            panels[n] = _panel(solid, field, panels[n].centre, normal, panels[n].arc_length)
+            panels[n] = _panel(mesh, field, panels[n].centre, normal, panels[n].arc_length)
     return panels
 
 

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
+from aquanav_tools.cave.mesh.box_tree import morton_codes
 from aquanav_tools.cave.mesh.rasterise import squared_distance
-from aquanav_tools.types import Array, IntArray
+from aquanav_tools.types import Array
 
 LEAF = 4
 """Triangles per leaf; 2 and 8 are slower."""
-MORTON_BITS = 20
 STACK = 64
 """Deeper than any tree of 2^31 triangles."""
 
@@ -34,7 +34,7 @@ class TriangleTree(NamedTuple):
 
 def build_tree(triangles: Array) -> TriangleTree:
     """Return the tree over (F, 3, 3) triangles, F >= 1."""
-    in_order = triangles[np.argsort(_morton_codes(triangles.mean(axis=1)), kind="stable")]
+    in_order = triangles[np.argsort(morton_codes(triangles.mean(axis=1)), kind="stable")]
     num_leaves = 1 << max(0, int(np.ceil(np.log2(len(triangles) / LEAF))))
     # Spread evenly, so that no part of the tree is only filling.
     spread = np.arange(num_leaves * LEAF) * len(triangles) // (num_leaves * LEAF)
@@ -56,18 +56,6 @@ def build_tree(triangles: Array) -> TriangleTree:
     is_clear = lengths > 1e-6 * sizes[:, None] ** 2
     normals = np.where(is_clear, (1.0 - 1e-9) * normals / np.where(is_clear, lengths, 1.0), 0.0)
     return TriangleTree(filled, boxes, np.column_stack([middles, sizes, normals]))
-
-
-def _morton_codes(points: Array) -> IntArray:
-    """Return (N,) numbers that order points along a Z curve."""
-    low = points.min(axis=0)
-    scale = (2**MORTON_BITS - 1) / max(float(np.ptp(points, axis=0).max()), 1e-9)
-    cells = ((points - low) * scale).astype(np.int64)
-    codes = np.zeros(len(points), dtype=np.int64)
-    for bit in range(MORTON_BITS):
-        for axis in range(3):
-            codes |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return codes
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,62 @@
+"""Where a plane cuts a closed mesh."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+
+
+def slice_mesh(mesh: Mesh, centre: Array, axes: Array) -> list[Array]:
+    """Return the rings along which a plane cuts a closed mesh, in plane coordinates.
+
+    What lies in the plane counts as above it, so that every vertex is on one side and every ring closes.
+
+    Args:
+        mesh: closed.
+        centre: (3,) origin of the plane coordinates, m.
+        axes: (3, 3) rows: the two axes of the plane and its normal, unit vectors.
+
+    Returns:
+        (K, 2) each, not closed, m.
+    """
+    heights = (mesh.vertices - centre) @ axes[2]
+    is_above = (heights >= 0.0)[mesh.faces]
+    faces = mesh.faces[is_above.any(axis=1) & ~is_above.all(axis=1)]
+    if not len(faces):
+        return []
+    is_above = (heights >= 0.0)[faces]
+    entries = _crossing_edges(faces, ~is_above & np.roll(is_above, -1, axis=1))
+    exits = _crossing_edges(faces, is_above & ~np.roll(is_above, -1, axis=1))
+    share = heights[entries[:, 0]] / (heights[entries[:, 0]] - heights[entries[:, 1]])
+    ends = (mesh.vertices[entries] - centre) @ axes[:2].T
+    points = ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0])
+    return [points[ring] for ring in _rings(_names(entries, len(heights)), _names(exits, len(heights)))]
+
+
+def _crossing_edges(faces: IntArray, is_crossing: BoolArray) -> IntArray:
+    """Return the (F, 2) vertices, smaller first, of each face's one marked edge; edge k leads from corner k on."""
+    corner, rows = is_crossing.argmax(axis=1), np.arange(len(faces))
+    return np.sort(np.stack([faces[rows, corner], faces[rows, (corner + 1) % 3]], axis=1), axis=1)
+
+
+def _names(edges: IntArray, num_vertices: int) -> IntArray:
+    """Return one (F,) number for each (F, 2) edge."""
+    return edges[:, 0] * num_vertices + edges[:, 1]
+
+
+def _rings(entries: IntArray, exits: IntArray) -> list[list[int]]:
+    """Return the runs of faces that are entered over the edge that the one before is left over."""
+    order = np.argsort(entries)
+    following = order[np.searchsorted(entries[order], exits)].tolist()
+    is_new = [True] * len(following)
+    rings = []
+    for first in range(len(following)):
+        ring, face = [], first
+        while is_new[face]:
+            is_new[face] = False
+            ring.append(face)
+            face = following[face]
+        if ring:
+            rings.append(ring)
+    return rings
