@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import from_manifold, to_manifold
+from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.winding import NO_CARVING, Carving, water_surface
 from aquanav_tools.cave.mesh.decimation import without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
+from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
@@ -30,6 +32,10 @@ SIMPLIFY_VOXELS = 0.1
 """Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
 MIN_SECOND_CAVE = 0.2
 """Separate water with at least this share of the largest body's volume is a cave of its own, not a stray pocket."""
+NUM_VIEWPOINTS = 200
+"""Places in a body of water from which is told whether it is a cave."""
+CHORD_OFFSET = 1e-3
+"""A ray across the water starts this far from its wall, m."""
 MIN_FLOATING_ROCK = 1e-4
 """Pieces of rock floating in the water that are smaller than this share of it are noise and not worth a word."""
 LEG_VOXELS = 1.5
@@ -103,7 +109,7 @@ def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progres
     """Return the resampled solid, corrected until it keeps known water and has no tunnel that nobody scanned."""
     carving = NO_CARVING
     for fault_voxels in (*FAULT_VOXELS, None):
-        solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), evidence)
+        solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), surface, evidence)
         mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
         wrong = contradictions(mesh, evidence, voxel)
         faults = _false_handles(mesh, surface, voxel)
@@ -155,7 +161,7 @@ def _false_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...
     )
 
 
-def _main_water(mesh: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, str], ...]]:
+def _main_water(mesh: Mesh, surface: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, str], ...]]:
     """Return the manifold3d solid of the main body of water, without rock floating in it, and what was left out."""
     bodies = to_manifold(mesh).decompose()
     waters = sorted((body for body in bodies if body.volume() > 0.0), key=lambda body: -body.volume())
@@ -164,7 +170,9 @@ def _main_water(mesh: Mesh, evidence: Evidence) -> tuple[Any, tuple[tuple[str, s
     chosen = max(waters, key=lambda body: (_num_inside(body, evidence.inside), body.volume()))
     second = next((body for body in waters if body is not chosen), None)
     if second is not None and not len(evidence.inside) and second.volume() > MIN_SECOND_CAVE * chosen.volume():
-        raise _two_caves(chosen, second)
+        check_enclosure(surface, _middles(chosen), "the largest of several bodies of water")
+        if np.median(enclosure(surface, _middles(second))) >= MIN_ENCLOSURE:
+            raise _two_caves(chosen, second)
     return chosen, tuple(_floating_rock(bodies, chosen.volume()))
 
 
@@ -175,6 +183,25 @@ def _num_inside(body: Any, points: Array) -> int:
         return 0
     mesh = from_manifold(body)
     return int((igl.fast_winding_number(mesh.vertices, mesh.faces, points) > 0.5).sum())
+
+
+def _middles(body: Any) -> Array:
+    """Return (N, 3) places in a body of water, half-way from wall to wall where it is widest."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    mesh = from_manifold(body)
+    chosen = np.linspace(0, len(mesh.faces) - 1, min(len(mesh.faces), 4 * NUM_VIEWPOINTS)).astype(np.int64)
+    walls, inwards = mesh.triangles[chosen].mean(axis=1), -face_areas(mesh)[1][chosen]
+    scene, origin = EmbreeScene(), walls.mean(axis=0)
+    triangles = TriangleMesh(scene, (mesh.triangles - origin).astype(np.float32))
+    starts = (walls - origin + CHORD_OFFSET * inwards).astype(np.float32)
+    width = np.asarray(scene.run(starts, inwards.astype(np.float32), query="DISTANCE"), dtype=np.float64)
+    del triangles  # the scene reads it while it is asked
+    width = np.where(width < 1e30, width, 0.0)
+    widest = np.argsort(-width)[:NUM_VIEWPOINTS]
+    middles: Array = (walls + 0.5 * width[:, None] * inwards)[widest]
+    return middles
 
 
 def _two_caves(first: Any, second: Any) -> MeshError:

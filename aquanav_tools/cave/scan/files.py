@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.cave.scan.thinning import EvenThinner, thinned_caution
 from aquanav_tools.errors import InputError, ResourceError, did_you_mean
 from aquanav_tools.types import Array, Mesh, PointCloud
 
@@ -17,8 +18,8 @@ LAS_SUFFIXES = (".las", ".laz")
 LAS_CHUNK = 1_000_000
 COLOUR_NAMES = ("red", "green", "blue")
 NORMAL_NAMES = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"), ("normalx", "normaly", "normalz"))
-MAX_POINTS = 20_000_000
-"""More than this takes over 4 GB; a LAS file is thinned while it is read, other formats are refused before."""
+MAX_LOADED = 20_000_000
+"""More points than this take over 4 GB; LAS files are thinned while they are read, other formats are refused before."""
 
 
 def read_surface(path: Path) -> tuple[Mesh | PointCloud, tuple[tuple[str, str], ...]]:
@@ -74,7 +75,7 @@ def _check_announced(path: Path, suffix: str) -> None:
     """Refuse a file by the number of points its header announces, before it is loaded.
 
     Raises:
-        ResourceError: more than MAX_POINTS.
+        ResourceError: more than MAX_LOADED.
     """
     announced = 0
     if suffix == ".ply":
@@ -85,13 +86,13 @@ def _check_announced(path: Path, suffix: str) -> None:
     elif suffix == ".stl":
         # 50 bytes per triangle, more in ASCII; equal corners are merged, about half a vertex remains per triangle.
         announced = path.stat().st_size // 50 // 2
-    if announced > MAX_POINTS:
+    if announced > MAX_LOADED:
         raise _too_many(path, announced)
 
 
 def _too_many(path: Path, count: int) -> ResourceError:
     return ResourceError(
-        f"{path} has about {count / 1e6:.0f} million points, more than the {MAX_POINTS / 1e6:.0f} million that fit "
+        f"{path} has about {count / 1e6:.0f} million points, more than the {MAX_LOADED / 1e6:.0f} million that fit "
         "into 4 GB. Thin it to one point per centimetre first, or save it as LAS, which is thinned while it is read."
     )
 
@@ -112,7 +113,7 @@ def _read_table(path: Path) -> PointCloud:
     if not start.strip():
         raise InputError(f"{path} is empty: it has 0 points, and a surface needs at least 4. Export the scan again.")
     announced = path.stat().st_size * len(start.splitlines()) // max(len(start), 1)
-    if announced > MAX_POINTS:
+    if announced > MAX_LOADED:
         raise _too_many(path, announced)
     try:
         with path.open(encoding="utf-8") as stream:
@@ -129,43 +130,30 @@ def _read_table(path: Path) -> PointCloud:
 
 
 def _read_las(path: Path) -> tuple[PointCloud, tuple[tuple[str, str], ...]]:
-    """Read a LAS or LAZ file in chunks, every n-th point of a large one."""
+    """Read a LAS or LAZ file in chunks, and thin a large one meanwhile."""
     import laspy
 
-    points, normals, colours = [], [], []
+    thinner = EvenThinner()
     try:
         with laspy.open(path) as reader:
-            count = int(reader.header.point_count)
             names = {name.lower(): name for name in reader.header.point_format.dimension_names}
-            normal_names = next((keys for keys in NORMAL_NAMES if all(key in names for key in keys)), ())
-            stride, begun = -(-count // MAX_POINTS), 0
+            normals: tuple[str, ...] = next((keys for keys in NORMAL_NAMES if all(key in names for key in keys)), ())
+            colours = tuple(key for key in COLOUR_NAMES if key in names)
             for chunk in reader.chunk_iterator(LAS_CHUNK):
-                kept = slice(-begun % stride, None, stride)
-                begun += len(chunk)
-                points.append([np.asarray(axis, dtype=np.float64)[kept] for axis in (chunk.x, chunk.y, chunk.z)])
-                normals.append([np.asarray(chunk[names[key]], dtype=np.float64)[kept] for key in normal_names])
-                colours.append([np.asarray(chunk[names[key]])[kept] for key in COLOUR_NAMES if key in names])
+                extras = [chunk[names[key]] for key in (*normals, *colours)]
+                thinner.add(np.stack([chunk.x, chunk.y, chunk.z, *extras], axis=1).astype(np.float64))
     except Exception as cause:  # laspy raises its own and struct's errors on damaged files
         raise InputError(f"{path} cannot be read as LAS: {cause}. The file is damaged or of another format.") from cause
-    if not points:
+    if not thinner.num_seen:
         raise InputError(f"{path} has 0 points; a surface needs at least 4. The file is empty or cut off.")
-    directions = _unit(np.concatenate(normals, axis=1).T) if normal_names else None
-    cloud = PointCloud(np.concatenate(points, axis=1).T, directions, _las_colours(colours))
-    if stride == 1:
-        return cloud, ()
-    sentence = (
-        f"{path.name} has {count / 1e6:.0f} million points; every {stride}th was read, {len(cloud.points) / 1e6:.0f} "
-        "million in all. Thin the scan evenly for a better choice."
-    )
-    return cloud, (("thinned", sentence),)
+    table = thinner.result()
+    cloud = PointCloud(table[:, :3], _unit(table[:, 3:6]) if normals else None, _las_colours(table[:, -3:], colours))
+    return cloud, thinned_caution(path.name, thinner, len(table))
 
 
-def _las_colours(chunks: list[list[Any]]) -> npt.NDArray[np.uint8] | None:
-    """Return the (N, 3) RGB of the chunks' three channels; LAS means 16 bits, many programs write 8."""
-    if not chunks or len(chunks[0]) != 3:
-        return None
-    channels = np.concatenate([np.stack(chunk) for chunk in chunks], axis=1).T
-    if not channels.any():
+def _las_colours(channels: Array, names: tuple[str, ...]) -> npt.NDArray[np.uint8] | None:
+    """Return the (N, 3) RGB of three channels; LAS means 16 bits, many programs write 8."""
+    if names != COLOUR_NAMES or not channels.any():
         return None
     return (channels // 256 if channels.max() > 255 else channels).astype(np.uint8)
 

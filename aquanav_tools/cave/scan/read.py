@@ -9,6 +9,7 @@ import numpy as np
 
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.cave.scan.files import read_surface
+from aquanav_tools.cave.scan.thinning import MAX_POINTS, EvenThinner, thinned_caution
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, Mesh, PointCloud
 
@@ -39,7 +40,7 @@ def read_scan(path: Path, options: ScanOptions) -> Scan:
 
     Raises:
         InputError: the file is missing, of no known format, damaged, empty, or has coordinates that are not finite.
-        ResourceError: it has more than MAX_POINTS points.
+        ResourceError: it has more than MAX_LOADED points.
     """
     if not path.is_file():
         raise InputError(f"There is no file {path}. Check the path.")
@@ -47,6 +48,9 @@ def read_scan(path: Path, options: ScanOptions) -> Scan:
     points = surface.vertices if isinstance(surface, Mesh) else surface.points
     _check_points(points, path)
     _check_size(points, options.unit)
+    if isinstance(surface, PointCloud) and len(points) > MAX_POINTS:
+        surface, cautions = _thinned(surface, path.name)
+        points = surface.points
     rotation = _world_from_file(options.up)
     moved = METRES_PER_UNIT[options.unit or "m"] * points @ rotation.T
     centre = np.round(moved.mean(axis=0))
@@ -55,6 +59,16 @@ def read_scan(path: Path, options: ScanOptions) -> Scan:
         return Scan(Mesh(moved - offset, surface.faces, surface.colours), offset, cautions)
     normals = None if surface.normals is None else surface.normals @ rotation.T
     return Scan(PointCloud(moved - offset, normals, surface.colours), offset, cautions)
+
+
+def _thinned(cloud: PointCloud, name: str) -> tuple[PointCloud, tuple[tuple[str, str], ...]]:
+    """Return an even choice of a large cloud's points, and the caution that says so."""
+    thinner = EvenThinner()
+    thinner.add(np.column_stack([cloud.points, np.arange(len(cloud.points))]))
+    kept = thinner.result()[:, 3].astype(np.int64)
+    normals = None if cloud.normals is None else cloud.normals[kept]
+    colours = None if cloud.colours is None else cloud.colours[kept]
+    return PointCloud(cloud.points[kept], normals, colours), thinned_caution(name, thinner, len(kept))
 
 
 def _check_size(points: Array, unit: str | None) -> None:

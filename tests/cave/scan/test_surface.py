@@ -104,3 +104,8 @@ def test_the_voxel_of_a_noisy_cloud_grows_with_its_noise(rng: np.random.Generato
 def test_relief_of_a_decimated_mesh_is_no_noise() -> None:
     tube = straight()
     assert choose_resolution(tube, 0.2, 4.0).reason != "the noise of the scan"
+
+
+def test_points_that_fill_a_volume_are_no_wall(rng: np.random.Generator) -> None:
+    with pytest.raises(InputError, match=r"points lie on no surface: .* 0\.8. times as thick as wide"):
+        surface_from_cloud(PointCloud(rng.uniform(0.0, 5.0, (5000, 3))), 0.3)
