@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import SURVEY_SUFFIXES, BuildOptions
-from aquanav_tools.build.recipe import build_cave
+from aquanav_tools.build.recipe import BuildResult, build_cave
+from aquanav_tools.build.survey_stages import hold_against
 from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.survey import read
+from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import InputError
+from aquanav_tools.types import silent
 
 NUM_LEGS = 8
 
@@ -50,30 +54,34 @@ def test_a_survey_alone_becomes_a_cave_between_its_entrances(tmp_path: Path) -> 
     assert {code for code, _ in result.journal.notices} >= {"modelled-wall"}
 
 
-@pytest.fixture
-def scan(tmp_path: Path) -> Path:
-    path = tmp_path / "tube.stl"
+@pytest.fixture(scope="module")
+def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scan") / "tube.stl"
     mesh = tube(1.2, 17.0, sections=32, rings=86).mesh.to_trimesh()
     mesh.apply_translation([-0.5, 0.0, 0.0])
     mesh.export(path)
     return path
 
 
-def test_a_survey_that_fits_the_scan_says_so(scan: Path, tmp_path: Path) -> None:
-    survey_of_a_tube(tmp_path / "tube.svx")
-    result = build_cave(options(scan, tmp_path / "cave", tmp_path / "tube.svx"))
-    facts = json.loads((tmp_path / "cave" / "report.json").read_text())["survey"]
+@pytest.fixture(scope="module")
+def fitting(scan: Path) -> BuildResult:
+    """The scan built beside a survey of the same tube, into the folder `cave` beside it."""
+    survey_of_a_tube(scan.with_name("tube.svx"))
+    return build_cave(options(scan, scan.with_name("cave"), scan.with_name("tube.svx")))
+
+
+def test_a_survey_that_fits_the_scan_says_so(fitting: BuildResult, scan: Path) -> None:
+    facts = json.loads((scan.with_name("cave") / "report.json").read_text())["survey"]
     assert facts["median_residual"] < 0.02  # the prism over 32 sides lies up to 1.2 (1 - cos(pi / 32)) = 6 mm inside
     assert facts["blocked_legs"] == []
-    assert "survey-differs" not in {code for code, _ in result.journal.notices}
+    assert "survey-differs" not in {code for code, _ in fitting.journal.notices}
 
 
-def test_a_scan_that_is_too_small_for_its_survey_is_found_out(scan: Path, tmp_path: Path) -> None:
+def test_a_scan_that_is_too_small_for_its_survey_is_found_out(fitting: BuildResult, tmp_path: Path) -> None:
     survey_of_a_tube(tmp_path / "tube.svx", scale=1.05)
-    result = build_cave(options(scan, tmp_path / "cave", tmp_path / "tube.svx"))
-    sentences = dict(result.journal.notices)
-    facts = json.loads((tmp_path / "cave" / "report.json").read_text())["survey"]
-    assert "survey-differs" in sentences
+    journal = Journal(silent)
+    facts = hold_against(read_survey(tmp_path / "tube.svx"), fitting.scenario.cavity.mesh, np.zeros(3), journal)
+    assert "survey-differs" in dict(journal.notices)
     assert facts["suggested_scale"] == pytest.approx(1.05, abs=0.01)
 
 
