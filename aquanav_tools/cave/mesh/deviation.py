@@ -13,16 +13,24 @@ from aquanav_tools.types import Array, IntArray, Mesh
 class Deviation:
     """Distances from places on a surface to another surface."""
 
+    mesh: Mesh
+    """The surface that was measured."""
     points: Array
-    """(N, 3) every vertex of the surface, and places spread over its faces."""
+    """(N, 3) every used vertex of the surface, and places spread over its faces."""
+    vertices: IntArray
+    """(V,) the vertex that each of the first places is."""
     faces: IntArray
-    """(N,) face that each place is on."""
+    """(N - V,) face that each of the other places is on."""
     distance: Array
     """(N,) to the nearest point of the other surface, m."""
 
     def faces_beyond(self, bound: float) -> IntArray:
-        """Return the faces with a place farther away than `bound`, m."""
-        return np.unique(self.faces[self.distance > bound])
+        """Return the faces with a place, be it a corner, farther away than `bound`, m."""
+        is_beyond = self.distance > bound
+        vertices, inner = np.split(is_beyond, [len(self.vertices)])
+        is_corner = np.zeros(len(self.mesh.vertices), dtype=np.bool_)
+        is_corner[self.vertices[vertices]] = True
+        return np.union1d(np.flatnonzero(is_corner[self.mesh.faces].any(axis=1)), self.faces[inner])
 
     def largest(self) -> float:
         """Return the largest distance, m."""
@@ -37,27 +45,32 @@ def measure_deviation(mesh: Mesh, target: Mesh, num_places: int) -> Deviation:
     Args:
         mesh: the surface measured.
         target: the surface it is measured from.
-        num_places: about how many places are spread over the area, beside the vertices; each face gets at least one.
+        num_places: about how many places are spread over the area, beside the vertices; faces that are small beside the
+            area of a place are known well enough by their corners and get none.
     """
     import igl
 
-    points, faces = _places(mesh, num_places)
+    vertices = np.unique(mesh.faces)
+    middles, faces = _middles(mesh, num_places)
+    points = np.concatenate([mesh.vertices[vertices], middles])
     squared = igl.point_mesh_squared_distance(points, target.vertices, target.faces)[0]
-    return Deviation(points, faces, np.sqrt(np.asarray(squared)))
+    return Deviation(mesh, points, vertices, faces, np.sqrt(np.asarray(squared)))
 
 
-def _places(mesh: Mesh, num_places: int) -> tuple[Array, IntArray]:
-    """Return the vertices and the middles of the pieces that faces are split into until none is large."""
-    pieces, owners = mesh.triangles, np.arange(len(mesh.faces))
-    largest = 2.0 * float(_areas(pieces).sum()) / num_places  # pieces end between a quarter of this and this
-    middles, middle_owners = [], []
+def _middles(mesh: Mesh, num_places: int) -> tuple[Array, IntArray]:
+    """Return the middles of the pieces that faces are split into until none is large, and the face of each."""
+    corners = mesh.triangles
+    areas = _areas(corners)
+    largest = 2.0 * float(areas.sum()) / num_places  # pieces end between a quarter of this and this
+    owners = np.flatnonzero(areas > 0.25 * largest)
+    pieces = corners[owners]
+    middles, middle_owners = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)]
     while len(pieces):
         is_large = _areas(pieces) > largest
         middles.append(pieces[~is_large].mean(axis=1))
         middle_owners.append(owners[~is_large])
         pieces, owners = _quarters(pieces[is_large]), np.repeat(owners[is_large], 4)
-    used, corners = np.unique(mesh.faces, return_index=True)
-    return np.concatenate([mesh.vertices[used], *middles]), np.concatenate([corners // 3, *middle_owners])
+    return np.concatenate(middles), np.concatenate(middle_owners)
 
 
 def _areas(pieces: Array) -> Array:
