@@ -147,7 +147,8 @@ def _measure(mesh: Mesh, patch: IntArray) -> Opening:
     offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
     innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
     radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
-    return Opening(centre, normal, area, radius, innermost, is_portal=False)
+    outermost = float(((corners.reshape(-1, 3) - centre) @ normal).max())
+    return Opening(centre, normal, area, radius, innermost, outermost, is_portal=False)
 
 
 def _rim(faces: IntArray) -> IntArray:

@@ -55,6 +55,8 @@ class Opening:
     """Distance from the centre to the farthest vertex, m."""
     innermost: float
     """How far its rim reaches into the water, against the normal, m; not positive."""
+    outermost: float
+    """How far it bulges out of the plane through its centre, along the normal, m."""
     is_portal: bool
     """Whether it is the open end of a passage, not a hole in a wall."""
 
@@ -108,7 +110,7 @@ def _cut_all(
         lids.append(lid)
     for opening in openings:
         if opening.is_portal and not _is_cut_away(solid, opening, voxel):
-            is_flat = -opening.innermost < FLAT_LID * voxel
+            is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
             lid = opening if is_flat else replace(opening, innermost=opening.innermost - inwards)
             solid = solid if is_flat else _cut_flat(solid, lid)
             lids.append(lid)
@@ -142,7 +144,7 @@ def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
     edge = np.asarray(section.exterior.coords)
     centre = np.asarray(section.centroid.coords[0]) @ axes + cut.point
     radius = float(np.linalg.norm(edge @ axes + cut.point - centre, axis=1).max()) + voxel
-    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, is_portal=True)
+    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, 0.0, is_portal=True)
 
 
 def _holds(solid: Any, point: Array) -> bool:
