@@ -18,6 +18,7 @@ PACKAGE = "aquanav_tools"
 
 ROOMS_BELOW = {
     "cave": set(),
+    "photograph": {"cave"},
     "reconstruct": {"cave"},
     "scenario": {"cave"},
     "sim": {"cave", "scenario"},
@@ -26,7 +27,7 @@ ROOMS_BELOW = {
     "train": {"cave", "scenario", "sim", "envs", "report"},
     "evaluate": {"cave", "scenario", "sim", "envs", "report"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report"},
-    "cli": {"cave", "reconstruct", "scenario", "sim", "envs", "report", "train", "evaluate", "build"},
+    "cli": {"cave", "photograph", "reconstruct", "scenario", "sim", "envs", "report", "train", "evaluate", "build"},
 }
 """Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""
 

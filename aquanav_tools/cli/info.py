@@ -6,13 +6,13 @@ import importlib.metadata
 import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from aquanav_tools.cli.command import run_command
-from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.cli.render import Render, run_render
+from aquanav_tools.errors import ResourceError
 
 DESCRIPTION = """Real caves as navigation benchmarks for underwater vehicles.
 
@@ -60,20 +60,6 @@ class List:
 
 
 @dataclass(frozen=True)
-class Render:
-    """Photograph a synthetic cave by lamp light: input for aquanav-build-cave."""
-
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
-    """Folder for the photos, their positions (positions.csv) and the true cameras (truth.json)."""
-    seed: int = 0
-    """Picks the cave, its rock and the noise."""
-    stations: int = 13
-    """Places along the passage; five photos are taken at each."""
-    width: int = 960
-    """Width of a photo, px; its height is three quarters of that."""
-
-
-@dataclass(frozen=True)
 class Options:
     """The command line."""
 
@@ -106,7 +92,7 @@ def _run(options: Options) -> None:
         case List():
             _print_table(_shipped())
         case Render() as render:
-            _render(render)
+            run_render(render)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:
@@ -151,27 +137,3 @@ def _examine_libraries() -> None:
             "aquanav was not tested with, or an installation that broke off. Install aquanav again with its pins: "
             "pip install --force-reinstall -c constraints.txt ."
         )
-
-
-def _render(options: Render) -> None:
-    from tqdm import tqdm
-
-    from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
-    from aquanav_tools.reconstruct.capture import CaptureOptions
-    from aquanav_tools.reconstruct.render import RenderOptions, render_photos
-
-    try:
-        capture = CaptureOptions(seed=options.seed, stations=options.stations)
-        camera = RenderOptions(options.width, options.width * 3 // 4, seed=options.seed, capture=capture)
-    except ValueError as cause:
-        raise InputError(f"{cause} Choose larger numbers for --stations and --width.") from cause
-    cave = demo_cave(CaveOptions(seed=options.seed))
-    with tqdm(unit="photo") as bar:
-
-        def show(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        photos = render_photos(cave, options.out, camera, show)
-    print(f"{len(photos.names)} photos of {camera.width} x {camera.height} px lie in {options.out}.")
-    print(f"Build a scenario from them: aquanav-build-cave {options.out} --positions {options.out / 'positions.csv'}")

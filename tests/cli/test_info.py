@@ -1,8 +1,7 @@
-"""The command `aquanav`: versions, health, what ships, and photos."""
+"""The command `aquanav`: versions, health, and what ships."""
 
 from __future__ import annotations
 
-import csv
 import importlib.metadata
 import os
 import subprocess
@@ -10,7 +9,6 @@ import sys
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from aquanav_tools import __version__
 from aquanav_tools.cli import doctor, info
@@ -84,23 +82,6 @@ def test_doctor_exits_with_6_and_says_what_to_do_when_a_library_fails(
     assert "FAILED  no such file" in printed.out
     assert "1 of 1 libraries do not work here: broken." in printed.err
     assert "pip install" in printed.err
-
-
-def test_render_writes_photos_of_the_width_asked_for_and_their_positions(tmp_path: Path) -> None:
-    out = tmp_path / "photos"
-    info.main(["render", "--out", str(out), "--stations", "1", "--width", "128"])
-    photos = sorted(out.glob("*.jpg"))
-    with (out / "positions.csv").open() as file:
-        assert [row["name"] for row in csv.DictReader(file)] == [photo.name for photo in photos]
-    assert {Image.open(photo).size for photo in photos} == {(128, 96)}
-
-
-def test_render_refuses_a_photo_too_small_to_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as exit_info:
-        info.main(["render", "--out", str(tmp_path / "photos"), "--width", "10"])
-    assert exit_info.value.code == 2
-    assert "--width" in capsys.readouterr().err
-    assert not (tmp_path / "photos").exists()
 
 
 def test_a_misspelt_subcommand_ends_with_code_2_and_no_traceback() -> None:

@@ -6,12 +6,14 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools.cave.synthetic.caves import SyntheticCave
+from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
-from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.georeference.options import ScaleSources
+from aquanav_tools.reconstruct.georeference.sources import read_world
+from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions, reconstruct
-from aquanav_tools.reconstruct.render import render_photos
-from tests.reconstruct.scenes import SMALL_RENDER, small_cave
+from tests.reconstruct.scenes import SMALL_DIVE, small_cave
 
 SMALL_OPTIONS = ReconstructOptions(features=FeatureOptions(max_features=2000), depth=DepthOptions(width=240, sources=5))
 
@@ -30,7 +32,9 @@ class Dive:
 def small_photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[SyntheticCave, PhotoSet]:
     """A short cave and a dozen photos of it."""
     cave = small_cave()
-    return cave, render_photos(cave, tmp_path_factory.mktemp("dive") / "photos", SMALL_RENDER)
+    folder = tmp_path_factory.mktemp("dive") / "photos"
+    photograph(cave, folder, SMALL_DIVE)
+    return cave, read_photos(folder)
 
 
 @pytest.fixture(scope="session")
@@ -38,5 +42,6 @@ def dive(small_photos: tuple[SyntheticCave, PhotoSet], tmp_path_factory: pytest.
     """The short cave reconstructed from its photos and the surveyed camera positions."""
     cave, photos = small_photos
     workspace = tmp_path_factory.mktemp("workspace")
-    result = reconstruct(photos, workspace, SMALL_OPTIONS, photos.folder / "positions.csv")
+    world = read_world(ScaleSources(positions=photos.folder / "positions.csv"), photos)
+    result = reconstruct(photos, workspace, SMALL_OPTIONS, world)
     return Dive(cave, photos, workspace, result)
