@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
+from aquanav_tools.reconstruct.georeference.camera_positions import CameraPositions
+from aquanav_tools.reconstruct.georeference.place import place
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, map_photos
-from aquanav_tools.reconstruct.scale import GeoreferenceOptions, georeference
 
 
 @pytest.mark.slow
@@ -25,7 +26,8 @@ def test_all_fountain_photos_register_within_a_centimetre(data_dir: Path, tmp_pa
     sparse = map_photos(photos, database, tmp_path / "models", MappingOptions())
     assert len(sparse.names) == 11
     truth = {name: _true_centre(fountain / "gt_dense_cameras_fullres" / f"{name}.camera") for name in sparse.names}
-    placement = georeference(sparse, truth, GeoreferenceOptions(max_error=0.05))
+    clue = CameraPositions("camera positions", truth).clue(sparse)
+    placement = place(sparse.centres, sparse.rotations, [clue])
     errors = np.linalg.norm(
         placement.world_from_sfm.apply(sparse.centres) - np.array([truth[n] for n in sparse.names]), axis=1
     )

@@ -12,13 +12,15 @@ import numpy as np
 import pytest
 
 from aquanav_tools.errors import ReconstructionError
+from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
+from aquanav_tools.reconstruct.georeference.options import ScaleSources
+from aquanav_tools.reconstruct.georeference.solve import upright_rotation
+from aquanav_tools.reconstruct.georeference.sources import read_world
 from aquanav_tools.reconstruct.reconstruction import reconstruct
-from aquanav_tools.reconstruct.render import RayScene
-from aquanav_tools.reconstruct.scale import upright
-from aquanav_tools.reconstruct.views import read_views
+from aquanav_tools.types import Sim3
 from tests.reconstruct.conftest import SMALL_OPTIONS, Dive
 from tests.reconstruct.scenes import scores, true_centres
 
@@ -29,7 +31,7 @@ def test_all_photos_register_where_they_were_taken(dive: Dive) -> None:
         dive.result.camera_centres - true_centres(dive.photos.folder, dive.result.camera_names), axis=1
     )
     assert errors.mean() < 0.01  # a third of a pixel at 2 m is 2 mm; drift over the passage adds some
-    assert dive.result.statistics["positions_rms_m"] < 0.01
+    assert dive.result.statistics["scale_sources"][0]["rms_m"] < 0.01
 
 
 def test_cloud_lies_on_the_true_wall_and_covers_what_was_seen(dive: Dive) -> None:
@@ -74,7 +76,8 @@ def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: 
     for name in ("match_image_pairs", "incremental_mapping", "undistort_images"):
         monkeypatch.setattr(pycolmap, name, refuse)
     monkeypatch.setattr("aquanav_tools.reconstruct.depth._depth_of", refuse)
-    again = reconstruct(dive.photos, dive.workspace, SMALL_OPTIONS, dive.photos.folder / "positions.csv")
+    world = read_world(ScaleSources(positions=dive.photos.folder / "positions.csv"), dive.photos)
+    again = reconstruct(dive.photos, dive.workspace, SMALL_OPTIONS, world)
     np.testing.assert_array_equal(again.camera_centres, dive.result.camera_centres)
     np.testing.assert_array_equal(again.cloud.points, dive.result.cloud.points)
 
@@ -107,10 +110,8 @@ def test_another_seed_gives_another_depth(dive: Dive) -> None:
 
 
 def test_moving_a_reconstruction_scales_distances_and_turns_normals(dive: Dive) -> None:
-    views = read_views(load_pycolmap().Reconstruction(dive.workspace / "dense" / "sparse"))
-    rotations = np.array([view.rotation for view in views])
-    sim3 = upright(rotations, dive.result.camera_centres, 2.0)
-    moved = dive.result.moved(sim3)
+    turned = upright_rotation(np.array([0.6, 0.0, 0.8]), np.array([1.0, 2.0, 0.0]))
+    moved = dive.result.moved(Sim3(2.0, turned, np.array([1.0, 2.0, 3.0])))
     before = np.linalg.norm(np.diff(dive.result.camera_centres, axis=0), axis=1)
     after = np.linalg.norm(np.diff(moved.camera_centres, axis=0), axis=1)
     np.testing.assert_allclose(after, 2.0 * before)
