@@ -31,7 +31,7 @@ demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos
 
 test: .venv/installed ## Run the default tests (under 10 minutes on two cores)
 	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."
-	@$(BIN)/pytest
+	@$(BIN)/pytest --numprocesses 2 --dist loadfile
 
 check: .venv/installed ## Check style (ruff) and types (mypy)
 	@echo "Checking style and types."
