@@ -11,7 +11,8 @@ import numpy as np
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.images import PhotoSet, natural_key
+from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 
 GOOD_SHARE = 0.8
 """Registered share below which a reconstruction of a passage has gaps (measured)."""
@@ -98,12 +99,13 @@ def check_registration(
     if share < GOOD_SHARE:
         cautions.append(Caution("few-registered", message))
     if len(groups) > 1:
-        others = "; ".join(f"{len(group)} photos from {group[0]} to {group[-1]}" for group in groups[1:])
+        kept, *others = [f"{len(group)} photos from {group[0]} to {group[-1]}" for group in groups]
         cautions.append(
             Caution(
                 "separate-models",
-                f"The photos fell apart into {len(groups)} groups; the largest ({count} photos) is used, not {others}. "
-                "Photos that link the groups are missing. Add some that show the rock of both.",
+                f"The photos fell apart into {len(groups)} groups; the largest, {kept}, is used, not "
+                f"{'; '.join(others)}. They may show two places, or photos that link the groups are missing: build the "
+                "groups apart, or add photos that show the rock of both.",
             )
         )
     return tuple(cautions)
@@ -143,7 +145,7 @@ def _grey(path: Path):  # type: ignore[no-untyped-def]  # an OpenCV image
 def _matching_statistics(database: Path) -> tuple[dict[str, int], dict[str, int]]:
     """Return for every photo its keypoints, and its verified matches with the neighbour that has most."""
     with load_pycolmap().Database.open(database) as store:
-        names = {image.image_id: image.name for image in store.read_all_images()}
+        names = {image.image_id: name_of(image.name) for image in store.read_all_images()}
         keypoints = {name: int(store.num_keypoints_for_image(image_id)) for image_id, name in names.items()}
         best: Counter[str] = Counter()
         pair_ids, counts = store.read_two_view_geometry_num_inliers()

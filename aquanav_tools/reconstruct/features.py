@@ -15,11 +15,9 @@ from typing import Any
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
+from aquanav_tools.reconstruct.intake.camera import first_guess
 from aquanav_tools.types import Progress, ignore_progress
 
-CAMERA_MODEL = "SIMPLE_RADIAL"
-_UNKNOWN_FOCAL = 1.2
-"""Focal length over the larger image side where nothing is known (COLMAP's default)."""
 _PHOTOS_AT_ONCE = 8
 _PAIRS_AT_ONCE = 50
 
@@ -65,10 +63,10 @@ def extract_features(
     database.parent.mkdir(parents=True, exist_ok=True)
     done = 0
     for group in photos.by_camera():
-        camera_id = _camera_of_group(database, group, options)
-        for names in _chunks([photo.name for photo in group], _PHOTOS_AT_ONCE):
-            _extract(photos.folder, database, camera_id, names, options)
-            done += len(names)
+        camera_id = _camera_of_group(photos, group, database, options)
+        for files in _chunks([photo.file for photo in group], _PHOTOS_AT_ONCE):
+            _extract(photos, database, camera_id, files, options)
+            done += len(files)
             progress(done, len(photos.photos))
 
 
@@ -76,7 +74,7 @@ def match_features(
     photos: PhotoSet, database: Path, options: MatchOptions, progress: Progress = ignore_progress
 ) -> None:
     """Match the keypoints of photo pairs and keep the matches that fit one rigid scene."""
-    pairs = choose_pairs(photos.names, options)
+    pairs = choose_pairs([photo.file for photo in photos.photos], options)
     left = _unmatched(database, pairs)
     done = len(pairs) - len(left)
     for chunk in _chunks(left, _PAIRS_AT_ONCE):
@@ -94,36 +92,37 @@ def choose_pairs(names: Sequence[str], options: MatchOptions) -> list[tuple[str,
     return [(names[i], names[i + step]) for step in sorted(steps) for i in range(last - step)]
 
 
-def _camera_of_group(database: Path, group: Sequence[Photo], options: FeatureOptions) -> int:
+def _camera_of_group(photos: PhotoSet, group: Sequence[Photo], database: Path, options: FeatureOptions) -> int:
     """Return the id of the camera shared by some photos; a run before may have made it."""
     pycolmap = load_pycolmap()
     first = group[0]
-    focal = options.focal_px or first.focal_px
+    guess = first_guess(first, photos.intake, options.focal_px)
     with pycolmap.Database.open(database) as store:
         for photo in group:
-            if store.exists_image(photo.name):
-                return int(store.read_image_with_name(photo.name).camera_id)
-        guess = _UNKNOWN_FOCAL * max(first.width, first.height)
-        camera = pycolmap.Camera.create_from_model_name(0, CAMERA_MODEL, focal or guess, first.width, first.height)
-        camera.has_prior_focal_length = focal is not None
+            if store.exists_image(photo.file):
+                return int(store.read_image_with_name(photo.file).camera_id)
+        camera = pycolmap.Camera.create_from_model_name(0, guess.model, guess.focal_px, first.width, first.height)
+        camera.has_prior_focal_length = guess.is_known
         return int(store.write_camera(camera))
 
 
-def _extract(folder: Path, database: Path, camera_id: int, names: list[str], options: FeatureOptions) -> None:
+def _extract(photos: PhotoSet, database: Path, camera_id: int, files: list[str], options: FeatureOptions) -> None:
     pycolmap = load_pycolmap()
     extraction = pycolmap.FeatureExtractionOptions()
     extraction.sift.max_num_features = options.max_features
     reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = CAMERA_MODEL
     reader.existing_camera_id = camera_id
+    if photos.masks_dir is not None:
+        reader.mask_path = photos.masks_dir
+    folder = photos.features_dir or photos.folder
     with pycolmap.Database.open(database) as store:
-        new = [name for name in names if not store.exists_image(name)]
+        new = [file for file in files if not store.exists_image(file)]
     if new:  # entered in order first: the extractor's threads would number the photos in the order they finish
         pycolmap.import_images(database, folder, image_names=new, options=reader)
     pycolmap.extract_features(
         database,
         folder,
-        image_names=names,
+        image_names=files,
         reader_options=reader,
         extraction_options=extraction,
         device=pycolmap.Device.cpu,

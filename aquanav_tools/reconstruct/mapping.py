@@ -12,6 +12,7 @@ import numpy as np
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.types import Array, Progress, ignore_progress
 
 
@@ -42,7 +43,7 @@ class SparseModel:
     @property
     def names(self) -> list[str]:
         """Registered photos, in the order of their ids."""
-        return [image.name for image in self._images()]
+        return [name_of(image.name) for image in self._images()]
 
     @property
     def centres(self) -> Array:
@@ -73,7 +74,9 @@ def map_photos(
         _run_mapper(photos, database, unfinished, options, progress)
         unfinished.rename(folder)
     models = _read_models(folder)
-    groups = [sorted(model.image(i).name for i in model.reg_image_ids()) for model in models]
+    groups = [
+        sorted((name_of(model.image(i).name) for i in model.reg_image_ids()), key=natural_key) for model in models
+    ]
     diagnoses = diagnose(photos, database, groups)
     cautions = check_registration(len(photos.photos), groups, diagnoses, options.min_share)
     return SparseModel(models[0], diagnoses, cautions)
