@@ -179,12 +179,13 @@ def test_norths_that_differ_do_not_disturb_scale_and_up(rng: np.random.Generator
     assert np.abs(found.world_from_sfm.apply(cave.sfm) - cave.world).max() < 0.1
 
 
-def test_upside_down_depths_are_reported_against_gravity(rng: np.random.Generator) -> None:
+def test_depths_that_count_upwards_are_not_used(rng: np.random.Generator) -> None:
     cave = walk(rng)
     down = cave.anchors(cave.world * [1.0, 1.0, -1.0], HEIGHT_ONLY, "depths")
-    gravity = Ups("phone accelerometers", cave.names, np.tile(cave.world_from_sfm[2], (20, 1)), 0.03)
-    found = cave.place(down, gravity)
-    assert {caution.code for caution in found.cautions} & {"scale-sources-disagree", "unused-scale-source"}
+    found = cave.place(down)
+    assert found.scale_error is None
+    assert [caution.code for caution in found.cautions] == ["unused-scale-source", "no-scale"]
+    assert "wrong direction" in found.cautions[0].message
 
 
 def test_level_cameras_get_their_mean_up_direction_along_z_and_no_scale(rng: np.random.Generator) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -67,21 +67,17 @@ def place(centres: Array, rotations: Array, clues: Sequence[Clue]) -> Georeferen
     weighed, cautions = _weigh_all(clues, prior)
     agreeing, disagreements = _agreeing(weighed)
     ahead = np.linalg.svd(centres - centres.mean(axis=0))[2][0]
-    rotation = agreeing[0].alone.rotation if agreeing else np.eye(3)
-    aligned = [(_turned_to(rotation, one), one.weights) for one in agreeing]
-    scale = agreeing[0].alone.scale if agreeing else 1.0
-    if not agreeing:
-        rotation = upright_rotation(prior.sfm[0], ahead)
-    fit = solve([*aligned, (prior, np.ones(1))], scale, rotation)
-    is_scaled = any(not isinstance(one.clue, Ups) for one in agreeing)
+    aligned = [(_turned_to(agreeing[0].alone, one), one.weights) for one in agreeing]
+    begin = agreeing[0].alone if agreeing else Fit(1.0, upright_rotation(prior.sfm[0], ahead), np.eye(4), False)
+    fit = solve([*aligned, (prior, np.ones(1))], begin.scale, begin.rotation)
     full = [one for one in agreeing if isinstance(one.clue, Anchors) and one.clue.is_full]
     if not full:
-        fit = Fit(fit.scale, upright_rotation(fit.up_in_sfm, ahead), fit.covariance)
+        fit = Fit(fit.scale, upright_rotation(fit.up_in_sfm, ahead), fit.covariance, fit.is_scaled)
     translation, offset = _translation(fit, centres, agreeing, full)
-    cautions += disagreements + _cautions(fit, prior, is_scaled)
+    cautions += disagreements + _cautions(fit, prior)
     return Georeference(
         Sim3(fit.scale, fit.rotation, translation),
-        fit.scale_error if is_scaled else None,
+        fit.scale_error if fit.is_scaled else None,
         fit.up_error_deg,
         tuple(_figures(one, one in agreeing) for one in weighed),
         offset,
@@ -142,10 +138,10 @@ def _contradiction(best: Weighed, other: Weighed) -> str:
             f"agree to {100 * NORMAL_95 * np.sqrt(spread):.1f} % at best: one of them is wrong by more than its own "
             f"scatter tells. The {best.clue.source} are kept. Check sizes, units and names of both."
         )
-    turn = a.rotation @ b.up_in_sfm
-    tilt = np.array([-turn[1], turn[0]])
-    if turn[2] < 0.0 or tilt @ np.linalg.solve(a.tilt + b.tilt, tilt) > DISAGREE:
-        degrees = np.rad2deg(np.arccos(np.clip(turn[2], -1.0, 1.0)))
+    up, heading = a.rotation @ b.up_in_sfm, _heading(a, b)[:2, :2]
+    tilt = np.array([-up[1], up[0]])
+    if up[2] < 0.0 or tilt @ np.linalg.solve(a.tilt + heading @ b.tilt @ heading.T, tilt) > DISAGREE:
+        degrees = np.rad2deg(np.arccos(np.clip(up[2], -1.0, 1.0)))
         return (
             f"Up by the {other.clue.source} is {degrees:.1f} degrees off up by the {best.clue.source}, more than both "
             f"are uncertain by. The {best.clue.source} are kept. Check the axes of both."
@@ -153,15 +149,19 @@ def _contradiction(best: Weighed, other: Weighed) -> str:
     return ""
 
 
-def _turned_to(rotation: Array, one: Weighed) -> Clue:
+def _turned_to(fit: Fit, one: Weighed) -> Clue:
     """Return a clue with its world turned about z to a common heading: grid, true and magnetic north differ."""
     clue = one.clue
     if not isinstance(clue, Anchors) or not clue.is_full:
         return clue
-    turn = rotation @ one.alone.rotation.T
+    return replace(clue, world=clue.world @ _heading(fit, one.alone).T)
+
+
+def _heading(a: Fit, b: Fit) -> Array:
+    """Return the (3, 3) turn about z that brings the world of one fit nearest to that of another."""
+    turn = a.rotation @ b.rotation.T
     yaw = np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1])
-    about_z = np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
-    return Anchors(clue.source, clue.labels, clue.sfm, clue.world @ about_z.T, clue.spread)
+    return np.array([[np.cos(yaw), -np.sin(yaw), 0.0], [np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
 
 
 def _translation(
@@ -198,8 +198,8 @@ def _too_vague(one: Weighed) -> str:
     fit = f"; they fit the model to {one.rms:.2g} m" if isinstance(one.clue, Anchors) else ""
     return (
         f"The {one.clue.source} give the scale to no better than {100 * one.alone.scale_error:.0f} %{fit}, and were "
-        "not used. Names or times may be assigned wrongly, the unit may be wrong, or they may cover too little of the "
-        "passage. Check them, or give another source of scale."
+        "not used. Names or times may be assigned wrongly, they may count in the wrong direction or cover too little "
+        "of the passage. Check them, or give another source of scale."
     )
 
 
@@ -212,9 +212,9 @@ def _doubts(one: Weighed) -> Caution:
     )
 
 
-def _cautions(fit: Fit, prior: Ups, is_scaled: bool) -> tuple[Caution, ...]:
+def _cautions(fit: Fit, prior: Ups) -> tuple[Caution, ...]:
     cautions = []
-    if not is_scaled:
+    if not fit.is_scaled:
         cautions.append(
             Caution(
                 "no-scale",

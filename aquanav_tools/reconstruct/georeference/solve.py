@@ -17,6 +17,8 @@ CAUCHY = 2.385
 """Tuning constant of the Cauchy weights (95 % efficient for normal errors; Holland and Welsch, 1977)."""
 NORMAL_95 = 1.959964
 CHI2_2_95 = 5.991465
+MAX_LOG_ERROR = 2.3
+"""Uncertainties of the scale beyond a factor of ten are all the same."""
 MAX_STEPS = 60
 UNSEEN = 1e-12
 """Directions with less than this share of the largest information are not determined."""
@@ -31,17 +33,19 @@ class Fit:
     rotation: Array
     """(3, 3) of world_from_sfm."""
     covariance: Array
-    """(4, 4) of log(scale) and of a turn of the world about x, y, z, rad."""
+    """(4, 4) of log(scale) and of a turn of the world about x, y, z, rad; zero where nothing tells."""
+    is_scaled: bool
+    """Whether something tells the scale; it went to zero where depths count in the wrong direction."""
 
     @property
     def scale_sigma(self) -> float:
-        """Standard deviation of the scale, relative."""
-        return float(np.sqrt(self.covariance[0, 0]))
+        """Standard deviation of the scale, relative; infinite where nothing tells it."""
+        return float(np.sqrt(self.covariance[0, 0])) if self.is_scaled else np.inf
 
     @property
     def scale_error(self) -> float:
         """95 % interval of the scale, +- relative."""
-        return float(np.expm1(min(NORMAL_95 * self.scale_sigma, 9.0)))
+        return float(np.expm1(min(NORMAL_95 * self.scale_sigma, MAX_LOG_ERROR)))
 
     @property
     def tilt(self) -> Array:
@@ -112,7 +116,7 @@ def solve(sources: Sequence[tuple[Clue, Array]], scale: float, rotation: Array) 
     values, axes = np.linalg.eigh(information)
     seen = values > UNSEEN * values[-1]
     covariance: Array = (axes[:, seen] / values[seen]) @ axes[:, seen].T
-    return Fit(scale, rotation, covariance)
+    return Fit(scale, rotation, covariance, bool((axes[0, ~seen] ** 2).sum() < UNSEEN))
 
 
 def start(clue: Clue, prior: Ups) -> tuple[float, Array]:
