@@ -20,6 +20,9 @@ MAX_STRAY_SHARE = 0.1
 """... unless they make up more than this share of all: then the scan is a soup of fragments and all of it is wall."""
 SPIKE_RATIO = 4.0
 """A vertex whose shortest edge is this many times longer than the median edge around it is a spike."""
+MAX_SPIKE_ANGLE = 2.5
+"""... and the angles of the faces around it add up to less than this, rad. Where the wall is flat they make a whole
+turn and at its border half a turn, however narrow the triangles are."""
 MAX_SPIKES = 0.05
 """Where more vertices than this share look like spikes, that is what the surface is like."""
 GAP_VOXELS = 4.0
@@ -107,10 +110,18 @@ def _spikes(mesh: Mesh) -> BoolArray:
     shortest = np.full(len(mesh.vertices), np.inf)
     np.minimum.at(shortest, corners, lengths.min(axis=1))
     around = _median_by(corners, opposite, len(mesh.vertices))
-    is_spike = shortest > SPIKE_RATIO * around
+    is_spike = (shortest > SPIKE_RATIO * around) & (_angles_around(mesh) < MAX_SPIKE_ANGLE)
     if is_spike.mean() > MAX_SPIKES:
         return np.zeros(len(mesh.faces), dtype=bool)
     return np.asarray(is_spike[mesh.faces].any(axis=1))
+
+
+def _angles_around(mesh: Mesh) -> Array:
+    """Return the (V,) sums of the faces' angles at each vertex, rad."""
+    corners = mesh.triangles
+    ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    angles = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), (ahead * back).sum(axis=2))
+    return np.bincount(mesh.faces.ravel(), angles.ravel(), minlength=len(mesh.vertices))
 
 
 def _edges_at_corners(mesh: Mesh) -> tuple[Array, Array]:

@@ -34,6 +34,17 @@ def test_spikes_are_taken_off() -> None:
     assert surface.dropped_share > 0.0
 
 
+def test_the_middle_of_a_fan_is_no_spike() -> None:
+    """Modelled and decimated walls have long narrow triangles around one vertex, here in the end of a tube."""
+    tube = straight()
+    rim = np.flatnonzero(np.isclose(tube.vertices[:, 0], tube.vertices[:, 0].max()))
+    rim = rim[np.argsort(np.arctan2(*tube.vertices[rim, 1:].T))]
+    middle = tube.vertices[rim].mean(axis=0)
+    fan = np.stack([rim, np.roll(rim, -1), np.full(len(rim), len(tube.vertices))], axis=1)
+    surface = surface_from_mesh(Mesh(np.vstack([tube.vertices, middle]), np.vstack([tube.faces, fan])), VOXEL)
+    assert surface.dropped_share == 0.0
+
+
 def test_stray_objects_are_left_out_but_fragments_of_a_soup_are_not() -> None:
     tube = straight()
     ball = trimesh.creation.icosphere(1, 0.1).apply_translation([5.0, 4.0, 0.0])
