@@ -6,22 +6,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
+from aquanav_tools.reconstruct.georeference.place import Georeference
+from aquanav_tools.reconstruct.georeference.sources import NOTHING_KNOWN, KnownWorld
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.prepare import prepare_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
-from aquanav_tools.reconstruct.scale import (
-    Georeference,
-    GeoreferenceOptions,
-    georeference,
-    level,
-    move_model,
-    read_positions,
-)
 from aquanav_tools.types import Array, PointCloud, Sim3, Stages, silent
 
 
@@ -32,7 +25,6 @@ class ReconstructOptions:
     features: FeatureOptions = field(default_factory=FeatureOptions)
     matching: MatchOptions = field(default_factory=MatchOptions)
     mapping: MappingOptions = field(default_factory=MappingOptions)
-    georeference: GeoreferenceOptions = field(default_factory=GeoreferenceOptions)
     depth: DepthOptions = field(default_factory=DepthOptions)
     fusion: FusionOptions = field(default_factory=FusionOptions)
 
@@ -50,6 +42,8 @@ class Reconstruction:
     warnings: tuple[Caution, ...]
     statistics: dict[str, Any]
     """Figures for the report, ready for JSON."""
+    is_metric: bool = False
+    """Whether something gave the scale; else lengths are in an arbitrary unit."""
 
     def moved(self, b_from_a: Sim3) -> Reconstruction:
         """Return the reconstruction in another frame, for instance after its scale became known."""
@@ -62,7 +56,7 @@ def reconstruct(
     photos: PhotoSet,
     workspace: Path,
     options: ReconstructOptions,
-    positions: Path | None = None,
+    world: KnownWorld = NOTHING_KNOWN,
     stage: Stages = silent,
 ) -> Reconstruction:
     """Return the passage that a set of photos shows.
@@ -70,52 +64,53 @@ def reconstruct(
     Args:
         photos: From `read_photos`.
         workspace: What every stage makes is kept there, and taken up again by a second call. It belongs to one photo
-            set, one choice of options and one positions file.
+            set and one choice of options; not to what is known of the world, which only moves the result.
         options: Of all stages.
-        positions: CSV file (name, x, y, z) of known camera positions in metres; without it the scale is arbitrary.
+        world: What tells scale and up, from `read_world`; without it the scale is arbitrary.
         stage: Shows the stages.
 
     Raises:
-        InputError: photos or positions cannot be used.
+        InputError: photos cannot be used.
         ReconstructionError: too few photos register, or their depths do not agree.
     """
-    # Read first: a wrong file must not cost an hour before it is noticed.
-    known = None if positions is None else read_positions(positions, photos.names)
     database, dense_dir = workspace / "database.db", workspace / "dense"
+    with stage("Preparing the photos") as progress:
+        photos = prepare_photos(photos, workspace / "prepared", progress)
     with stage("Finding features") as progress:
         extract_features(photos, database, options.features, progress)
     with stage("Matching photos") as progress:
         match_features(photos, database, options.matching, progress)
     with stage("Placing cameras") as progress:
         sparse = map_photos(photos, database, workspace / "models", options.mapping, progress)
-        placement = level(sparse) if known is None else georeference(sparse, known, options.georeference)
-        placed = move_model(sparse, placement.world_from_sfm)
+    with stage("Finding scale and up") as progress:
+        placement = world.place(sparse, photos, progress)
     with stage("Measuring depth") as progress:
-        undistort(photos, placed, dense_dir, options.depth)
+        undistort(photos, sparse, dense_dir, options.depth)
         depth_paths = estimate_depth(dense_dir, options.depth, progress)
     with stage("Fusing depth maps") as progress:
         cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress)
-    return assemble(photos, placed, placement, cloud)
+    return assemble(photos, sparse, placement, cloud)
 
 
-def assemble(photos: PhotoSet, placed: SparseModel, placement: Georeference, cloud: PointCloud) -> Reconstruction:
+def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, cloud: PointCloud) -> Reconstruction:
     """Return the result of the stages as one value.
 
     Args:
         photos: All photos handed in.
-        placed: The sparse model in the world frame.
-        placement: How it got there.
-        cloud: The fused cloud in the world frame.
+        sparse: The sparse model in its own frame.
+        placement: Where that lies in the world.
+        cloud: The fused cloud in the model's frame.
     """
-    names = tuple(placed.names)
+    names = tuple(sparse.names)
     statistics = {
         "photos": len(photos.photos),
         "registered": len(names),
-        "sparse_points": int(placed.model.num_points3D()),
-        "reprojection_error_px": round(float(placed.model.compute_mean_reprojection_error()), 3),
-        "positions_used": placement.num_positions,
-        "positions_rms_m": None if np.isnan(placement.rms) else round(placement.rms, 4),
+        "sparse_points": int(sparse.model.num_points3D()),
+        "reprojection_error_px": round(float(sparse.model.compute_mean_reprojection_error()), 3),
         "cloud_points": len(cloud.points),
-        "unregistered": [{"name": d.name, "cause": d.cause, "sentence": d.sentence} for d in placed.diagnoses],
+        "unregistered": [{"name": d.name, "cause": d.cause, "sentence": d.sentence} for d in sparse.diagnoses],
+        **placement.statistics,
     }
-    return Reconstruction(cloud, placed.centres, names, placed.cautions + placement.cautions, statistics)
+    cautions = sparse.cautions + placement.cautions
+    found = Reconstruction(cloud, sparse.centres, names, cautions, statistics, placement.scale_error is not None)
+    return found.moved(placement.world_from_sfm)
