@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, prove_watertight
+from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces
 from aquanav_tools.cave.mesh.deviation import Deviation, measure_deviation
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
@@ -70,11 +71,11 @@ def collision_mesh(cavity: Cavity, bound: float) -> CollisionMesh:
     for share in TOLERANCE_SHARES:
         is_protected = np.zeros(len(cavity.mesh.faces), dtype=np.bool_)
         for _ in range(MAX_ROUNDS):
-            mesh = _decimate(cavity, is_protected, share * bound)
+            mesh = merge_faces(cavity.mesh, _labels(cavity, is_protected), share * bound)
             there = measure_deviation(mesh, cavity.mesh, NUM_PLACES)
             back = measure_deviation(cavity.mesh, mesh, NUM_PLACES)
             faulty = np.union1d(self_intersections(mesh), there.faces_beyond(bound))
-            is_fault = _faces_near(cavity.mesh, mesh, faulty, PROTECTED_SHARE * bound)
+            is_fault = faces_near(cavity.mesh, mesh, faulty, PROTECTED_SHARE * bound)
             is_fault[back.faces_beyond(bound)] = True
             if not is_fault.any():
                 prove_watertight(mesh)
@@ -116,38 +117,8 @@ def _largest_by_side(there: Deviation, truth: Mesh) -> tuple[float, float]:
     return float(distance[is_in_water].max(initial=0.0)), float(distance[~is_in_water].max(initial=0.0))
 
 
-def _faces_near(truth: Mesh, mesh: Mesh, faces: IntArray, distance: float) -> BoolArray:
-    """Return which faces of the truth have their middle within `distance` of some faces of a mesh."""
-    import igl
-
-    if not len(faces):
-        return np.zeros(len(truth.faces), dtype=np.bool_)
-    middles = truth.triangles.mean(axis=1)
-    squared = igl.point_mesh_squared_distance(middles, mesh.vertices, mesh.faces[faces])[0]
-    return np.asarray(squared) <= distance**2
-
-
-def _decimate(cavity: Cavity, is_protected: BoolArray, tolerance: float) -> Mesh:
-    """Return the surface with triangles merged where each merger moves it by no more than `tolerance`, m.
-
-    Portals stay flat, and protected faces as they are: rims between wall, portals and each protected face only lose
-    vertices. All vertices are the cavity's own, rounded to 32 bits.
-    """
-    import manifold3d
-
+def _labels(cavity: Cavity, is_protected: BoolArray) -> IntArray:
+    """Return the (F,) labels of what must not be merged: wall, portals, and each protected face."""
     labels = cavity.labels.copy()
     labels[is_protected] = labels.max() + 1 + np.arange(np.count_nonzero(is_protected))
-    order = np.argsort(labels, kind="stable")
-    names, counts = np.unique(labels, return_counts=True)
-    first = manifold3d.Manifold.reserve_ids(len(names))
-    solid = manifold3d.Manifold(
-        manifold3d.Mesh64(
-            vert_properties=np.ascontiguousarray(cavity.mesh.vertices),
-            tri_verts=cavity.mesh.faces[order].astype(np.uint64),
-            run_index=np.concatenate([[0], 3 * np.cumsum(counts)]).astype(np.uint64),
-            run_original_id=np.arange(first, first + len(names), dtype=np.uint32),
-        )
-    )
-    result = solid.simplify(tolerance).to_mesh64()
-    vertices = np.array(result.vert_properties)[:, :3].astype(np.float32).astype(np.float64)
-    return Mesh(vertices, np.array(result.tri_verts, dtype=np.int64))
+    return labels

@@ -58,13 +58,23 @@ def merge_faces(mesh: Mesh, labels: IntArray, tolerance: float) -> Mesh:
 
 
 def faces_near(mesh: Mesh, other: Mesh, faces: IntArray, distance: float) -> BoolArray:
-    """Return the (F,) flags of a mesh's faces whose middle is within `distance` (m) of some faces of another mesh."""
+    """Return the (F,) flags of a mesh's faces that lie at some faces of another mesh.
+
+    That is those with a corner or their middle within `distance` (m), and the nearest one to each however large.
+    """
     import igl
 
+    is_near = np.zeros(len(mesh.faces), dtype=np.bool_)
     if not len(faces):
-        return np.zeros(len(mesh.faces), dtype=np.bool_)
-    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), other.vertices, other.faces[faces])[0]
-    return np.asarray(squared) <= distance**2
+        return is_near
+    middles = mesh.triangles.mean(axis=1)
+    places = np.concatenate([mesh.vertices, middles])
+    squared = igl.point_mesh_squared_distance(places, other.vertices, other.faces[faces])[0]
+    is_place_near = np.asarray(squared) <= distance**2
+    is_near |= is_place_near[len(mesh.vertices) :] | is_place_near[mesh.faces].any(axis=1)
+    _, nearest, _ = igl.point_mesh_squared_distance(other.triangles[faces].mean(axis=1), mesh.vertices, mesh.faces)
+    is_near[nearest] = True
+    return is_near
 
 
 def as_stored(mesh: Mesh) -> Mesh:

@@ -121,7 +121,8 @@ def _angles_around(mesh: Mesh) -> Array:
     corners = mesh.triangles
     ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     angles = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), (ahead * back).sum(axis=2))
-    return np.bincount(mesh.faces.ravel(), angles.ravel(), minlength=len(mesh.vertices))
+    sums = np.bincount(mesh.faces.ravel(), angles.ravel(), minlength=len(mesh.vertices))
+    return sums.astype(np.float64)
 
 
 def _edges_at_corners(mesh: Mesh) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import trimesh
 
-from aquanav_tools.cave.mesh.decimation import merge_faces, without_excess
+from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces, without_excess
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.types import Mesh
 
@@ -47,3 +47,11 @@ def test_faces_of_their_own_label_stay_as_they_are() -> None:
     found = {tuple(row) for row in merged.triangles.mean(axis=1).round(4)}
     expected = {tuple(row) for row in sphere.triangles[top].astype(np.float32).astype(np.float64).mean(axis=1).round(4)}
     assert len(expected - found) < 0.02 * len(expected)
+
+
+def test_a_small_face_lies_at_the_large_one_whose_corners_are_far() -> None:
+    box = trimesh.creation.box(extents=(10.0, 10.0, 10.0))
+    speck = Mesh(np.array([[2.0, 1.0, 5.0], [2.1, 1.0, 5.0], [2.0, 1.1, 5.0]]), np.array([[0, 1, 2]]))
+    is_near = faces_near(Mesh(np.array(box.vertices), np.array(box.faces)), speck, np.array([0]), 0.01)
+    assert np.flatnonzero(is_near).size == 1
+    assert np.allclose(box.face_normals[is_near], [0.0, 0.0, 1.0])
