@@ -64,7 +64,9 @@ def test_what_is_imported_is_what_is_required() -> None:
         {module for path in SOURCES for module in _imported(path)} - set(sys.stdlib_module_names) - {"aquanav_tools"}
     )
     imported = {canonicalize_name(PACKAGE_OF.get(module, module)) for module in modules - {"tomllib"}}
-    required = {canonicalize_name(Requirement(text).name) for text in pyproject()["project"]["dependencies"]}
+    project = pyproject()["project"]
+    texts = project["dependencies"] + project["optional-dependencies"]["heic"]
+    required = {canonicalize_name(Requirement(text).name) for text in texts}
     assert imported == required
 
 

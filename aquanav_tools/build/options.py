@@ -7,21 +7,22 @@ from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
+from aquanav_tools.reconstruct.georeference.options import ScaleSources
+from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
 """Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""
 
 
 @dataclass(frozen=True)
-class PhotoScaleOptions:
+class PhotoScaleOptions(ScaleSources):
     """Where the metres come from when the input is photos."""
 
-    positions: Path | None = None
-    """CSV with the columns name,x,y,z: known camera positions in metres, z up. Gives scale and up axis."""
     passage_height: float | None = None
-    """Typical height of the passage, m. A rough scale when no positions are known; up is taken from the cameras."""
+    """Typical height of the passage, m. A rough scale when nothing better is known; up is taken from the cameras."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.passage_height is not None and not self.passage_height > 0.0:
             raise ValueError(f"passage_height = {self.passage_height} must be positive.")
 
@@ -31,8 +32,8 @@ class BuildOptions:
     """One build, from input to scenario folder."""
 
     input: Path
-    """Folder of photos; or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz); or a
-    survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
+    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""
@@ -53,10 +54,11 @@ class BuildOptions:
     route: RouteOptions = field(default_factory=RouteOptions)
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
+    intake: IntakeOptions = field(default_factory=IntakeOptions)
 
     @property
     def kind(self) -> Literal["photos", "scan", "survey"]:
-        """Way to build it: photos when the input is a folder, a survey by the ending of the file's name."""
-        if self.input.is_dir():
+        """Way to build it: photos when the input is a folder or a video, a survey by the ending of the file's name."""
+        if self.input.is_dir() or self.input.suffix.lower() in VIDEO_SUFFIXES:
             return "photos"
         return "survey" if self.input.suffix.lower() in SURVEY_SUFFIXES else "scan"

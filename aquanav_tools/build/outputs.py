@@ -83,15 +83,50 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
 
 
 def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
-    """Return how the photos fared and what became of those that did not register; nothing for a scan."""
+    """Return how the photos fared, from the first look to registration; nothing for a scan."""
     if "registered" not in facts:
-        return ()
+        return _preflight_tables(facts)
     plain = {name: value for name, value in facts.items() if not isinstance(value, list | dict)}
     tables = [Table("Photos", ("fact", "value"), tuple((name.replace("_", " "), str(plain[name])) for name in plain))]
+    if facts.get("scale_sources"):
+        tables.append(scale_table(facts["scale_sources"]))
     if facts["unregistered"]:
         rows = tuple((photo["name"], photo["cause"], photo["sentence"]) for photo in facts["unregistered"])
         tables.append(Table("Photos that did not register", ("photo", "cause", "why"), rows))
+    return (*tables, *_preflight_tables(facts))
+
+
+def _preflight_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
+    """Return the photos that were named before the work began, and what the work was expected to take."""
+    if "forecast" not in facts:
+        return ()
+    expected = facts["forecast"]
+    rows = [(name, f"{value:.0f} s") for name, value in expected["seconds"].items()]
+    rows += [("memory", f"{expected['memory_gb']:.1f} GB"), ("disk", f"{expected['disk_gb']:.1f} GB")]
+    tables = [Table(f"Forecast for the photo stages ({expected['cores']} cores)", ("what", "expected"), tuple(rows))]
+    named = [(photo["name"], "not used", photo["reason"]) for photo in facts["left_out"]]
+    named += [(photo["name"], photo["code"].replace("-", " "), photo["value"]) for photo in facts["preflight"]]
+    if named:
+        tables.append(Table("Photos with something wrong at first look", ("photo", "what", "evidence"), tuple(named)))
     return tuple(tables)
+
+
+def scale_table(sources: list[dict[str, Any]]) -> Table:
+    """Return what each source of scale and up said alone, as `Georeference.statistics` lists them."""
+    rows = tuple(
+        (
+            one["source"],
+            str(one["items"]),
+            "-" if one["scale"] is None else f"{one['scale']:.4g} ± {one['scale_error_percent']:.2g} %",
+            f"± {one['up_error_deg']:.2g}",
+            "-" if one["rms_m"] is None else f"{one['rms_m']:.3f}",
+            "yes" if one["used"] else "no: it contradicts a better one",
+            ", ".join(one["left_out"][:5]) or "-",
+        )
+        for one in sources
+    )
+    columns = ("source", "items", "metres per unit", "up (degrees)", "misfit (m)", "used", "left out")
+    return Table("Scale and up, each source alone, with 95 % intervals", columns, rows)
 
 
 def failure_page(

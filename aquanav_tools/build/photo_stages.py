@@ -15,6 +15,7 @@ from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure,
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.prepare import find_mask
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
 from aquanav_tools.scenario.folder import file_hash
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
@@ -23,13 +24,16 @@ PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
 
-def workspace_key(photos: PhotoSet, options: ReconstructOptions, positions: Path | None) -> str:
-    """Return a hash of everything the reconstruction depends on: the bytes of photos and positions, and settings."""
-    digest = hashlib.sha256(json.dumps(dataclasses.asdict(options), sort_keys=True).encode())
+def workspace_key(photos: PhotoSet, options: ReconstructOptions) -> str:
+    """Return a hash of everything the reconstruction depends on: the bytes of photos and masks, and settings.
+
+    What tells scale and up is not among it: it moves the result, which costs nothing.
+    """
+    settings = [dataclasses.asdict(options), dataclasses.asdict(photos.intake)]
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
     for name in photos.names:
-        digest.update(f"{name} {file_hash(photos.path(name))}\n".encode())
-    if positions is not None:
-        digest.update(file_hash(positions).encode())
+        mask = find_mask(photos.folder, name)
+        digest.update(f"{name} {file_hash(photos.path(name))} {file_hash(mask) if mask else ''}\n".encode())
     return digest.hexdigest()[:16]
 
 
@@ -57,22 +61,24 @@ def cameras_inside(reconstruction: Reconstruction, preview: Mesh) -> BoolArray:
 def in_metres(
     reconstruction: Reconstruction, preview: Mesh, scale: PhotoScaleOptions, journal: Journal
 ) -> Reconstruction:
-    """Return the reconstruction scaled by the passage's typical height, where no positions gave the scale.
+    """Return the reconstruction scaled by the passage's typical height, where nothing better gave the scale.
 
     Raises:
         ReconstructionError: nothing tells the scale.
     """
-    if scale.positions is not None:
+    if reconstruction.is_metric:
         return reconstruction
     if scale.passage_height is None:
         raise ReconstructionError(
-            "The photos show a cave, but nothing tells its size: photos alone have no scale. Give known camera "
-            "positions with --positions FILE.csv (name,x,y,z in metres), or a typical height with --passage-height."
+            "The photos show a cave, but nothing tells its size: photos alone have no scale. Give printed markers "
+            "(--marker-size), a measured distance (--picks and --distance), survey stations (--picks and --stations), "
+            "camera positions (--positions FILE.csv), a depth sensor's track (--depth-track), a camera pair (--rig), "
+            "or a typical height with --passage-height. What was found so far is kept: run the same command with it."
         )
     journal.warn(
         "rough-scale",
         f"The scale comes from a passage height of {scale.passage_height:g} m alone and may be off by a third. "
-        "Give camera positions for a metric model.",
+        "Give printed markers, a measured distance or camera positions for a metric model.",
     )
     factor = scale.passage_height / free_height(preview, reconstruction.camera_centres)
     return reconstruction.moved(Sim3(factor, np.eye(3), np.zeros(3)))

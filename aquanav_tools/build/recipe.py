@@ -17,6 +17,7 @@ from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, sur
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.photo_intake import take_in
 from aquanav_tools.build.photo_stages import (
     cameras_inside,
     check_is_cave,
@@ -30,9 +31,8 @@ from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError
-from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.reconstruct.georeference.sources import read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
-from aquanav_tools.reconstruct.scale import read_positions
 from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording import CaveModel, record_cave
@@ -60,7 +60,7 @@ class BuildResult:
 def build_cave(
     options: BuildOptions, display: Stages = silent, announce: Callable[[str], None] | None = None
 ) -> BuildResult:
-    """Build a scenario folder from photos or a scan.
+    """Build a scenario folder from photos, a video, a scan or a survey.
 
     Nothing is written before the input has been read and found sound. A build that stops later leaves no scenario.toml:
     a report that says why and where, from photos their point cloud and the finished stages too, stay in the folder.
@@ -123,16 +123,16 @@ def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:
 
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
     settings = _photo_settings(options)
-    with journal.stage("Reading the photos") as progress:
-        photos = read_photos(options.input, progress)
-        inputs = {name: file_hash(photos.path(name)) for name in photos.names}
-        if options.scale.positions is not None:
-            read_positions(options.scale.positions, photos.names)
-    workspace = options.output / WORK_DIR / workspace_key(photos, settings, options.scale.positions)
+    intake = take_in(options, settings, options.output / WORK_DIR, journal)
+    photos, inputs, facts = intake.photos, intake.inputs, intake.facts
+    with journal.stage("Reading what is known of the world"):
+        # Before the long work: a wrong file must not cost an hour before it is noticed.
+        world = read_world(options.scale, photos, options.seed)
+        inputs |= {path.name: file_hash(path) for path in options.scale.files}
+    workspace = options.output / WORK_DIR / workspace_key(photos, settings)
     workspace.mkdir(parents=True, exist_ok=True)
-    facts: dict[str, Any] = {}
     try:
-        reconstruction = reconstruct(photos, workspace, settings, options.scale.positions, journal.stage)
+        reconstruction = reconstruct(photos, workspace, settings, world, journal.stage)
         facts |= reconstruction.statistics
         for caution in reconstruction.warnings:
             journal.warn(caution.code, caution.message)
@@ -153,7 +153,7 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
 def _photo_settings(options: BuildOptions) -> ReconstructOptions:
     """Return the photo stages' settings from the recipe file, with the build's seed where the file names none."""
     table = {} if options.recipe is None else read_toml(options.recipe).get("photos", {})
-    for stage in ("matching", "mapping", "georeference", "depth"):
+    for stage in ("matching", "mapping", "depth"):
         table[stage] = {"seed": options.seed, **table.get(stage, {})}
     return from_table(ReconstructOptions, table, f"{options.recipe or 'recipe'}: photos")
 

@@ -16,6 +16,7 @@ import tyro
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 from aquanav_tools.cli.command import file_after, run_command
+from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.tables import from_table, read_toml
 
 if TYPE_CHECKING:
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 DESCRIPTION = """Build a scenario from a real cave.
 
   aquanav-build-cave photos/ -o caves/mine --positions photos/positions.csv
+  aquanav-build-cave dive.mp4 -o caves/mine --housing flat-port --passage-height 2.5
   aquanav-build-cave scan.stl -o caves/mine --unit cm --up y
   aquanav-build-cave survey.3d -o caves/mine
 
@@ -37,14 +39,15 @@ class Options(BuildOptions):
     """The command line."""
 
     input: tyro.conf.Positional[Path]
-    """Folder of photos; or a scan: any mesh format trimesh reads, or a point cloud (.ply, .xyz, .las, .laz); or a
-    survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
+    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Scenario folder to write."""
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
     scale: tyro.conf.OmitArgPrefixes[PhotoScaleOptions] = field(default_factory=PhotoScaleOptions)
     closing: tyro.conf.OmitArgPrefixes[ClosingOptions] = field(default_factory=ClosingOptions)
     route: tyro.conf.OmitArgPrefixes[RouteOptions] = field(default_factory=RouteOptions)
+    intake: tyro.conf.OmitArgPrefixes[IntakeOptions] = field(default_factory=IntakeOptions)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -71,6 +74,7 @@ class _Stages:
     route: RouteOptions = field(default_factory=RouteOptions)
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
+    intake: IntakeOptions = field(default_factory=IntakeOptions)
 
 
 def _run(options: Options) -> None:

@@ -40,16 +40,14 @@ def in_a_tube(scale: float, rng: np.random.Generator) -> Reconstruction:
     return Reconstruction(cloud, scale * cameras, tuple(f"{n}.jpg" for n in range(9)), (), {})
 
 
-def test_the_workspace_changes_with_photos_settings_and_positions(photos: PhotoSet, tmp_path: Path) -> None:
+def test_the_workspace_changes_with_photos_and_settings(photos: PhotoSet) -> None:
     from aquanav_tools.reconstruct.depth import DepthOptions
 
-    positions = tmp_path / "positions.csv"
-    positions.write_text("name,x,y,z\n")
-    keys = [workspace_key(photos, ReconstructOptions(), None), workspace_key(photos, ReconstructOptions(), positions)]
-    keys.append(workspace_key(photos, ReconstructOptions(depth=DepthOptions(width=320)), None))
+    keys = [workspace_key(photos, ReconstructOptions())]
+    keys.append(workspace_key(photos, ReconstructOptions(depth=DepthOptions(width=320))))
     Image.new("RGB", (80, 60)).save(photos.path("p0.png"))
-    keys.append(workspace_key(photos, ReconstructOptions(), None))
-    assert len(set(keys)) == 4
+    keys.append(workspace_key(photos, ReconstructOptions()))
+    assert len(set(keys)) == 3
 
 
 def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(rng: np.random.Generator) -> None:
@@ -78,7 +76,7 @@ def test_the_passage_height_gives_the_scale(rng: np.random.Generator) -> None:
 
 def test_without_any_scale_the_build_asks_for_one(rng: np.random.Generator) -> None:
     reconstruction = in_a_tube(5.0, rng)
-    with pytest.raises(ReconstructionError, match=r"--positions FILE\.csv .*, or .* --passage-height"):
+    with pytest.raises(ReconstructionError, match=r"--marker-size.*--distance.*--positions.*--passage-height"):
         in_metres(reconstruction, preview_surface(reconstruction.cloud), PhotoScaleOptions(), Journal(silent))
 
 

@@ -22,7 +22,7 @@ class CameraGuess:
     """COLMAP's name of it."""
     focal_px: float
     is_known: bool
-    """The focal length is a measurement, not a guess."""
+    """The focal length is good enough to judge pairs of photos by it."""
 
 
 def first_guess(photo: Photo, intake: IntakeOptions, focal_px: float | None) -> CameraGuess:
@@ -36,9 +36,9 @@ def first_guess(photo: Photo, intake: IntakeOptions, focal_px: float | None) -> 
     side = max(photo.width, photo.height)
     growth = WATER if intake.housing == "flat-port" else 1.0
     if intake.lens == "fisheye":
-        # EXIF tells a fisheye's focal length by the field of view it would have without its distortion: a start only.
-        start = focal_px or photo.focal_px or _UNKNOWN_FISHEYE_FOCAL * side
-        return CameraGuess("OPENCV_FISHEYE", start, focal_px is not None)
+        # Counts as known even where it is guessed: COLMAP compares photos of an unknown focal length by straight
+        # epipolar lines, and a fisheye has none. A fifth too long or too short still verifies all pairs (measured).
+        return CameraGuess("OPENCV_FISHEYE", focal_px or photo.focal_px or _UNKNOWN_FISHEYE_FOCAL * side, True)
     model = "RADIAL" if intake.housing == "flat-port" else "SIMPLE_RADIAL"
     if focal_px is not None:
         return CameraGuess(model, focal_px, True)

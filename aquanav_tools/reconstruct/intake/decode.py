@@ -99,6 +99,7 @@ def upright(image: Image.Image) -> Image.Image:
     """Return the picture upright, in 8 bits, grey or RGB on black where it is transparent, of bounded size."""
     size = used_size(image.size)
     image.draft(None, size)
+    image.load()
     if is_deep(image):
         plain = grey_8_bit(image)
     elif has_alpha(image):

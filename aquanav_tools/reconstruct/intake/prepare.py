@@ -37,6 +37,8 @@ def prepare_photos(photos: PhotoSet, folder: Path, progress: Progress = ignore_p
         prepared.append(_prepare(photos, photo, folder))
         progress(len(prepared), len(photos.photos))
     has_masks = (folder / "masks").is_dir()
+    if has_masks:  # COLMAP wants one for every photo then
+        _write_white_masks(prepared, folder / "masks")
     return dataclasses.replace(
         photos,
         folder=folder / "photos",
@@ -44,6 +46,13 @@ def prepare_photos(photos: PhotoSet, folder: Path, progress: Progress = ignore_p
         features_dir=folder / "equalised" if photos.intake.enhance == "features" else None,
         masks_dir=folder / "masks" if has_masks else None,
     )
+
+
+def _write_white_masks(photos: list[Photo], folder: Path) -> None:
+    for photo in photos:
+        mask = folder / f"{photo.file}.png"
+        if not mask.exists():
+            _save(Image.new("L", (photo.width, photo.height), 255), mask)
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
