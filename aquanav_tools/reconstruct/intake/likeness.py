@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.reconstruct.intake.decode import GreyImage
-from aquanav_tools.types import Progress, ignore_progress
+from aquanav_tools.types import BoolArray, Progress, ignore_progress
 
 REACH = 6
 """Photos that each one is compared with until one overlaps: a station may be photographed all around."""
@@ -23,7 +22,9 @@ _MIN_INLIERS = 15
 """Matches that must fit one rigid scene. Pairs of photos of different places reach 10 (measured, 192 pairs)."""
 _TOLERANCE_PX = 1.5
 """From the epipolar line."""
-_SAME_GREY = 1.5
+_SAME_BITS = 4
+"""Of 64, that the hashes of one picture saved twice may differ in."""
+_SAME_GREY = 2.0
 """Mean difference of two small copies, of 255, up to which they count as one picture saved twice."""
 _STILL_GREY = 4.0
 """The same for photos taken from one place."""
@@ -40,16 +41,15 @@ class _Keypoints:
 def find_copies(pictures: Sequence[GreyImage]) -> list[tuple[int, int]]:
     """Return (copy, original) for every picture that shows exactly what an earlier one does.
 
-    Candidates are those with the same difference hash: whether each of 8 x 8 cells is brighter than the next.
+    Candidates have nearly the same difference hash: whether each of 8 x 8 cells is brighter than the next.
     """
-    alike: dict[bytes, list[int]] = defaultdict(list)
-    copies = []
+    hashes = np.array([_hash(picture) for picture in pictures])
+    copies: list[tuple[int, int]] = []
     for index, picture in enumerate(pictures):
-        candidates = alike[_hash(picture)]
-        original = next((i for i in candidates if _difference(pictures[i], picture) < _SAME_GREY), None)
-        if original is None:
-            candidates.append(index)
-        else:
+        bits = np.count_nonzero(hashes[:index] != hashes[index], axis=1)
+        alike = [int(i) for i in np.flatnonzero(bits <= _SAME_BITS)]
+        original = next((i for i in alike if _difference(pictures[i], picture) < _SAME_GREY), None)
+        if original is not None:
             copies.append((index, original))
     return copies
 
@@ -109,11 +109,11 @@ def _overlap(first: _Keypoints, second: _Keypoints) -> bool:
     return is_inlier is not None and int(is_inlier.sum()) >= _MIN_INLIERS
 
 
-def _hash(picture: GreyImage) -> bytes:
+def _hash(picture: GreyImage) -> BoolArray:
     import cv2
 
     cells = cv2.resize(picture, (9, 8), interpolation=cv2.INTER_AREA).astype(np.int16)
-    return np.packbits(cells[:, 1:] > cells[:, :-1]).tobytes()
+    return (cells[:, 1:] > cells[:, :-1]).ravel()
 
 
 def _difference(first: GreyImage, second: GreyImage) -> float:
