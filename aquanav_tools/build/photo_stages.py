@@ -20,6 +20,8 @@ from aquanav_tools.reconstruct.reconstruction import Reconstruction, Reconstruct
 from aquanav_tools.scenario.folder import file_hash
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
+HEIGHT_ERROR = 0.33
+"""How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
@@ -63,25 +65,38 @@ def in_metres(
 ) -> Reconstruction:
     """Return the reconstruction scaled by the passage's typical height, where nothing better gave the scale.
 
+    Where something did, the height is held against it.
+
     Raises:
         ReconstructionError: nothing tells the scale.
     """
-    if reconstruction.is_metric:
-        return reconstruction
     if scale.passage_height is None:
+        if reconstruction.is_metric:
+            return reconstruction
         raise ReconstructionError(
             "The photos show a cave, but nothing tells its size: photos alone have no scale. Give printed markers "
             "(--marker-size), a measured distance (--picks and --distance), survey stations (--picks and --stations), "
             "camera positions (--positions FILE.csv), a depth sensor's track (--depth-track), a camera pair (--rig), "
             "or a typical height with --passage-height. What was found so far is kept: run the same command with it."
         )
+    height = free_height(preview, reconstruction.camera_centres)
+    factor = scale.passage_height / height
+    if reconstruction.is_metric:
+        if abs(np.log(factor)) > np.log1p(2.0 * HEIGHT_ERROR):
+            journal.warn(
+                "passage-height-differs",
+                f"The passage is {height:.1f} m high where the cameras were, but {scale.passage_height:g} m were given. "
+                "One of the sources of scale may be wrong. Check their units.",
+            )
+        return reconstruction
     journal.warn(
         "rough-scale",
         f"The scale comes from a passage height of {scale.passage_height:g} m alone and may be off by a third. "
         "Give printed markers, a measured distance or camera positions for a metric model.",
     )
-    factor = scale.passage_height / free_height(preview, reconstruction.camera_centres)
-    return reconstruction.moved(Sim3(factor, np.eye(3), np.zeros(3)))
+    statistics = {**reconstruction.statistics, "scale_error_percent_95": 100.0 * HEIGHT_ERROR}
+    scaled = dataclasses.replace(reconstruction, statistics=statistics, is_metric=True)
+    return scaled.moved(Sim3(factor, np.eye(3), np.zeros(3)))
 
 
 def write_cloud(cloud: PointCloud, path: Path) -> None:

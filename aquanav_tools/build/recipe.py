@@ -142,6 +142,7 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
             facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
             is_inside = cameras_inside(reconstruction, preview)
             reconstruction = in_metres(reconstruction, preview, options.scale, journal)
+            facts |= reconstruction.statistics
         evidence = Evidence(reconstruction.camera_centres[is_inside])
         built = build_scenario(reconstruction.cloud, options, journal, evidence)
     except AquanavError as error:

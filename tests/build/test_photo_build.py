@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +11,13 @@ import pytest
 from PIL import Image
 
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.options import PhotoScaleOptions
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError, ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
-from aquanav_tools.types import PointCloud, silent
+from aquanav_tools.types import Mesh, PointCloud, silent
 from tests.build.test_scan_build import run
 
 
@@ -50,9 +51,8 @@ def test_the_workspace_changes_with_photos_and_settings(photos: PhotoSet) -> Non
     assert len(set(keys)) == 3
 
 
-def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(rng: np.random.Generator) -> None:
-    reconstruction = in_a_tube(37.0, rng)
-    assert check_is_cave(reconstruction, preview_surface(reconstruction.cloud)) > 0.9
+def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
+    assert check_is_cave(*tube_of_ten) > 0.9
 
 
 def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> None:
@@ -65,19 +65,35 @@ def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> Non
         check_is_cave(reconstruction, preview_surface(cloud))
 
 
-def test_the_passage_height_gives_the_scale(rng: np.random.Generator) -> None:
-    reconstruction, journal = in_a_tube(5.0, rng), Journal(silent)
-    preview = preview_surface(reconstruction.cloud)
+@pytest.fixture(scope="module")
+def tube_of_ten() -> tuple[Reconstruction, Mesh]:
+    """A reconstruction of a passage that is 10 units high, and its preview."""
+    reconstruction = in_a_tube(5.0, np.random.default_rng(0))
+    return reconstruction, preview_surface(reconstruction.cloud)
+
+
+def test_the_passage_height_gives_the_scale(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
+    (reconstruction, preview), journal = tube_of_ten, Journal(silent)
     scaled = in_metres(reconstruction, preview, PhotoScaleOptions(passage_height=2.0), journal)
     # Through a camera 0.1 m off the axis the tube is 1 % lower; the coarse surface adds as much.
     assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(8.0, rel=0.04)
     assert [code for code, _ in journal.notices] == ["rough-scale"]
+    assert scaled.statistics["scale_error_percent_95"] == 33.0
 
 
-def test_without_any_scale_the_build_asks_for_one(rng: np.random.Generator) -> None:
-    reconstruction = in_a_tube(5.0, rng)
+def test_a_passage_height_that_differs_from_the_model_is_noted(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
+    reconstruction, journal = replace(tube_of_ten[0], is_metric=True), Journal(silent)
+    preview = tube_of_ten[1]
+    assert in_metres(reconstruction, preview, PhotoScaleOptions(passage_height=11.0), journal) is reconstruction
+    assert not journal.notices
+    assert in_metres(reconstruction, preview, PhotoScaleOptions(passage_height=40.0), journal) is reconstruction
+    assert [code for code, _ in journal.notices] == ["passage-height-differs"]
+
+
+def test_without_any_scale_the_build_asks_for_one(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
+    reconstruction, preview = tube_of_ten
     with pytest.raises(ReconstructionError, match=r"--marker-size.*--distance.*--positions.*--passage-height"):
-        in_metres(reconstruction, preview_surface(reconstruction.cloud), PhotoScaleOptions(), Journal(silent))
+        in_metres(reconstruction, preview, PhotoScaleOptions(), Journal(silent))
 
 
 @pytest.mark.parametrize(("count", "message"), [(0, "holds 0 photos"), (1, "holds 1 photos")])
@@ -98,6 +114,32 @@ def test_a_missing_positions_file_is_noticed_before_any_work(photos: PhotoSet, t
     assert result.returncode == 2
     assert "none.csv" in result.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_a_corrupt_video_ends_with_a_sentence_and_writes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "dive.mp4").write_text("no video")
+    result = run(tmp_path / "dive.mp4", "-o", tmp_path / "out")
+    assert result.returncode == 2
+    assert "dive.mp4 cannot be opened" in result.stderr
+    assert "Traceback" not in result.stderr
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["dive.mp4", "dive.MOV", "dive.avi", "dive.mkv"])
+def test_a_video_is_built_from_its_frames(name: str) -> None:
+    assert BuildOptions(Path(name), Path("out")).kind == "photos"
+
+
+def test_a_build_names_bad_photos_before_the_work_and_in_its_report(photos: PhotoSet, tmp_path: Path) -> None:
+    (photos.folder / "cut.jpg").write_text("no photo")
+    result = run(photos.folder, "-o", tmp_path / "out", "--housing", "flat-port")
+    assert result.stderr.index("cut.jpg (the file holds no picture") < result.stderr.index("4 photos. On")
+    assert "the focal length grows by 33%" in result.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert [one["name"] for one in report["left_out"]] == ["cut.jpg"]
+    assert {"photos-left-out", "refraction", "little-overlap"} <= {warning["code"] for warning in report["warnings"]}
+    assert set(report["forecast"]["seconds"]) == {"features", "matching", "cameras", "depth", "fusion"}
+    assert "Photos with something wrong at first look" in (tmp_path / "out" / "report.html").read_text()
 
 
 def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: PhotoSet, tmp_path: Path) -> None:
