@@ -85,7 +85,7 @@ def in_metres(
         if abs(np.log(factor)) > np.log1p(2.0 * HEIGHT_ERROR):
             journal.warn(
                 "passage-height-differs",
-                f"The passage is {height:.1f} m high where the cameras were, but {scale.passage_height:g} m were given. "
+                f"The passage is {height:.1f} m high where the cameras were, {scale.passage_height:g} m were given. "
                 "One of the sources of scale may be wrong. Check their units.",
             )
         return reconstruction
