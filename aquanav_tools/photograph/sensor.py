@@ -16,8 +16,8 @@ from aquanav_tools.types import Array
 MIDDLE_TONE = 0.2
 """What the meter brings the METERED-th percentile of the photo to, of the sensor's range."""
 METERED = 65
-REFERENCE_GAIN = 12.0
-"""At which noise is stated; the demo's photos take 8 to 20."""
+REFERENCE_GAIN = 16.0
+"""At which noise is stated; most of the demo's photos take 5 to 20."""
 READ_NOISE = 1e-5
 """Variance at the reference gain, of the sensor's range squared."""
 SHOT_NOISE = 2e-4

@@ -65,14 +65,20 @@ def veil_image(distance: Array, water: Water, separation: float) -> FloatImage:
 
 
 def blur_ahead(light: FloatImage, distance: Array, water: Water, focal_px: float) -> FloatImage:
-    """Return an (H, W, 3) photo of which the share that was scattered ahead is blurred; (H, W) distances in metres."""
+    """Return an (H, W, 3) photo of which each pixel's share that was scattered ahead is spread over its neighbours.
+
+    Args:
+        light: (H, W, 3) as it would arrive sharply; nothing from open water.
+        distance: (H, W) m, NaN in open water.
+        water: scatters.
+        focal_px: Focal length.
+    """
     import cv2
 
     height, width = light.shape[:2]
-    small = cv2.resize(light, (max(1, width // 4), max(1, height // 4)), interpolation=cv2.INTER_AREA)
-    small = cv2.GaussianBlur(small, (0, 0), focal_px * BLUR_ANGLE / 4)
-    soft = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
-    far = np.nan_to_num(distance, nan=_OPEN_WATER)
-    sharp = np.exp(-water.scattering * far).astype(np.float32)[..., None]
-    blurred: FloatImage = sharp * light + (1.0 - sharp) * soft
+    sharp = np.exp(-water.scattering * np.nan_to_num(distance, nan=_OPEN_WATER)).astype(np.float32)[..., None]
+    # What is spread is smooth: a quarter of the size is plenty.
+    strayed = cv2.resize((1.0 - sharp) * light, (max(1, width // 4), max(1, height // 4)), interpolation=cv2.INTER_AREA)
+    strayed = cv2.GaussianBlur(strayed, (0, 0), focal_px * BLUR_ANGLE / 4)
+    blurred: FloatImage = sharp * light + cv2.resize(strayed, (width, height), interpolation=cv2.INTER_LINEAR)
     return blurred
