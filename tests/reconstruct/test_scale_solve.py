@@ -11,7 +11,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.trajectory import look
 from aquanav_tools.reconstruct.georeference.clues import Anchors, Clue, Lengths, Ups
 from aquanav_tools.reconstruct.georeference.place import Georeference, cameras_up, place
-from aquanav_tools.reconstruct.georeference.solve import weigh
+from aquanav_tools.reconstruct.georeference.weigh import weigh
 from aquanav_tools.types import Array
 
 SCALE = 3.7

@@ -144,6 +144,15 @@ def test_a_satellite_position_on_another_continent_is_left_out(tmp_path: Path) -
     assert set(read_gps(gps_photos(tmp_path, fixes)).positions) == {"a.jpg", "b.jpg", "c.jpg"}
 
 
+def test_a_damaged_satellite_position_counts_as_none(tmp_path: Path) -> None:
+    fixes = [(47.0, 12.0, None), (47.001, 12.0, None), (47.002, 12.001, None), (47.003, 12.0, None)]
+    photos = gps_photos(tmp_path, fixes)
+    exif = Image.Exif()
+    exif.get_ifd(0x8825).update({1: "N", 2: [IFDRational(47), IFDRational(0)], 3: "E", 4: [IFDRational(12)]})
+    Image.new("RGB", (64, 48)).save(tmp_path / "b.jpg", exif=exif)
+    assert set(read_gps(photos).positions) == {"a.jpg", "c.jpg", "d.jpg"}
+
+
 @pytest.mark.parametrize(
     ("fixes", "message"),
     [

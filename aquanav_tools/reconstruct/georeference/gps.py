@@ -56,14 +56,17 @@ def _check(num_photos: int, found: dict[str, Array], usable: dict[str, Array]) -
 
 
 def _read_fix(path: Path) -> Array | None:
-    """Return (3,) latitude, longitude in degrees and height in m (NaN without), or None without a position."""
+    """Return (3,) latitude, longitude in degrees and height in m (NaN without), or None without a readable position."""
     with Image.open(path) as image:
         record = image.getexif().get_ifd(GPS_IFD)
     if LATITUDE not in record or LONGITUDE not in record:
         return None
-    latitude = _degrees(record[LATITUDE]) * (-1.0 if record.get(LATITUDE_REF) == "S" else 1.0)
-    longitude = _degrees(record[LONGITUDE]) * (-1.0 if record.get(LONGITUDE_REF) == "W" else 1.0)
-    height = float(record.get(ALTITUDE, np.nan))
+    try:
+        latitude = _degrees(record[LATITUDE]) * (-1.0 if record.get(LATITUDE_REF) == "S" else 1.0)
+        longitude = _degrees(record[LONGITUDE]) * (-1.0 if record.get(LONGITUDE_REF) == "W" else 1.0)
+        height = float(record.get(ALTITUDE, np.nan))
+    except (TypeError, ValueError, ZeroDivisionError):  # not degrees, minutes and seconds, or 0 / 0
+        return None
     below_sea = record.get(ALTITUDE_REF, b"\0") in (b"\1", 1)
     fix = np.array([latitude, longitude, -height if below_sea else height])
     return fix if np.all(np.isfinite(fix[:2])) and abs(latitude) <= 90.0 else None

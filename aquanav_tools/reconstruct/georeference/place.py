@@ -11,7 +11,8 @@ import numpy as np
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.georeference.clues import Anchors, Clue, Ups
-from aquanav_tools.reconstruct.georeference.solve import NORMAL_95, Fit, Weighed, solve, upright_rotation, weigh
+from aquanav_tools.reconstruct.georeference.solve import NORMAL_95, Fit, solve, upright_rotation
+from aquanav_tools.reconstruct.georeference.weigh import Weighed, weigh
 from aquanav_tools.types import Array, Sim3
 
 CAMERA_UP_ERROR = np.deg2rad(15.0)

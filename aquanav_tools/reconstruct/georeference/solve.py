@@ -1,4 +1,4 @@
-"""The similarity that fits observations best, how well each source fits it alone, and what that says of its errors."""
+"""The scale and the rotation that fit observations best."""
 
 from __future__ import annotations
 
@@ -7,20 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.clues import Anchors, Clue, Lengths, Ups
-from aquanav_tools.types import Array, BoolArray
+from aquanav_tools.types import Array
 
-FAR_OFF = 4.5
-"""Standard deviations beyond which an item is taken for a mistake; one sound item in 100,000 is that far off."""
-CAUCHY = 2.385
-"""Tuning constant of the Cauchy weights (95 % efficient for normal errors; Holland and Welsch, 1977)."""
 NORMAL_95 = 1.959964
 CHI2_2_95 = 5.991465
 MAX_LOG_ERROR = 2.3
 """Uncertainties of the scale beyond a factor of ten are all the same."""
 MAX_STEPS = 60
-UNSEEN = 1e-12
+UNSEEN = 1e-14
 """Directions with less than this share of the largest information are not determined."""
 
 
@@ -63,57 +58,11 @@ class Fit:
         return self.rotation[2]
 
 
-@dataclass(frozen=True, eq=False)
-class Weighed:
-    """One source with errors found from how it fits alone."""
-
-    clue: Clue
-    """Without mistakes."""
-    doubted: tuple[str, ...]
-    """Labels of the mistakes."""
-    sigma: float
-    """Standard deviation of its residuals, widened for few items and for errors that run in the same direction."""
-    rms: float
-    """Root mean square of its residuals, in their unit (m for positions)."""
-    alone: Fit
-    """What it says without the other sources."""
-
-    @property
-    def weights(self) -> Array:
-        """(N,) one over the variance of each item."""
-        return np.full(len(self.clue.labels), self.sigma**-2)
-
-
-def weigh(clue: Clue, prior: Ups) -> Weighed:
-    """Return a source with its mistakes left out and the errors of the rest.
-
-    Args:
-        clue: The source.
-        prior: How the photographer held the camera: settles what the source leaves open.
-
-    Raises:
-        InputError: it has too few items to tell their errors, or the model does not fit them.
-    """
-    weights, sigma = np.ones(len(clue.labels)), _first_sigma(clue)
-    scale, rotation = start(clue, prior)
-    for _ in range(30):
-        scale, rotation = _descend([(clue, weights / sigma**2), (prior, np.ones(1))], scale, rotation, 3)
-        residuals = clue.residuals(scale, rotation, weights)
-        lengths = np.linalg.norm(residuals, axis=1)
-        before, sigma = sigma, _robust_sigma(clue, lengths, residuals.shape[1])
-        weights = 1.0 / (1.0 + (lengths / (CAUCHY * sigma)) ** 2)
-        if abs(before - sigma) <= 1e-3 * sigma:
-            break
-    keep: BoolArray = lengths <= FAR_OFF * sigma
-    kept, doubted = clue.only(keep), clue.only(~keep).labels
-    return _calibrate(kept, doubted, prior, scale, rotation, sigma)
-
-
 def solve(sources: Sequence[tuple[Clue, Array]], scale: float, rotation: Array) -> Fit:
     """Return the best fit of clues with (N,) weights, one over the variance of their residuals, from a start nearby."""
-    scale, rotation = _descend(sources, scale, rotation, MAX_STEPS)
-    information = np.sum([_information(clue, weights, scale, rotation) for clue, weights in sources], axis=0)
-    values, axes = np.linalg.eigh(information)
+    scale, rotation = descend(sources, scale, rotation, MAX_STEPS)
+    total = np.sum([information(clue, weights, scale, rotation) for clue, weights in sources], axis=0)
+    values, axes = np.linalg.eigh(total)
     seen = values > UNSEEN * values[-1]
     covariance: Array = (axes[:, seen] / values[seen]) @ axes[:, seen].T
     return Fit(scale, rotation, covariance, bool((axes[0, ~seen] ** 2).sum() < UNSEEN))
@@ -152,81 +101,10 @@ def _ratio(world: Array, sfm: Array) -> float:
     return max(float(np.linalg.norm(world)), 1e-12) / max(float(np.linalg.norm(sfm)), 1e-12)
 
 
-def _calibrate(
-    clue: Clue, doubted: tuple[str, ...], prior: Ups, scale: float, rotation: Array, sigma: float
-) -> Weighed:
-    """Return the source with the standard deviation that makes its residuals what they are."""
-    from scipy.stats import t
-
-    ones = np.ones(len(clue.labels))
-    for _ in range(4):
-        sources = [(clue, ones / sigma**2), (prior, np.ones(1))]
-        fit = solve(sources, scale, rotation)
-        scale, rotation = fit.scale, fit.rotation
-        residuals = clue.residuals(scale, rotation, ones)
-        taken = float(np.trace(fit.covariance @ _information(clue, ones / sigma**2, scale, rotation)))
-        freedom = residuals.size - clue.num_offsets - taken
-        if clue.is_error_known:
-            sigma = max(1.0, float(np.sqrt((residuals**2).sum() / max(freedom, 1.0))))
-        else:
-            _require_freedom(clue, freedom, doubted)
-            sigma = max(float(np.sqrt((residuals**2).sum() / freedom)), _tiny(clue))
-    if not clue.is_error_known:
-        sigma *= float(t.ppf(0.975, freedom)) / NORMAL_95 * np.sqrt(_drift_factor(residuals))
-    fit = solve([(clue, ones / sigma**2), (prior, np.ones(1))], scale, rotation)
-    return Weighed(clue, doubted, sigma, float(np.sqrt((residuals**2).sum(axis=1).mean())), fit)
-
-
-def _require_freedom(clue: Clue, freedom: float, doubted: tuple[str, ...]) -> None:
-    if freedom < 0.5:
-        doubt = f" ({len(doubted)} more contradict them)" if doubted else ""
-        raise InputError(
-            f"The {clue.source} know only {len(clue.labels)} places in the model{doubt}, which is too few to tell how "
-            "good they are. Give more of them, spread over the passage."
-        )
-
-
-def _drift_factor(residuals: Array) -> float:
-    """Return by how much errors that run in the same direction for a while widen the variance of means.
-
-    An autoregressive process of first order, its correlation estimated from neighbours: models of long passages bend,
-    and a receiver's errors last for minutes. Never below 1.
-    """
-    if len(residuals) < 8:
-        return 1.0
-    correlation = float((residuals[1:] * residuals[:-1]).sum() / (residuals**2).sum())
-    correlation = float(np.clip(correlation - 2.0 / np.sqrt(residuals.size), 0.0, 0.95))  # beyond chance only
-    return (1.0 + correlation) / (1.0 - correlation)
-
-
-def _first_sigma(clue: Clue) -> float:
-    """Return a standard deviation to start from: everything is unexplained yet."""
-    if clue.is_error_known:
-        return 1.0
-    return max(float(np.std(clue.residuals(1e-9, np.eye(3), np.ones(len(clue.labels))))), _tiny(clue))
-
-
-def _robust_sigma(clue: Clue, lengths: Array, dimensions: int) -> float:
-    """Return the standard deviation that makes the median (N,) length of residuals what it is."""
-    from scipy.stats import chi
-
-    sigma = float(np.median(lengths) / chi.ppf(0.5, dimensions))
-    if clue.is_error_known:
-        return max(sigma, 1.0)
-    # What is fitted to takes up freedom: with few items residuals are smaller than errors.
-    observed = dimensions * len(lengths)
-    return max(sigma * np.sqrt(observed / max(observed - dimensions - 4.0, 1.0)), _tiny(clue))
-
-
-def _tiny(clue: Clue) -> float:
-    """Return what rounding alone leaves."""
-    return 1e-9 * max(float(np.abs(clue.residuals(1e-9, np.eye(3), np.ones(len(clue.labels)))).max()), 1e-3)
-
-
-def _descend(
+def descend(
     sources: Sequence[tuple[Clue, Array]], scale: float, rotation: Array, max_steps: int
 ) -> tuple[float, Array]:
-    """Return scale and rotation after some Gauss-Newton steps."""
+    """Return scale and rotation after some Gauss-Newton steps towards the best fit, as in `solve`."""
     from scipy.spatial.transform import Rotation
 
     for _ in range(max_steps):
@@ -244,8 +122,8 @@ def _descend(
     return scale, rotation
 
 
-def _information(clue: Clue, weights: Array, scale: float, rotation: Array) -> Array:
-    """Return the (4, 4) information of a clue's items."""
+def information(clue: Clue, weights: Array, scale: float, rotation: Array) -> Array:
+    """Return the (4, 4) information of a clue's items with (N,) weights about log(scale) and the turn of the world."""
     rows = (np.sqrt(weights)[:, None, None] * clue.derivatives(scale, rotation, weights)).reshape(-1, 4)
-    information: Array = rows.T @ rows
-    return information
+    product: Array = rows.T @ rows
+    return product
