@@ -87,6 +87,31 @@ class Mesh:
         corners: Array = self.vertices[self.faces]
         return corners
 
+    @property
+    def vector_areas(self) -> Array:
+        """(F, 3) normals as long as the faces are large, m^2."""
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        return 0.5 * np.cross(b - a, c - a)
+
+    @property
+    def areas(self) -> Array:
+        """(F,) m^2."""
+        areas: Array = np.linalg.norm(self.vector_areas, axis=1)
+        return areas
+
+    @property
+    def normals(self) -> Array:
+        """(F, 3) unit normals, zero for faces without an area."""
+        vectors = self.vector_areas
+        normals: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-30)
+        return normals
+
+    @property
+    def volume(self) -> float:
+        """Signed volume inside a closed mesh, m^3; positive with the normals outwards (divergence theorem)."""
+        a, b, c = np.moveaxis(self.triangles, 1, 0)
+        return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
     def to_trimesh(self) -> trimesh.Trimesh:
         """Return the same triangles, in the same order, as a trimesh object."""
         import trimesh

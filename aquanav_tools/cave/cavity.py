@@ -44,14 +44,12 @@ class Cavity:
     @property
     def volume(self) -> float:
         """Enclosed water, m^3."""
-        return _volume(self.mesh)
+        return self.mesh.volume
 
     @property
     def observed_share(self) -> float:
         """Share of the wall's area that the scan saw, in [0, 1]; portals do not count."""
-        corners = self.mesh.triangles
-        areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        wall = self.labels == WALL
+        areas, wall = self.mesh.areas, self.labels == WALL
         return float(areas[wall & self.observed].sum() / max(areas[wall].sum(), 1e-12))
 
 
@@ -91,9 +89,9 @@ def prove_watertight(mesh: Mesh) -> None:
             `is_volume`, one component, positive volume, no faces that cross.
     """
     to_manifold(mesh)
-    if not _volume(mesh) > 0.0:
+    if not mesh.volume > 0.0:
         raise MeshError(
-            f"The closed surface of {len(mesh.faces)} triangles encloses {_volume(mesh):.3g} m3. It is flat or inside "
+            f"The closed surface of {len(mesh.faces)} triangles encloses {mesh.volume:.3g} m3. It is flat or inside "
             "out. Scan the walls on all sides of the passage."
         )
     solid = mesh.to_trimesh()
@@ -117,9 +115,3 @@ def prove_watertight(mesh: Mesh) -> None:
             f"{middles[0].round(2)} m. Rebuild with a larger voxel.",
             [((float(x), float(y), float(z)), "faces cross") for x, y, z in middles[:MAX_PLACES]],
         )
-
-
-def _volume(mesh: Mesh) -> float:
-    """Return the signed volume inside a closed mesh, m^3 (divergence theorem)."""
-    corners = mesh.triangles
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)

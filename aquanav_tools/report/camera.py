@@ -88,9 +88,7 @@ class Scene:
 
     def __init__(self, mesh: Mesh) -> None:
         self._mesh = mesh
-        corners = mesh.triangles
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        self._normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-15)
+        self._normals = mesh.normals
 
     @cached_property
     def _rays(self) -> Any:

@@ -126,9 +126,7 @@ def _coloured_corners(
 
 def _corner_normals(mesh: Mesh, kind: IntArray, used: IntArray) -> Array:
     """Return unit normals for (vertex, kind) pairs, area-weighted; lids are shaded flat, wall smoothly."""
-    corners = mesh.triangles
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    is_lid = kind == 2
+    is_lid, normals = kind == 2, mesh.vector_areas
     sums = np.zeros((2, len(mesh.vertices), 3))
     for corner in range(3):
         np.add.at(sums, (is_lid.astype(int), mesh.faces[:, corner]), normals)

@@ -72,8 +72,8 @@ def compare(cavity: Cavity, truth: Truth, shift: Array, margin: float) -> dict[s
         blocked += num_blocked(cavity.mesh, points[:-1][both], points[1:][both])
         covered.append(float(is_inside.mean()))
     return {
-        "truth_volume": _volume(trimmed),
-        "volume_error": cavity.volume / _volume(trimmed) - 1.0,
+        "truth_volume": trimmed.volume,
+        "volume_error": cavity.volume / trimmed.volume - 1.0,
         "path_points_in_rock": outside,
         "path_segments_blocked": blocked,
         "covered": min(covered, default=None),
@@ -125,8 +125,3 @@ def _wall(portal: Portal) -> Any:
     half = 2.0 * float(np.sqrt(4.0 * portal.area / np.pi))
     box = manifold3d.Manifold.cube((half, half, SLAB)).translate((-0.5 * half, -0.5 * half, -0.5 * SLAB))
     return box.transform(np.column_stack([horizontal, upright, portal.normal, portal.centre]))
-
-
-def _volume(mesh: Mesh) -> float:
-    corners = mesh.triangles
-    return float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0)

@@ -141,6 +141,4 @@ def _without_truth(path: Path) -> DamagedScan:
 
 def _outward(closed: Mesh, mesh: Mesh) -> Mesh:
     """Return a mesh turned inside out if the closed mesh it belongs to has a negative volume."""
-    corners = closed.triangles
-    is_outward = np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) > 0
-    return mesh if is_outward else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+    return mesh if closed.volume > 0.0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])

@@ -120,11 +120,9 @@ def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
     """
     import trimesh
 
-    corners = mesh.triangles[patch]
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(vectors, axis=1)
-    normals = vectors / np.maximum(areas, 1e-15)[:, None]
-    adjacency = trimesh.graph.face_adjacency(mesh.faces[patch])
+    part = Mesh(mesh.vertices, mesh.faces[patch])
+    areas, normals = part.areas, part.normals
+    adjacency = trimesh.graph.face_adjacency(part.faces)
     parts, is_left = [], areas > 0.0
     while is_left.any():
         largest = np.flatnonzero(is_left)[np.argsort(-areas[is_left])[:NUM_DIRECTIONS]]
@@ -138,12 +136,11 @@ def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
 
 def _measure(mesh: Mesh, patch: IntArray) -> Opening:
     """Return a patch's place and size; nothing is said about its being a portal yet."""
-    corners = mesh.triangles[patch]
-    vector_areas = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    area = float(np.linalg.norm(vector_areas.sum(axis=0)))
-    normal = vector_areas.sum(axis=0) / max(area, 1e-12)
-    weights = np.linalg.norm(vector_areas, axis=1)
-    centre = np.average(corners.mean(axis=1), axis=0, weights=weights + 1e-12)
+    part = Mesh(mesh.vertices, mesh.faces[patch])
+    corners, vector_area = part.triangles, part.vector_areas.sum(axis=0)
+    area = float(np.linalg.norm(vector_area))
+    normal = vector_area / max(area, 1e-12)
+    centre = np.average(corners.mean(axis=1), axis=0, weights=part.areas + 1e-12)
     offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
     innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
     radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())

@@ -218,6 +218,5 @@ def _faces_on_lid(mesh: Mesh, lid: Opening, voxel: float) -> Any:
 
 
 def _portal(mesh: Mesh, faces: Any, label: int, normal: Array) -> Portal:
-    corners = mesh.triangles[faces]
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return Portal(label, np.average(corners.mean(axis=1), axis=0, weights=areas), normal, float(areas.sum()))
+    areas, middles = mesh.areas[faces], mesh.triangles[faces].mean(axis=1)
+    return Portal(label, np.average(middles, axis=0, weights=areas), normal, float(areas.sum()))

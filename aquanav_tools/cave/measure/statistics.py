@@ -125,9 +125,7 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
 
 def wall_area(cavity: Cavity) -> float:
     """Return the area of the rock around the water, portals not counted, m^2."""
-    corners = cavity.mesh.triangles
-    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return float(areas[cavity.labels == WALL].sum())
+    return float(cavity.mesh.areas[cavity.labels == WALL].sum())
 
 
 def mean_section(cavity: Cavity, centreline: Array) -> float:

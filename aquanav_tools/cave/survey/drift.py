@@ -158,10 +158,7 @@ def _to_wall(mesh: Mesh, points: Array) -> tuple[Array, Array, Array]:
     import igl
 
     squared, faces, nearest = igl.point_mesh_squared_distance(points, mesh.vertices, mesh.faces)[:3]
-    corners = mesh.triangles[np.asarray(faces)]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return np.sqrt(np.asarray(squared)), np.asarray(nearest), normals
+    return np.sqrt(np.asarray(squared)), np.asarray(nearest), mesh.normals[np.asarray(faces)]
 
 
 def _is_inside(mesh: Mesh, points: Array) -> BoolArray:

@@ -79,9 +79,7 @@ class Network:
             is_flat = np.all(np.abs(offset @ normal) < LID_TOLERANCE, axis=1)
             is_lid = is_flat & np.all(np.linalg.norm(offset, axis=2) < 1.01 * radius, axis=1)
             labels[is_lid] = label
-            corners = mesh.triangles[is_lid]
-            area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-            portals.append(Portal(label, centre, normal, float(area.sum())))
+            portals.append(Portal(label, centre, normal, float(mesh.areas[is_lid].sum())))
         return Cavity(mesh, labels, np.asarray(labels == WALL), tuple(portals))
 
     def scan(self) -> Mesh:
