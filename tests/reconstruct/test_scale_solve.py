@@ -169,6 +169,18 @@ def test_a_source_that_contradicts_a_better_one_is_reported_with_numbers(rng: np
     assert "times as large as the camera positions" in found.cautions[0].message
 
 
+def test_positions_give_heading_and_origin_where_something_else_gives_the_scale_better(
+    rng: np.random.Generator,
+) -> None:
+    cave = walk(rng)
+    rough = cave.anchors(cave.world + rng.normal(0.0, 0.2, cave.world.shape))
+    bar = Lengths("measured distances", ("A to B",), np.array([1.0]), np.array([SCALE]), np.array([1e-4]))
+    found = cave.place(rough, bar)
+    assert found.sources[0]["source"] == "measured distances"
+    assert cave.errors(found)[0] < 3e-4
+    assert np.abs(found.world_from_sfm.apply(cave.sfm) - cave.world).max() < 0.5
+
+
 def test_norths_that_differ_do_not_disturb_scale_and_up(rng: np.random.Generator) -> None:
     cave = walk(rng)
     grid = cave.anchors(cave.world + rng.normal(0.0, 0.02, cave.world.shape))

@@ -68,10 +68,11 @@ def place(centres: Array, rotations: Array, clues: Sequence[Clue]) -> Georeferen
     weighed, cautions = _weigh_all(clues, prior)
     agreeing, disagreements = _agreeing(weighed)
     ahead = np.linalg.svd(centres - centres.mean(axis=0))[2][0]
-    aligned = [(_turned_to(agreeing[0].alone, one), one.weights) for one in agreeing]
-    begin = agreeing[0].alone if agreeing else Fit(1.0, upright_rotation(prior.sfm[0], ahead), np.eye(4), False)
-    fit = solve([*aligned, (prior, np.ones(1))], begin.scale, begin.rotation)
     full = [one for one in agreeing if isinstance(one.clue, Anchors) and one.clue.is_full]
+    leveled = Fit(1.0, upright_rotation(prior.sfm[0], ahead), np.eye(4), False)
+    begin = next((one.alone for one in [*full, *agreeing]), leveled)
+    aligned = [(_turned_to(begin, one), one.weights) for one in agreeing]
+    fit = solve([*aligned, (prior, np.ones(1))], begin.scale, begin.rotation)
     if not full:
         fit = Fit(fit.scale, upright_rotation(fit.up_in_sfm, ahead), fit.covariance, fit.is_scaled)
     translation, offset = _translation(fit, centres, agreeing, full)
