@@ -24,7 +24,7 @@ CONDITIONS: dict[ConditionName, Condition] = {
     "clear": Condition("clear spring water, textured limestone, five photos per station: the demo"),
     "poor-texture": Condition(
         "mud on the walls and a noisy sensor",
-        dive=DiveOptions(texture=0.2, camera=CameraOptions(noise=4.0)),
+        dive=DiveOptions(texture=0.25, camera=CameraOptions(noise=3.0)),
     ),
     "turbid": Condition(
         "coastal water (Jerlov 1C): backscatter, and contrast gone within 4 m",
