@@ -98,12 +98,13 @@ def check_registration(
     cautions = []
     if share < GOOD_SHARE:
         cautions.append(Caution("few-registered", message))
-    if len(groups) > 1:
-        kept, *others = [f"{len(group)} photos from {group[0]} to {group[-1]}" for group in groups]
+    apart = [rest for group in groups[1:] if (rest := [name for name in group if name not in groups[0]])]
+    if apart:
+        kept, *others = [f"{len(group)} photos from {group[0]} to {group[-1]}" for group in (groups[0], *apart)]
         cautions.append(
             Caution(
                 "separate-models",
-                f"The photos fell apart into {len(groups)} groups; the largest, {kept}, is used, not "
+                f"The photos fell apart into {1 + len(apart)} groups; the largest, {kept}, is used, not "
                 f"{'; '.join(others)}. They may show two places, or photos that link the groups are missing: build the "
                 "groups apart, or add photos that show the rock of both.",
             )

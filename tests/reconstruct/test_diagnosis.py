@@ -83,7 +83,15 @@ def test_half_of_the_photos_is_enough_with_a_warning() -> None:
 def test_separate_groups_are_named() -> None:
     cautions = check_registration(10, [names(8), names(2, start=9)], dark("p9.jpg", "p10.jpg"), min_share=0.3)
     assert [caution.code for caution in cautions] == ["separate-models"]
-    assert "2 photos from p9.jpg to p10.jpg" in cautions[0].message
+    assert (
+        "the largest, 8 photos from p1.jpg to p8.jpg, is used, not 2 photos from p9.jpg to p10.jpg"
+        in cautions[0].message
+    )
+    assert "They may show two places" in cautions[0].message
+
+
+def test_a_second_model_of_photos_that_the_first_one_has_is_no_second_place() -> None:
+    assert check_registration(10, [names(10), names(2, start=4)], [], min_share=0.3) == ()
 
 
 def test_complete_registration_warns_of_nothing() -> None:

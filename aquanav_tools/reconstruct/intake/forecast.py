@@ -50,7 +50,7 @@ class Forecast:
         return (
             f"On {self.cores} cores this takes about {_duration(sum(self.seconds.values()))} ({stages}; {self.pairs} "
             f"pairs), up to {self.memory_gb:.1f} GB of memory and {self.disk_gb:.1f} GB of disk; by measured rates, "
-            "right to a factor of two. Closing the cave comes on top."
+            "right to a factor of two unless the machine is busy. Closing the cave comes on top."
         )
 
 
