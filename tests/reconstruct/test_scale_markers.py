@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import pytest
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.markers import Markers, check_dictionary, find_markers
 from aquanav_tools.reconstruct.georeference.picks import KnownDistances, Picks, Stations, read_picks
+from aquanav_tools.reconstruct.georeference.place import place
 from aquanav_tools.reconstruct.georeference.rays import Rays, meet
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.types import Array
@@ -123,6 +125,18 @@ def test_a_marker_seen_once_gives_no_scale() -> None:
         InputError, match=r"None of 1 printed markers.*marker 4 is seen in 1 registered photo\. Each must"
     ):
         markers.clue(posed.sparse)
+
+
+def test_a_marker_seen_once_beside_a_good_one_is_listed_as_left_out() -> None:
+    posed = half_circle(4)
+    good = {f"p{n}.png": posed.pixels(n, square(SIDE)) for n in range(4)}
+    once = {"p1.png": posed.pixels(1, square(SIDE, (2.0, 0.4, 0.0)))}
+    clue = Markers(SIDE, {4: good, 5: once}).clue(posed.sparse)
+    assert clue.labels == ("marker 4",)
+    assert clue.left_out == ("marker 5 is seen in 1 registered photo",)
+    found = place(posed.sparse.centres, posed.sparse.rotations, [clue])
+    assert found.statistics["scale_sources"][0]["left_out"] == ["marker 5 is seen in 1 registered photo"]
+    assert json.loads(json.dumps(found.statistics, allow_nan=False)) == found.statistics
 
 
 def test_a_marker_that_hangs_in_two_places_gives_no_scale() -> None:

@@ -7,7 +7,7 @@ below the surface and a height above the sea agree on metres and on up, not on w
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
@@ -25,6 +25,8 @@ class Clue(ABC):
     """What a message calls it, in the plural."""
     labels: tuple[str, ...]
     """What a message calls each of its N items."""
+    left_out: tuple[str, ...] = field(default=(), kw_only=True)
+    """Further items that say nothing of the model, each with why."""
 
     @property
     @abstractmethod

@@ -58,7 +58,9 @@ class Markers:
                 "seen in two registered photos or more, taken from different places. Add photos of them, from near."
             )
         size = np.full(len(sides), self.size)
-        return Lengths("printed markers", tuple(labels), np.array(sides), size, np.array(errors))
+        return Lengths(
+            "printed markers", tuple(labels), np.array(sides), size, np.array(errors), left_out=tuple(faults)
+        )
 
 
 def check_dictionary(name: str) -> str:

@@ -187,7 +187,7 @@ def _figures(one: Weighed, is_used: bool) -> dict[str, Any]:
     return {
         "source": one.clue.source,
         "items": len(one.clue.labels),
-        "left_out": list(one.doubted),
+        "left_out": [*one.clue.left_out, *one.doubted],
         "used": is_used,
         "scale": round(one.alone.scale, 6) if has_scale else None,
         "scale_error_percent": round(100 * one.alone.scale_error, 3) if has_scale else None,
