@@ -16,7 +16,10 @@ from aquanav_tools.photograph.options import DiveOptions, LensName
 if TYPE_CHECKING:
     from aquanav_tools.types import Progress
 
-VIDEO_FRAMES = 200
+FRAME_RATE = 5.0
+"""Of a video unless --photos says otherwise, 1/s: a swimming diver's pictures a handbreadth apart."""
+PHOTOS_ONLY: tuple[ConditionName, ...] = ("wide-steps", "three-passes")
+"""No single continuous swim."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +39,8 @@ class Render:
     condition: ConditionName = "clear"
     """What the cave, the water and the dive are like."""
     photos: int | None = None
-    """How many photos, or frames of a video; by default as many as the condition needs (60 to 105), or 200 frames."""
+    """How many photos, or frames of a video; by default as many as the condition needs (60 to 105), or 5 frames
+    per second."""
     size: str = "960x720"
     """Width and height of a photo, px."""
     lens: LensName = "pinhole"
@@ -57,10 +61,14 @@ def run_render(options: Render) -> None:
 
     from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
     from aquanav_tools.photograph.dive import film, photograph
+    from aquanav_tools.photograph.trajectory import plan_capture
 
     condition = CONDITIONS[options.condition]
     dive = _dive(options, condition)
     cave = demo_cave(CaveOptions(seed=options.seed, length=condition.cave_length))
+    if options.video and options.photos is None:
+        seconds = plan_capture(cave.centreline, dive.capture)[-1].time
+        dive = replace(dive, capture=replace(dive.capture, photos=round(FRAME_RATE * seconds) + 1))
     with tqdm(unit="frame" if options.video else "photo") as bar:
         if options.video:
             film(cave, options.out, dive, _shown(bar))
@@ -78,15 +86,14 @@ def _dive(options: Render, condition: Condition) -> DiveOptions:
     """Return the condition's dive as the command line wants it."""
     if options.video and (options.first_number is not None or options.depth):
         raise InputError("--first-number and --depth are for photos, not for a --video. Leave them out.")
-    if options.video and options.condition == "wide-steps":
-        raise InputError("wide-steps are photos 1.5 m apart; a video has none. Choose another --condition.")
+    if options.video and options.condition in PHOTOS_ONLY:
+        raise InputError(f"{options.condition} is no single swim that a video could show. Choose another --condition.")
     size = re.fullmatch(r"(\d+)x(\d+)", options.size)
     if size is None:
         raise InputError(f"--size '{options.size}' is no size. Give width and height in pixels, such as 1280x960.")
     dive, capture = condition.dive, replace(condition.dive.capture, seed=options.seed)
     if options.video:
-        path = "sweep" if capture.path == "stations" else capture.path
-        capture = replace(capture, path=path, photos=VIDEO_FRAMES)
+        capture = replace(capture, path="sweep" if capture.path == "stations" else capture.path)
     try:
         if options.photos is not None:
             capture = replace(capture, photos=options.photos)

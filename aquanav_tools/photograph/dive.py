@@ -92,7 +92,12 @@ def film(cave: SyntheticCave, folder: Path, options: DiveOptions, progress: Prog
 
     The same truth lies beside it as beside photos; frames are called frame_0 and so on. The same options give the
     same pixels; what the encoder makes of them depends on the ffmpeg inside OpenCV.
+
+    Raises:
+        ValueError: the path has stops, which no video shows.
     """
+    if options.capture.path in ("stations", "passes"):
+        raise ValueError(f"A video needs one continuous swim, and {options.capture.path} is none.")
     shots = plan_capture(cave.centreline, options.capture)
     names = [f"frame_{index}" for index in range(len(shots))]
     files.clear(folder)

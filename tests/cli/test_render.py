@@ -52,7 +52,7 @@ def test_the_help_teaches_every_condition(capsys: pytest.CaptureFixture[str]) ->
         (["--photos", "1"], "photos = 1 is not from 3 to 9999"),
         (["--first-number", "0"], "first_number = 0 is not from 1 to 9999"),
         (["--video", "--depth"], "Leave them out"),
-        (["--video", "--condition", "wide-steps"], "Choose another --condition"),
+        (["--video", "--condition", "three-passes"], "Choose another --condition"),
     ],
 )
 def test_render_refuses_what_makes_no_photos(

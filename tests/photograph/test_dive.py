@@ -164,6 +164,11 @@ def test_a_video_has_the_frames_asked_for_and_repeats(cave: SyntheticCave, tmp_p
     assert np.corrcoef(grey, np.cbrt(light.mean(axis=2)).ravel())[0, 1] > 0.9
 
 
+def test_stations_are_not_filmed(cave: SyntheticCave, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="continuous swim"):
+        film(cave, tmp_path, THREE)
+
+
 def test_a_second_dive_replaces_the_first_and_leaves_other_files_alone(cave: SyntheticCave, tmp_path: Path) -> None:
     photograph(cave, tmp_path, THREE, with_depth=True)
     (tmp_path / "notes.txt").write_text("mine")
