@@ -146,7 +146,10 @@ def _close(
     )
     with journal.stage("Preparing the surface"):
         voxel = resolution.voxel
-        surface = surface_from_mesh(scan, voxel) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel)
+        lamps = np.concatenate([evidence.inside, evidence.legs.mean(axis=1)])
+        surface = (
+            surface_from_mesh(scan, voxel, lamps) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel, lamps)
+        )
     with journal.stage("Closing the cavity") as progress:
         closed = close_surface(
             surface.mesh,

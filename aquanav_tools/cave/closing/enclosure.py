@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.scan.orientation import Caster, face_areas
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, Mesh
 
@@ -13,6 +14,13 @@ MIN_ENCLOSURE = 0.6
 NUM_DIRECTIONS = 256
 MIN_CLOSED_SHARE = 0.99
 """A scan that was closed all around needs hardly any new face."""
+MIN_TUNNEL_HITS = 0.8
+"""From a tunnel's wall this share of the rays before it meets rock; the outside of a cave sees little of itself ..."""
+MAX_TUNNEL_SHARE = 0.03
+"""... on at most this share of its area. Measured: nine closed caves 0.0 %, blocks around a passage 10 to 20 %."""
+NUM_TUNNEL_SAMPLES = 4_000
+TUNNEL_OFFSET = 1e-3
+"""Rays that look for a tunnel start this far from the wall, m."""
 MAX_CONVEXITY = 0.85
 """A boulder fills more of its convex hull than this; a passage winds and fills a half or less."""
 
@@ -81,10 +89,12 @@ def check_is_hollow(cavity: Cavity, scanned_share: float) -> None:
         scanned_share: share of its faces that the scan had already.
 
     Raises:
-        MeshError: it has no open end and is nearly convex: nothing tells that there is a passage in it.
+        MeshError: it has no open end, and a passage leads through it from outside, or it is nearly convex: nothing
+            tells that there is a passage in it.
     """
     if cavity.portals or scanned_share < MIN_CLOSED_SHARE:
         return
+    _check_has_no_tunnel(cavity.mesh)
     share = cavity.volume / float(cavity.mesh.to_trimesh().convex_hull.volume)
     if share > MAX_CONVEXITY:
         raise MeshError(
@@ -92,6 +102,34 @@ def check_is_hollow(cavity: Cavity, scanned_share: float) -> None:
             "hull, as a boulder does. No open end leads in. If it is a chamber scanned from within, name a point in "
             "its water with --inside X Y Z; cut an entrance with --cut."
         )
+
+
+def _check_has_no_tunnel(mesh: Mesh) -> None:
+    """Refuse a closed mesh whose outside forms a passage: a block of rock, its water taken for the outside.
+
+    Raises:
+        MeshError: with a place in the middle of the passage.
+    """
+    areas, normals = face_areas(mesh)
+    every = np.cumsum(areas)
+    chosen = np.searchsorted(every, every[-1] * (np.arange(NUM_TUNNEL_SAMPLES) + 0.5) / NUM_TUNNEL_SAMPLES)
+    starts, axes = mesh.triangles[chosen].mean(axis=1) + TUNNEL_OFFSET * normals[chosen], normals[chosen]
+    caster = Caster(mesh)
+    distances, _ = caster.cast(starts, axes)
+    share_hit = np.isfinite(distances).mean(axis=1)
+    is_tunnel = (share_hit >= MIN_TUNNEL_HITS) & np.isfinite(distances[:, 0])
+    share = float(is_tunnel.mean())
+    if share <= MAX_TUNNEL_SHARE:
+        return
+    across = 0.5 * distances[is_tunnel, :1] * caster.directions(axes[is_tunnel])[:, 0]
+    middles = starts[is_tunnel] + across
+    place = middles[np.argmax(enclosure(mesh, middles))]
+    raise MeshError(
+        f"This is a block of rock with a passage in it, or a cave closed all around: {share:.0%} of the closed wall "
+        "lines a hollow on its outer side, and nothing tells on which side the water is. Name a point in it: "
+        f"--inside {place[0]:.2f} {place[1]:.2f} {place[2]:.2f} for that hollow, whose mouths become the open ends.",
+        [(tuple(place.tolist()), "hollow on the outer side")],
+    )
 
 
 def sphere_directions(count: int) -> Array:

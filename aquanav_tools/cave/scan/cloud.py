@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches
+from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_the_water
-from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
+from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_from_mesh
 from aquanav_tools.errors import InputError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
@@ -32,9 +33,11 @@ NUM_SURROUNDING = 48
 NUM_THICKNESS_SAMPLES = 5_000
 PATCH_SPACINGS = 1.2
 """Half width of the square that stands for a point when rays look for the water, in spacings of the points there."""
+SQUARE_OFFSET = 2.0
+"""Rays start this far from a square, in spacings."""
 
 
-def surface_from_cloud(cloud: PointCloud, voxel: float) -> Surface:
+def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS) -> Surface:
     """Return the surface through the points of a cloud.
 
     Normals that come with it are used as directions only; which side is water is found out by looking around.
@@ -42,6 +45,7 @@ def surface_from_cloud(cloud: PointCloud, voxel: float) -> Surface:
     Args:
         cloud: scanned points.
         voxel: resolution of the surface, m.
+        lamps: (N, 3) places that are known to be water, m.
 
     Raises:
         InputError: too few points are left without outliers, or they lie on no surface.
@@ -53,10 +57,12 @@ def surface_from_cloud(cloud: PointCloud, voxel: float) -> Surface:
             "The cloud is too sparse for a surface, or the unit is wrong; check --unit or give a larger --voxel."
         )
     _check_lies_on_surface(points)
+    is_kept = ~_dark_points(points, normals, np.maximum(spacing, THINNING * voxel), lamps)
+    points, normals, spacing = points[is_kept], normals[is_kept], spacing[is_kept]
     normals = normals * _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))[:, None]
     fitted = _poisson(points, normals, voxel)
     kept = _supported(fitted, points, spacing, voxel)
-    surface = surface_from_mesh(Mesh(fitted.vertices, fitted.faces[kept]), voxel)
+    surface = surface_from_mesh(Mesh(fitted.vertices, fitted.faces[kept]), voxel, lamps)
     dropped_share = 1.0 - len(points) / max(len(_thinned(cloud, voxel)[0]), 1)
     return Surface(surface.mesh, points, dropped_share, surface.turned_share)
 
@@ -124,6 +130,26 @@ def _outward_signs(points: Array, normals: Array, spacing: Array) -> Array:
     """
     from scipy.spatial import cKDTree
 
+    squares = _squares(points, normals, spacing)
+    facing = face_the_water(squares, SQUARE_OFFSET * float(np.median(spacing)), drop_hidden=False)
+    is_turned = (facing.mesh.faces != squares.mesh.faces).any(axis=1)[: len(points)]
+    outward = np.where(is_turned, -1.0, 1.0)[:, None] * normals
+    _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))
+    agreement = np.einsum("nk,nk->n", outward, outward[neighbours].mean(axis=1))
+    voted = np.where(agreement >= 0.0, 1.0, -1.0)[:, None] * outward
+    signs: Array = np.sign(np.einsum("nk,nk->n", voted, normals))
+    return np.where(signs == 0.0, 1.0, signs)
+
+
+def _dark_points(points: Array, normals: Array, spacing: Array, lamps: Array) -> BoolArray:
+    """Return the (N,) flags of points on walls that no light from the lamps reaches, where those are many."""
+    squares = _squares(points, normals, spacing).mesh
+    is_dark = dark_faces(squares, lamps, SQUARE_OFFSET * float(np.median(spacing)))
+    return is_dark[: len(points)] & is_dark[len(points) :]
+
+
+def _squares(points: Array, normals: Array, spacing: Array) -> Patches:
+    """Return a small square for each point: its first triangle, then, after those of all points, its second."""
     half = (PATCH_SPACINGS * spacing)[:, None]
     helper = np.where(np.abs(normals[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     side = np.cross(normals, helper)
@@ -132,16 +158,7 @@ def _outward_signs(points: Array, normals: Array, spacing: Array) -> Array:
     corners = np.stack([points - side - up, points + side - up, points + side + up, points - side + up], axis=1)
     first = 4 * np.arange(len(points))[:, None]
     faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    ids = np.tile(np.arange(len(points)), 2)
-    squares = Patches(Mesh(corners.reshape(-1, 3), faces), ids)
-    facing = face_the_water(squares, 2.0 * float(np.median(spacing)), drop_hidden=False)
-    is_turned = (facing.mesh.faces != faces).any(axis=1)[: len(points)]
-    outward = np.where(is_turned, -1.0, 1.0)[:, None] * normals
-    _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))
-    agreement = np.einsum("nk,nk->n", outward, outward[neighbours].mean(axis=1))
-    voted = np.where(agreement >= 0.0, 1.0, -1.0)[:, None] * outward
-    signs: Array = np.sign(np.einsum("nk,nk->n", voted, normals))
-    return np.where(signs == 0.0, 1.0, signs)
+    return Patches(Mesh(corners.reshape(-1, 3), faces), np.tile(np.arange(len(points)), 2))
 
 
 def _poisson(points: Array, normals: Array, voxel: float) -> Mesh:

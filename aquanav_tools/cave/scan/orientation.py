@@ -86,7 +86,7 @@ def is_gap(mesh: Mesh, faces: IntArray, width: float, offset: float) -> BoolArra
         offset: distance from a face at which its rays start, m.
     """
     _, normals = face_areas(mesh)
-    caster = _Caster(mesh)
+    caster = Caster(mesh)
     starts = mesh.triangles[faces].mean(axis=1) - offset * normals[faces]
     distance, struck = caster.cast(starts, -normals[faces])
     is_hit = np.isfinite(distance)
@@ -110,7 +110,7 @@ def _choose_faces(ids: IntArray, areas: Array) -> IntArray:
 
 def _side_votes(mesh: Mesh, faces: IntArray, normals: Array, offset: float) -> Array:
     """Return one vote in [-1, 1] per face: positive when the water is behind its normal, as it should be."""
-    caster = _Caster(mesh)
+    caster = Caster(mesh)
     middles = mesh.triangles[faces].mean(axis=1)
     scores, shares = [], []
     for side in (-1.0, 1.0):
@@ -144,7 +144,7 @@ def _hidden_faces(mesh: Mesh, patches: Patches, areas: Array, asked: IntArray, o
     """Return the (F,) flags of faces from whose water most other walls are seen from behind."""
     _, normals = face_areas(mesh)
     starts = mesh.triangles[asked].mean(axis=1) - offset * normals[asked]
-    caster = _Caster(mesh)
+    caster = Caster(mesh)
     distance, struck = caster.cast(starts, -normals[asked])
     is_hit = np.isfinite(distance)
     from_behind = is_hit & (np.einsum("frk,frk->fr", normals[struck], caster.directions(-normals[asked])) < 0.0)
@@ -170,8 +170,8 @@ def _nearest_value(mesh: Mesh, faces: IntArray, asked: IntArray, values: Array) 
     return found
 
 
-class _Caster:
-    """Casts hemispheres of rays against a mesh (Embree)."""
+class Caster:
+    """Casts rays against a mesh (Embree)."""
 
     def __init__(self, mesh: Mesh) -> None:
         from embreex.mesh_construction import TriangleMesh
@@ -207,3 +207,10 @@ class _Caster:
         struck = np.asarray(result["primID"], dtype=np.int64).reshape(len(starts), NUM_RAYS)
         distance = np.asarray(result["tfar"], dtype=np.float64).reshape(len(starts), NUM_RAYS)
         return np.where(struck >= 0, distance, np.inf), np.maximum(struck, 0)
+
+    def is_clear(self, starts: Array, ways: Array) -> BoolArray:
+        """Return the (N,) flags of straight lines from (N, 3) starts along (N, 3) ways that meet no wall."""
+        result = self._scene.run((starts - self._centre).astype(np.float32), ways.astype(np.float32), output=1)
+        share = np.where(np.asarray(result["primID"]) >= 0, np.asarray(result["tfar"]), np.inf)
+        clear: BoolArray = share >= 1.0
+        return clear

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches, find_patches
+from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_areas, face_the_water, is_gap
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -40,17 +41,21 @@ class Surface:
     points: Array
     """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m."""
     dropped_share: float = 0.0
-    """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall."""
+    """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall or out of view."""
     turned_share: float = 0.0
     """Share of the area that was wound the other way round than the most of it."""
 
 
-def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
+NO_LAMPS = np.zeros((0, 3))
+
+
+def surface_from_mesh(mesh: Mesh, voxel: float, lamps: Array = NO_LAMPS) -> Surface:
     """Return the walls in a triangle soup: welded, without strays and spikes, facing the water.
 
     Args:
         mesh: any triangles, wound any way.
         voxel: resolution of the scan, m.
+        lamps: (N, 3) places that are known to be water, m.
 
     Raises:
         InputError: no triangle has an area.
@@ -60,6 +65,7 @@ def surface_from_mesh(mesh: Mesh, voxel: float) -> Surface:
         raise InputError(f"None of the scan's {len(mesh.faces)} triangles has an area. Export the scan again.")
     area = float(face_areas(clean)[0].sum())
     smooth = Mesh(clean.vertices, clean.faces[~_spikes(clean)])
+    smooth = Mesh(smooth.vertices, smooth.faces[~dark_faces(smooth, lamps, RAY_OFFSET * voxel)])
     facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
     if facing.hidden_share > 0.0:
         # What was one patch with the outside of a shell is one of its own now, and votes as one.

@@ -124,12 +124,13 @@ def test_a_single_wall_encloses_no_space() -> None:
         close(wavy_sheet())
 
 
-def test_hollows_under_a_wavy_sheet_are_no_caves() -> None:
+@pytest.mark.parametrize("wave", [0.1, 0.3, 0.5, 0.8])
+def test_hollows_under_a_wavy_sheet_are_no_caves(wave: float) -> None:
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(0, 8, 80), np.linspace(0, 8, 80), indexing="ij"))
     corner = (80 * np.arange(79)[:, None] + np.arange(79)).ravel()
     faces = [np.stack([corner, corner + 80, corner + 1], 1), np.stack([corner + 1, corner + 80, corner + 81], 1)]
     with pytest.raises(MeshError, match=r"no cave|encloses no space"):
-        close(Mesh(np.stack([x, y, 0.1 * np.sin(3 * x)], axis=1), np.concatenate(faces)))
+        close(Mesh(np.stack([x, y, wave * np.sin(3 * x)], axis=1), np.concatenate(faces)))
 
 
 def test_a_voxel_that_does_not_fit_into_memory_is_refused_with_one_that_does() -> None:
