@@ -82,9 +82,6 @@ def generated_cases() -> list[Case]:
     rock = partial(embed_in_rock, margin=1.0)
     unit = "unit|millimet|centimet|--unit"
 
-    def rock_cloud(scan: DamagedScan) -> DamagedScan:
-        return cloud(rock(scan), 0.05, "none", 11)
-
     def case(name: str, group: str, base: Make, *steps: Callable[[DamagedScan], DamagedScan], **more: object) -> Case:
         return Case(name, group, _chain(base, *steps), **more)  # type: ignore[arg-type]
 
@@ -150,7 +147,6 @@ def generated_cases() -> list[Case]:
         case("demo-0-shell-of-rock", "thick", _demo(0), lambda s: d.solidify(s, 0.15), has_fit=False, is_quick=True),
         case("tube-in-rock", "rock", tube, rock, flags=("--inside", "5", "0", "0"), is_quick=True),
         case("demo-0-in-rock", "rock", _demo(0), rock, flags=("--inside", "4.5", "0.7", "0.8")),
-        case("demo-0-in-rock-cloud", "rock", _demo(0), rock_cloud, flags=("--inside", "4.5", "0.7", "0.8")),
         case("tube-in-rock-unsaid", "rock", tube, rock, error=r"block of rock.*--inside \d", is_quick=True),
         case("demo-1-in-rock-unsaid", "rock", _demo(1), rock, error=r"block of rock.*--inside \d"),
         case("tube-cloud", "clouds", tube, lambda s: cloud(s, 0.05, "none", 1)),
