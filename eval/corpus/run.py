@@ -94,7 +94,7 @@ def run_case(pool: ProcessPoolExecutor, name: str, arguments: argparse.Namespace
     command = [sys.executable, "-c", BUILD, case["path"], "-o", str(folder / "cave"), *case["flags"]]
     ended = run_child(command, arguments.timeout)
     result = case | {"outcome": outcome(ended), "seconds": ended.seconds, "peak_gb": ended.peak_gb}
-    result |= {"exit_code": ended.exit_code, "sentence": sentence(ended).replace(case["path"], Path(case["path"]).name)}
+    result |= {"exit_code": ended.exit_code, "sentence": sentence(ended).replace(f"{folder}/", "")}
     if result["outcome"] == "proven":
         result |= pool.submit(judge_build, folder).result()
     return result | {"faults": faults(result), "ok": not faults(result)}
