@@ -1,25 +1,31 @@
-"""Keypoints and the matches between them, kept in COLMAP's database.
+"""Keypoints of photos (SIFT), kept in COLMAP's database. Where a photo has few, faint texture is brought out first.
 
-Both stages continue where a killed run stopped: photos with keypoints and pairs with matches are not done again. A
-database therefore belongs to one photo set and one choice of options.
+The stage continues where a killed run stopped: photos with keypoints are not searched again. A database therefore
+belongs to one photo set and one choice of options.
 """
 
 from __future__ import annotations
 
-import itertools
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.reconstruct.intake.camera import first_guess
+from aquanav_tools.reconstruct.intake.faint import brought_out
 from aquanav_tools.types import Progress, ignore_progress
 
 _PHOTOS_AT_ONCE = 8
-_PAIRS_AT_ONCE = 50
+_FEW = 0.5
+"""Share of the keypoints asked for below which a photo is searched again, with its faint texture brought out."""
+
+Found = dict[str, tuple[Any, Any]]
+"""Keypoints and descriptors of photos, by file."""
 
 
 @dataclass(frozen=True)
@@ -38,24 +44,6 @@ class FeatureOptions:
             raise ValueError(f"focal_px = {self.focal_px} is not above 0.")
 
 
-@dataclass(frozen=True)
-class MatchOptions:
-    """Which photos are compared."""
-
-    exhaustive_up_to: int = 150
-    """Compare every photo with every other one in sets up to this size; larger sets are taken as a sequence."""
-    overlap: int = 10
-    """In a sequence: photos compared with each one's next neighbours, and with those 2, 4, 8, ... further on."""
-    seed: int = 0
-    """Of the robust geometric check."""
-
-    def __post_init__(self) -> None:
-        if self.exhaustive_up_to < 0 or self.overlap < 1:
-            raise ValueError(
-                f"exhaustive_up_to = {self.exhaustive_up_to} must be 0 or more, overlap = {self.overlap} 1 or more."
-            )
-
-
 def extract_features(
     photos: PhotoSet, database: Path, options: FeatureOptions, progress: Progress = ignore_progress
 ) -> None:
@@ -65,31 +53,11 @@ def extract_features(
     for group in photos.by_camera():
         camera_id = _camera_of_group(photos, group, database, options)
         for files in _chunks([photo.file for photo in group], _PHOTOS_AT_ONCE):
-            _extract(photos, database, camera_id, files, options)
+            _enter(photos, database, camera_id, files)
+            left = _without_keypoints(database, files)
+            _write(database, _search(photos, left, options))
             done += len(files)
             progress(done, len(photos.photos))
-
-
-def match_features(
-    photos: PhotoSet, database: Path, options: MatchOptions, progress: Progress = ignore_progress
-) -> None:
-    """Match the keypoints of photo pairs and keep the matches that fit one rigid scene."""
-    pairs = choose_pairs([photo.file for photo in photos.photos], options)
-    left = _unmatched(database, pairs)
-    done = len(pairs) - len(left)
-    for chunk in _chunks(left, _PAIRS_AT_ONCE):
-        _match(database, chunk, options)
-        done += len(chunk)
-        progress(done, len(pairs))
-
-
-def choose_pairs(names: Sequence[str], options: MatchOptions) -> list[tuple[str, str]]:
-    """Return the pairs of photos worth comparing: all of a small set, near and doubling distances of a long one."""
-    if len(names) <= options.exhaustive_up_to:
-        return list(itertools.combinations(names, 2))
-    steps = set(range(1, options.overlap + 1)) | {2**power for power in range(options.overlap)}
-    last = len(names)
-    return [(names[i], names[i + step]) for step in sorted(steps) for i in range(last - step)]
 
 
 def _camera_of_group(photos: PhotoSet, group: Sequence[Photo], database: Path, options: FeatureOptions) -> int:
@@ -106,46 +74,80 @@ def _camera_of_group(photos: PhotoSet, group: Sequence[Photo], database: Path, o
         return int(store.write_camera(camera))
 
 
-def _extract(photos: PhotoSet, database: Path, camera_id: int, files: list[str], options: FeatureOptions) -> None:
+def _enter(photos: PhotoSet, database: Path, camera_id: int, files: list[str]) -> None:
+    """Enter photos in their order: it gives them their ids."""
     pycolmap = load_pycolmap()
-    extraction = pycolmap.FeatureExtractionOptions()
-    extraction.sift.max_num_features = options.max_features
     reader = pycolmap.ImageReaderOptions()
     reader.existing_camera_id = camera_id
-    if photos.masks_dir is not None:
-        reader.mask_path = photos.masks_dir
-    folder = photos.features_dir or photos.folder
     with pycolmap.Database.open(database) as store:
         new = [file for file in files if not store.exists_image(file)]
-    if new:  # entered in order first: the extractor's threads would number the photos in the order they finish
-        pycolmap.import_images(database, folder, image_names=new, options=reader)
-    pycolmap.extract_features(
-        database,
-        folder,
-        image_names=files,
-        reader_options=reader,
-        extraction_options=extraction,
-        device=pycolmap.Device.cpu,
-    )
+    if new:
+        pycolmap.import_images(database, photos.folder, image_names=new, options=reader)
 
 
-def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions) -> None:
-    pycolmap = load_pycolmap()
-    verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = options.seed
-    with tempfile.TemporaryDirectory() as folder:
-        pairing = pycolmap.ImportedPairingOptions()
-        pairing.match_list_path = Path(folder) / "pairs.txt"
-        Path(pairing.match_list_path).write_text("".join(f"{a} {b}\n" for a, b in pairs))
-        pycolmap.match_image_pairs(
-            database, pairing_options=pairing, verification_options=verification, device=pycolmap.Device.cpu
-        )
-
-
-def _unmatched(database: Path, pairs: list[tuple[str, str]]) -> list[tuple[str, str]]:
+def _without_keypoints(database: Path, files: list[str]) -> list[str]:
     with load_pycolmap().Database.open(database) as store:
-        ids = {image.name: image.image_id for image in store.read_all_images()}
-        return [(a, b) for a, b in pairs if not store.exists_two_view_geometry(ids[a], ids[b])]
+        return [file for file in files if not store.exists_descriptors(store.read_image_with_name(file).image_id)]
+
+
+def _search(photos: PhotoSet, files: list[str], options: FeatureOptions) -> Found:
+    """Return what photos show; of those that show little as they are, what they show with their texture brought out."""
+    if not files:
+        return {}
+    source = photos.features_dir or photos.folder
+    found = _sift(source, files, photos.masks_dir, options.max_features)
+    poor = [file for file in files if len(found[file][0]) < _FEW * options.max_features]
+    if poor:
+        with tempfile.TemporaryDirectory() as folder:
+            _bring_out(source, poor, Path(folder))
+            again = _sift(Path(folder), poor, photos.masks_dir, options.max_features, is_faint=True)
+        found |= {file: more for file, more in again.items() if len(more[0]) > len(found[file][0])}
+    return found
+
+
+def _bring_out(source: Path, files: list[str], target: Path) -> None:
+    import cv2
+
+    for file in files:
+        grey = np.asarray(cv2.imread(str(source / file), cv2.IMREAD_GRAYSCALE), np.uint8)
+        cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 95])
+
+
+def _sift(folder: Path, files: list[str], masks_dir: Path | None, max_features: int, is_faint: bool = False) -> Found:
+    """Return the keypoints of photos, by way of a database of their own."""
+    pycolmap = load_pycolmap()
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.sift.max_num_features = max_features
+    if is_faint:
+        extraction.sift.first_octave = 0  # not -1, of doubled pixels: noise was averaged, and nothing finer is left
+        extraction.sift.estimate_affine_shape = True  # large blobs are seen at a slant
+    reader = pycolmap.ImageReaderOptions()
+    if masks_dir is not None:
+        reader.mask_path = masks_dir
+    with tempfile.TemporaryDirectory() as scratch:
+        database = Path(scratch) / "found.db"
+        pycolmap.extract_features(
+            database,
+            folder,
+            image_names=files,
+            reader_options=reader,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
+        with pycolmap.Database.open(database) as store:
+            ids = {image.name: image.image_id for image in store.read_all_images()}
+            return {file: (store.read_keypoints(ids[file]), store.read_descriptors(ids[file])) for file in files}
+
+
+def _write(database: Path, found: Found) -> None:
+    """Write keypoints, then descriptors: those mark a photo as done."""
+    pycolmap = load_pycolmap()
+    with pycolmap.Database.open(database) as store:
+        for file, (keypoints, descriptors) in found.items():
+            image_id = store.read_image_with_name(file).image_id
+            with pycolmap.DatabaseTransaction(store):
+                store.write_keypoints(image_id, keypoints)
+                store.write_descriptors(image_id, descriptors)
 
 
 def _chunks(items: list[Any], size: int) -> Iterator[list[Any]]:

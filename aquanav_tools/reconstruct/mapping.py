@@ -15,6 +15,15 @@ from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.types import Array, Progress, ignore_progress
 
+_SNAPSHOT_PHOTOS = 50
+"""Placed between two snapshots: a killed run loses two of them at most."""
+_LENIENT_MATCHES = 15
+"""That a photo left over needs with the model; 30 while it grows, where a wrong camera would mislead others."""
+_LENIENT_SHARE = 0.15
+"""Of its matches that must agree on its pose."""
+_LENIENT_TRIALS = 10
+"""To place it, as the model grows."""
+
 
 @dataclass(frozen=True)
 class MappingOptions:
@@ -64,15 +73,14 @@ def map_photos(
 ) -> SparseModel:
     """Return the largest model; all models are kept in `folder`, from where a second call takes them.
 
+    A killed call goes on from a snapshot, not from the same random numbers: cameras may then differ by as much as they
+    do between seeds.
+
     Raises:
         ReconstructionError: fewer than 3 photos or less than `min_share` of them register; the message counts causes.
     """
     if not folder.is_dir():
-        unfinished = folder.with_name(folder.name + ".unfinished")
-        shutil.rmtree(unfinished, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        _run_mapper(photos, database, unfinished, options, progress)
-        unfinished.rename(folder)
+        _fill(photos, database, folder, options, progress)
     models = _read_models(folder)
     groups = [
         sorted((name_of(model.image(i).name) for i in model.reg_image_ids()), key=natural_key) for model in models
@@ -82,10 +90,43 @@ def map_photos(
     return SparseModel(models[0], diagnoses, cautions)
 
 
-def _run_mapper(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
-    pycolmap = load_pycolmap()
-    pycolmap.set_random_seed(options.seed)
-    pipeline = pycolmap.IncrementalPipelineOptions()
+def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
+    """Write the models: those of the mapper, then the largest with what can be added to it by fewer matches."""
+    mapped, snapshots = folder.with_name(folder.name + ".unfinished"), folder.with_name(folder.name + ".snapshots")
+    shutil.rmtree(mapped, ignore_errors=True)
+    mapped.mkdir(parents=True)
+    snapshots.mkdir(exist_ok=True)
+    pipeline = _pipeline(photos, options)
+    pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
+    _run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
+    models = sorted((path for path in mapped.iterdir() if path.is_dir()), key=_size, reverse=True)
+    if models and _size(models[0])[0] < len(photos.photos):
+        completed = mapped / "completed"
+        completed.mkdir()
+        _run_mapper(photos, database, completed, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
+        _replace_if_larger(models[0], completed)
+    mapped.rename(folder)
+    shutil.rmtree(snapshots)
+
+
+def last_snapshot(folder: Path) -> Path | None:
+    """Return the snapshot to go on from: the last but one, for the last may be half written."""
+    snapshots = sorted(path for path in folder.iterdir() if path.is_dir())
+    return snapshots[-2] if len(snapshots) > 1 else None
+
+
+def _replace_if_larger(model: Path, folder: Path) -> None:
+    """Put the largest model of a folder in the place of another one, where it has more photos; remove the rest."""
+    largest = max((path for path in folder.iterdir() if path.is_dir()), key=_size, default=model)
+    if _size(largest) > _size(model):
+        shutil.rmtree(model)
+        largest.rename(model)
+    shutil.rmtree(folder)
+
+
+def _pipeline(photos: PhotoSet, options: MappingOptions) -> Any:
+    """Return pycolmap's options."""
+    pipeline = load_pycolmap().IncrementalPipelineOptions()
     pipeline.min_model_size = 3
     pipeline.num_threads = 1  # with more, sums are added in another order every time
     for part in (pipeline, pipeline.mapper, pipeline.triangulation):
@@ -94,6 +135,23 @@ def _run_mapper(photos: PhotoSet, database: Path, folder: Path, options: Mapping
     pipeline.mapper.init_max_error = pipeline.mapper.filter_max_reproj_error = tolerance
     pipeline.mapper.abs_pose_max_error = 3.0 * tolerance
     pipeline.triangulation.merge_max_reproj_error = pipeline.triangulation.complete_max_reproj_error = tolerance
+    return pipeline
+
+
+def _lenient(pipeline: Any) -> Any:
+    """Return options that place photos on fewer matches, in one model that is there already."""
+    pipeline.multiple_models = False
+    pipeline.mapper.abs_pose_min_num_inliers = _LENIENT_MATCHES
+    pipeline.mapper.abs_pose_min_inlier_ratio = _LENIENT_SHARE
+    pipeline.mapper.max_reg_trials = _LENIENT_TRIALS
+    return pipeline
+
+
+def _run_mapper(
+    photos: PhotoSet, database: Path, folder: Path, pipeline: Any, start: Path | None, progress: Progress
+) -> None:
+    pycolmap = load_pycolmap()
+    pycolmap.set_random_seed(pipeline.random_seed)
     total, done = len(photos.photos), 0
 
     def report() -> None:
@@ -106,6 +164,7 @@ def _run_mapper(photos: PhotoSet, database: Path, folder: Path, options: Mapping
         photos.folder,
         folder,
         options=pipeline,
+        input_path="" if start is None else start,
         initial_image_pair_callback=report,
         next_image_callback=report,
     )
@@ -121,6 +180,11 @@ def _tolerance_px(photos: PhotoSet) -> float:
 
 def _read_models(folder: Path) -> list[Any]:
     """Return the models in a folder, the largest first: the first one that COLMAP writes may be a stray pair."""
-    pycolmap = load_pycolmap()
-    models = [pycolmap.Reconstruction(path) for path in sorted(folder.iterdir()) if path.is_dir()]
-    return sorted(models, key=lambda model: (-model.num_reg_images(), -model.num_points3D()))
+    models = sorted((path for path in folder.iterdir() if path.is_dir()), key=_size, reverse=True)
+    return [load_pycolmap().Reconstruction(path) for path in models]
+
+
+def _size(model: Path) -> tuple[int, int]:
+    """Return the photos and points of a model on disk."""
+    reconstruction = load_pycolmap().Reconstruction(model)
+    return int(reconstruction.num_reg_images()), int(reconstruction.num_points3D())

@@ -8,13 +8,14 @@ from typing import Any
 
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
 from aquanav_tools.reconstruct.diagnosis import Caution
-from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
+from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.place import Georeference
 from aquanav_tools.reconstruct.georeference.sources import NOTHING_KNOWN, KnownWorld
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.prepare import prepare_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
+from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 from aquanav_tools.types import Array, PointCloud, Sim3, Stages, silent
 
 

@@ -4,14 +4,9 @@ import pytest
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.diagnosis import CAUSES, Diagnosis, check_registration, diagnose, summarise
-from aquanav_tools.reconstruct.features import (
-    FeatureOptions,
-    MatchOptions,
-    choose_pairs,
-    extract_features,
-    match_features,
-)
+from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 
 
 def names(count: int, start: int = 1) -> list[str]:
@@ -102,12 +97,3 @@ def test_summary_counts_causes_most_frequent_first() -> None:
     text = summarise([Diagnosis("p7.jpg", "blurred", ""), *dark(*names(2))])
     assert text.startswith("2 are too dark")
     assert "1 is blurred, p7.jpg" in text
-
-
-def test_small_sets_are_compared_completely_and_long_ones_nearby() -> None:
-    assert len(choose_pairs(names(10), MatchOptions())) == 45
-    pairs = choose_pairs(names(400), MatchOptions(overlap=10))
-    assert ("p1.jpg", "p11.jpg") in pairs
-    assert ("p1.jpg", "p257.jpg") in pairs
-    assert ("p1.jpg", "p13.jpg") not in pairs
-    assert len(set(pairs)) == len(pairs)

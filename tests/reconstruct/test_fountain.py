@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
+from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.georeference.camera_positions import CameraPositions
 from aquanav_tools.reconstruct.georeference.place import place
 from aquanav_tools.reconstruct.images import read_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, map_photos
+from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 
 
 @pytest.mark.slow

@@ -11,13 +11,14 @@ import pytest
 
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.reconstruct.depth import DepthOptions
-from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions
+from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import Photo, PhotoSet, read_photos
 from aquanav_tools.reconstruct.intake.forecast import Forecast, check_disk, forecast
 from aquanav_tools.reconstruct.intake.likeness import find_copies, find_groups
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.reconstruct.intake.preflight import Preflight, preflight
 from aquanav_tools.reconstruct.intake.sharpness import sharpness
+from aquanav_tools.reconstruct.matching import MatchOptions
 from tests.reconstruct.pictures import GreyImage, pan, speckle, write, write_pan
 
 

@@ -11,12 +11,13 @@ from PIL import Image
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, extract_features, match_features
+from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.intake.enhance import equalised
 from aquanav_tools.reconstruct.intake.exif import ORIENTATION_TAG
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.reconstruct.intake.prepare import prepare_photos
+from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 from tests.reconstruct.pictures import GreyImage, pan, speckle, write, write_pan
 
 

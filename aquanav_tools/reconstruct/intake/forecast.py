@@ -8,8 +8,9 @@ from pathlib import Path
 
 from aquanav_tools.errors import ResourceError
 from aquanav_tools.reconstruct.depth import DepthOptions
-from aquanav_tools.reconstruct.features import FeatureOptions, MatchOptions, choose_pairs
+from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
 
 # All rates: two cores of a cloud server that others used too, pycolmap 4.2, demo dive (65 photos, 960 x 720 px) and
 # fountain-P11 at three sizes. An idle desktop takes half of the time.
@@ -58,7 +59,7 @@ def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions,
     """Return what the reconstruction of a photo set will take."""
     cores = len(os.sched_getaffinity(0))
     count = len(photos.photos)
-    pairs = len(choose_pairs(photos.names, matching))
+    pairs = expected_pairs(count, matching)
     keypoints = features.max_features / 4096.0
     sift_px = [_shrunk_px(photo.width, photo.height, _SIFT_SIDE) for photo in photos.photos]
     depth_px = [_shrunk_px(photo.width, photo.height, depth.width) for photo in photos.photos]

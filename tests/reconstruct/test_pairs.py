@@ -1,0 +1,56 @@
+"""Pairs worth comparing: nothing near or alike is missed, and what hangs apart is bridged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from aquanav_tools.reconstruct.mapping import last_snapshot
+from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs, weak_pairs
+from aquanav_tools.reconstruct.pairs import alike_pairs, bridging_pairs, friends_of_friends, near_pairs
+
+
+def test_neighbours_and_doubling_distances_of_a_sequence_are_compared() -> None:
+    pairs = near_pairs(400, 10)
+    assert {(0, 10), (0, 256), (389, 399)} <= pairs
+    assert (0, 12) not in pairs
+
+
+def test_photos_that_look_alike_are_compared_wherever_they_come() -> None:
+    likeness = np.zeros((50, 50), int)
+    likeness[3, 47] = likeness[47, 3] = 9
+    assert alike_pairs(likeness, most=5) == {(3, 47)}
+
+
+def test_photos_that_share_two_neighbours_are_compared_with_each_other() -> None:
+    verified = np.zeros((5, 5), bool)
+    for i, j in ((0, 1), (0, 2), (3, 1), (3, 2), (3, 4)):
+        verified[i, j] = verified[j, i] = True
+    assert friends_of_friends(verified, most=5) == {(0, 3), (1, 2)}
+
+
+def test_photos_of_separate_groups_are_all_compared_and_others_not_again() -> None:
+    verified = np.zeros((4, 4), bool)
+    verified[0, 1] = verified[1, 0] = verified[2, 3] = verified[3, 2] = True
+    assert bridging_pairs(verified) == {(0, 2), (0, 3), (1, 2), (1, 3)}
+
+
+def test_only_photos_without_strong_neighbours_are_matched_once_more() -> None:
+    matches = np.full((6, 6), 200) - np.diag([200] * 6)
+    assert weak_pairs(matches) == set()
+    matches[5, :] = matches[:, 5] = [30, 0, 0, 0, 0, 0]
+    assert weak_pairs(matches) == {(0, 5)}
+
+
+def test_a_small_set_is_compared_completely_and_a_long_one_in_proportion_to_its_length() -> None:
+    options = MatchOptions()
+    assert expected_pairs(30, options) == 30 * 29 / 2
+    assert expected_pairs(2000, options) < 2.1 * expected_pairs(1000, options)
+
+
+def test_a_killed_mapping_goes_on_from_a_snapshot_that_was_written_to_its_end(tmp_path: Path) -> None:
+    assert last_snapshot(tmp_path) is None
+    for name in ("0001", "0002", "0003"):
+        (tmp_path / name).mkdir()
+    assert last_snapshot(tmp_path) == tmp_path / "0002"
