@@ -42,6 +42,9 @@ MIN_OBSERVED_SHARE = 0.9
 MAX_DROPPED_SHARE = 0.05
 MAX_MEDIAN_VOXELS = 0.25
 """Half of the scan lies at most this far from the cavity, and 95 % within a voxel; or the report says so."""
+VOXELS_OF_MISFIT = 5.0
+"""Relief and noise look alike before closing. Where half of the scan then turns out to lie farther from the cavity, it
+was noise, and the voxel becomes this many times that distance; never larger than the vehicle's radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,12 +137,32 @@ def build_scenario(
 def _close(
     scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, evidence: Evidence
 ) -> tuple[Resolution, Surface, ClosedSurface, Cavity]:
-    """Return the cavity in a scan, and what it was made from."""
+    """Return the cavity in a scan, and what it was made from; once more and coarser where noise asks for it."""
     given = np.array(options.closing.inside).reshape(-1, 3)
     evidence = Evidence(np.concatenate([evidence.inside, given]), evidence.legs)
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
+    surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
+    points = _sample(surface.points, np.random.default_rng(options.seed))
+    misfit = measure_fit(cavity, points, resolution.voxel).median
+    coarser = VOXELS_OF_MISFIT * misfit
+    is_loose = misfit > MAX_MEDIAN_VOXELS * resolution.voxel
+    if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
+        resolution = replace(resolution, voxel=coarser, reason="the noise that a first, finer surface showed")
+        surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
+    return resolution, surface, closed, cavity
+
+
+def _close_at(
+    resolution: Resolution,
+    scan: Mesh | PointCloud,
+    options: BuildOptions,
+    journal: Journal,
+    min_portal: float,
+    evidence: Evidence,
+) -> tuple[Surface, ClosedSurface, Cavity]:
+    """Return the cavity in a scan at a resolution, and what it was made from."""
     journal.announce(
         f"Closing at {1000 * resolution.voxel:.0f} mm ({resolution.reason}); this takes about "
         f"{resolution.memory_gb:.1f} GB of the {options.closing.memory:.1f} GB allowed."
@@ -165,7 +188,7 @@ def _close(
         cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts)
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(cavity, float(closed.is_scan.mean()))
-    return resolution, surface, closed, cavity
+    return surface, closed, cavity
 
 
 def _near_points(cavity: Cavity, points: Array, distance: float) -> BoolArray:
