@@ -16,6 +16,7 @@ import trimesh
 from PIL import Image
 
 from aquanav_tools.cave.synthetic.caves import tube
+from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
 from tests.cave.open_caves import wavy_sheet
@@ -67,6 +68,17 @@ def test_a_build_leaves_a_complete_scenario_folder(built: Path) -> None:
     assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 8.0, rel=1e-4)
     with Image.open(built / "cave.png") as picture:
         assert min(picture.size) > 300
+
+
+def test_noise_that_a_first_surface_shows_makes_the_voxel_larger(tmp_path: Path) -> None:
+    noisy = add_noise(intact(tube(1.2, 8.0, sections=48, rings=61)), 0.05, seed=2).mesh
+    noisy.to_trimesh().export(tmp_path / "noisy.ply")
+    assert run(tmp_path / "noisy.ply", "-o", tmp_path / "cave", "--starts.count", 5).returncode == 0
+    report = json.loads((tmp_path / "cave" / "report.json").read_text())
+    # Noise of 5 cm along the normal alone puts half of the points 3.4 cm and more from the wall.
+    assert report["voxel"] > 4.0 * 0.025
+    assert report["fit"]["median"] <= 0.25 * report["voxel"]
+    assert report["fit"]["percentile_95"] <= report["voxel"]
 
 
 def test_the_same_scan_and_seed_give_the_same_bytes(scan: Path, built: Path, tmp_path: Path) -> None:
