@@ -25,6 +25,9 @@ MAX_CLIPPED = 0.2
 """Share of burnt-out pixels above which a photo is named."""
 LINKED_SHARE = 0.5
 """Share of photos in the largest group of overlapping neighbours above which the ones outside of it are named."""
+LITTLE_SHARE = 0.25
+"""A largest group with less than this share speaks of gaps. In between, small copies cannot tell: of the demo's photos,
+taken all around at every station, 46 % hang together in them, and nearly all register."""
 
 
 @dataclass(frozen=True)
@@ -122,13 +125,15 @@ def _overlap(names: Sequence[str], groups: Sequence[Sequence[int]]) -> list[Caut
     if len(groups) == 1:
         return []
     largest = max(groups, key=len)
-    if len(largest) < LINKED_SHARE * len(names):
+    if len(largest) < LITTLE_SHARE * len(names):
         message = (
             f"In small copies, neighbouring photos overlap little: the largest of {len(groups)} groups that hang "
             f"together has {len(largest)} of {len(names)} photos. They may be out of order, turned away from each "
             "other, or taken too far apart; expect gaps, and take more photos in between if you can."
         )
         return [Caution("little-overlap", message)]
+    if len(largest) < LINKED_SHARE * len(names):
+        return []
     outside = [group for group in groups if group is not largest]
     named = ", ".join(names[g[0]] if len(g) == 1 else f"{names[g[0]]} to {names[g[-1]]}" for g in outside[:MAX_NAMED])
     more = f" and {len(outside) - MAX_NAMED} more groups" if len(outside) > MAX_NAMED else ""
