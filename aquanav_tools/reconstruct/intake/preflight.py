@@ -125,7 +125,7 @@ def _overlap(names: Sequence[str], groups: Sequence[Sequence[int]]) -> list[Caut
     if len(groups) == 1:
         return []
     largest = max(groups, key=len)
-    if len(largest) < LITTLE_SHARE * len(names):
+    if len(largest) < max(2.0, LITTLE_SHARE * len(names)):
         message = (
             f"In small copies, neighbouring photos overlap little: the largest of {len(groups)} groups that hang "
             f"together has {len(largest)} of {len(names)} photos. They may be out of order, turned away from each "
