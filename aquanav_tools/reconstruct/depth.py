@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from aquanav_tools.reconstruct.views import View, rank_sources, read_views
 from aquanav_tools.types import Progress, ignore_progress
 
 FloatImage = npt.NDArray[np.float32]
+DepthQuality = Literal["draft", "standard", "high"]
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,15 @@ class DepthOptions:
             raise ValueError(f"DepthOptions needs width >= 64, radius >= 1 and iterations >= 1, got {self}.")
         if self.sources < 2:
             raise ValueError(f"sources = {self.sources} is below 2: each pixel needs two photos that confirm it.")
+
+    @classmethod
+    def at(cls, quality: DepthQuality) -> DepthOptions:
+        """Return the settings of a quality: a draft to look at, the standard, or what more time buys."""
+        if quality == "draft":
+            return cls(width=320, sources=4)
+        if quality == "high":
+            return cls(width=640, sources=8, radius=5, iterations=3)
+        return cls()
 
 
 @dataclass(frozen=True, eq=False)
