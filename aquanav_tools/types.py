@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -135,10 +135,10 @@ class PointCloud:
 class Sim3:
     """b_from_a: turns, scales and moves points of frame a into frame b."""
 
-    scale: float
-    rotation: Array
+    scale: float = 1.0
+    rotation: Array = field(default_factory=lambda: np.eye(3))
     """(3, 3)."""
-    translation: Array
+    translation: Array = field(default_factory=lambda: np.zeros(3))
     """(3,)."""
 
     def apply(self, points: Array) -> Array:
@@ -150,6 +150,10 @@ class Sim3:
         """Return (N, 3) unit vectors of frame a in frame b."""
         turned: Array = directions @ self.rotation.T
         return turned
+
+    def __matmul__(self, a_from_c: Sim3) -> Sim3:
+        """Return b_from_c."""
+        return Sim3(self.scale * a_from_c.scale, self.rotation @ a_from_c.rotation, self.apply(a_from_c.translation))
 
 
 def yaw_quaternion(yaw: float) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
+from aquanav_tools.reconstruct.growth import keep_order, read_order
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.types import Array, Progress, ignore_progress
@@ -48,6 +49,8 @@ class SparseModel:
     diagnoses: tuple[Diagnosis, ...] = ()
     """One for every photo that is not in the model."""
     cautions: tuple[Caution, ...] = ()
+    order: tuple[str, ...] = ()
+    """Registered photos in the order they were placed in; empty where that was not kept."""
 
     @property
     def names(self) -> list[str]:
@@ -81,13 +84,14 @@ def map_photos(
     """
     if not folder.is_dir():
         _fill(photos, database, folder, options, progress)
-    models = _read_models(folder)
+    paths = _by_size(folder)
+    models = [load_pycolmap().Reconstruction(path) for path in paths]
     groups = [
         sorted((name_of(model.image(i).name) for i in model.reg_image_ids()), key=natural_key) for model in models
     ]
     diagnoses = diagnose(photos, database, groups)
     cautions = check_registration(len(photos.photos), groups, diagnoses, options.min_share)
-    return SparseModel(models[0], diagnoses, cautions)
+    return SparseModel(models[0], diagnoses, cautions, tuple(name_of(file) for file in read_order(paths[0])))
 
 
 def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
@@ -99,7 +103,7 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
     pipeline = _pipeline(photos, options)
     pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
     _run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
-    models = sorted((path for path in mapped.iterdir() if path.is_dir()), key=_size, reverse=True)
+    models = _by_size(mapped)
     if models and _size(models[0])[0] < len(photos.photos):
         completed = mapped / "completed"
         completed.mkdir()
@@ -159,7 +163,7 @@ def _run_mapper(
         done = min(done + 1, total)  # a photo may be tried in more than one model
         progress(done, total)
 
-    pycolmap.incremental_mapping(
+    models = pycolmap.incremental_mapping(
         database,
         photos.folder,
         folder,
@@ -168,6 +172,7 @@ def _run_mapper(
         initial_image_pair_callback=report,
         next_image_callback=report,
     )
+    keep_order(models, folder, start)
 
 
 def _tolerance_px(photos: PhotoSet) -> float:
@@ -178,10 +183,9 @@ def _tolerance_px(photos: PhotoSet) -> float:
     return float(np.clip(max(photo.width for photo in photos.photos) / 750.0, 2.0, 4.0))
 
 
-def _read_models(folder: Path) -> list[Any]:
+def _by_size(folder: Path) -> list[Path]:
     """Return the models in a folder, the largest first: the first one that COLMAP writes may be a stray pair."""
-    models = sorted((path for path in folder.iterdir() if path.is_dir()), key=_size, reverse=True)
-    return [load_pycolmap().Reconstruction(path) for path in models]
+    return sorted((path for path in folder.iterdir() if path.is_dir()), key=_size, reverse=True)
 
 
 def _size(model: Path) -> tuple[int, int]:

@@ -77,7 +77,7 @@ def match_features(
             _match(database, chunk, options)
             done += len(chunk)
             progress(min(done, expected), expected)
-    for chunk in _chunks(_named(names, weak_pairs(_verified_matches(database, names)))):
+    for chunk in _chunks(_named(names, weak_pairs(verified_matches(database, names)))):
         _forget(database, chunk)
         _match(database, chunk, options, is_guided=True)
     progress(expected, expected)
@@ -99,8 +99,8 @@ def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> Iter
         return
     likeness = count_likeness(database, names)
     yield near_pairs(len(names), options.overlap) | alike_pairs(likeness, options.alike)
-    yield friends_of_friends(_verified_matches(database, names) > 0, options.alike)
-    yield bridging_pairs(_verified_matches(database, names) > 0)
+    yield friends_of_friends(verified_matches(database, names) > 0, options.alike)
+    yield bridging_pairs(verified_matches(database, names) > 0)
 
 
 def weak_pairs(matches: Counts) -> set[Pair]:
@@ -152,7 +152,7 @@ def _named(names: Sequence[str], pairs: set[Pair]) -> list[tuple[str, str]]:
     return [(names[i], names[j]) for i, j in ordered]
 
 
-def _verified_matches(database: Path, names: Sequence[str]) -> Counts:
+def verified_matches(database: Path, names: Sequence[str]) -> Counts:
     """Return (N, N) how many matches of two photos fit one rigid scene."""
     pycolmap = load_pycolmap()
     matches = np.zeros((len(names), len(names)), np.int64)

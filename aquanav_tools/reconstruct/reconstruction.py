@@ -16,6 +16,7 @@ from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.prepare import prepare_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
 from aquanav_tools.reconstruct.matching import MatchOptions, match_features
+from aquanav_tools.reconstruct.record import PhotoRecord
 from aquanav_tools.types import Array, PointCloud, Sim3, Stages, silent
 
 
@@ -45,12 +46,15 @@ class Reconstruction:
     """Figures for the report, ready for JSON."""
     is_metric: bool = False
     """Whether something gave the scale; else lengths are in an arbitrary unit."""
+    world_from_sfm: Sim3 = field(default_factory=Sim3)
+    """Where the sparse model lies."""
 
     def moved(self, b_from_a: Sim3) -> Reconstruction:
         """Return the reconstruction in another frame, for instance after its scale became known."""
         normals = None if self.cloud.normals is None else b_from_a.turn(self.cloud.normals)
         cloud = PointCloud(b_from_a.apply(self.cloud.points), normals, self.cloud.colours)
-        return replace(self, cloud=cloud, camera_centres=b_from_a.apply(self.camera_centres))
+        centres = b_from_a.apply(self.camera_centres)
+        return replace(self, cloud=cloud, camera_centres=centres, world_from_sfm=b_from_a @ self.world_from_sfm)
 
 
 def reconstruct(
@@ -59,6 +63,7 @@ def reconstruct(
     options: ReconstructOptions,
     world: KnownWorld = NOTHING_KNOWN,
     stage: Stages = silent,
+    record: PhotoRecord | None = None,
 ) -> Reconstruction:
     """Return the passage that a set of photos shows.
 
@@ -69,25 +74,29 @@ def reconstruct(
         options: Of all stages.
         world: What tells scale and up, from `read_world`; without it the scale is arbitrary.
         stage: Shows the stages.
+        record: Is told where the stages leave what a report shows, also when a later one stops.
 
     Raises:
         InputError: photos cannot be used.
         ReconstructionError: too few photos register, or their depths do not agree.
     """
     database, dense_dir = workspace / "database.db", workspace / "dense"
+    record = PhotoRecord() if record is None else record
     with stage("Preparing the photos") as progress:
-        photos = prepare_photos(photos, workspace / "prepared", progress)
+        record.photos = photos = prepare_photos(photos, workspace / "prepared", progress)
     with stage("Finding features") as progress:
         extract_features(photos, database, options.features, progress)
     with stage("Matching photos") as progress:
         match_features(photos, database, options.matching, progress)
+        record.database = database
     with stage("Placing cameras") as progress:
-        sparse = map_photos(photos, database, workspace / "models", options.mapping, progress)
+        record.sparse = sparse = map_photos(photos, database, workspace / "models", options.mapping, progress)
     with stage("Finding scale and up") as progress:
         placement = world.place(sparse, photos, progress)
     with stage("Measuring depth") as progress:
         undistort(photos, sparse, dense_dir, options.depth)
-        depth_paths = estimate_depth(dense_dir, options.depth, progress)
+        record.depth_paths = depth_paths = estimate_depth(dense_dir, options.depth, progress)
+        record.dense_dir = dense_dir
     with stage("Fusing depth maps") as progress:
         cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress)
     return assemble(photos, sparse, placement, cloud)
