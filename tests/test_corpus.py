@@ -14,9 +14,9 @@ from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.cave.synthetic import damage
 from aquanav_tools.cave.synthetic.damage import Truth
 from aquanav_tools.types import Mesh
+from eval.child import run_child
 from eval.corpus.bad_inputs import bad_inputs
 from eval.corpus.cases import generated_cases
-from eval.corpus.child import run_child
 from eval.corpus.files import read_truth, write_case
 from eval.corpus.judge import compare
 from eval.corpus.networks import network_cases

@@ -99,8 +99,15 @@ def in_metres(
     return scaled.moved(Sim3(factor, np.eye(3), np.zeros(3)))
 
 
-def write_cloud(cloud: PointCloud, path: Path) -> None:
-    """Write a coloured PLY that viewers read."""
+def write_found(reconstruction: Reconstruction, folder: Path) -> None:
+    """Write cloud.ply, which viewers read, and cameras.json: name, centre and `cam_from_world` rotation of each."""
     import trimesh
 
-    trimesh.PointCloud(cloud.points, colors=cloud.colours).export(path)
+    cloud = reconstruction.cloud
+    trimesh.PointCloud(cloud.points, colors=cloud.colours).export(folder / "cloud.ply")
+    placed = zip(
+        reconstruction.camera_names, reconstruction.camera_centres, reconstruction.camera_rotations, strict=True
+    )
+    cameras = [{"name": name, "centre": c.tolist(), "cam_from_world": turn.tolist()} for name, c, turn in placed]
+    table = {"is_metric": reconstruction.is_metric, "cameras": cameras}
+    (folder / "cameras.json").write_text(json.dumps(table, indent=1) + "\n", encoding="utf-8")

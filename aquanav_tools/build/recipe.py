@@ -24,7 +24,7 @@ from aquanav_tools.build.photo_stages import (
     in_metres,
     preview_surface,
     workspace_key,
-    write_cloud,
+    write_found,
 )
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
@@ -45,7 +45,7 @@ from aquanav_tools.types import Mesh, PointCloud, Stages, silent
 
 WORK_DIR = "work"
 """Where photo stages keep what a later run can take up; safe to delete."""
-KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply", "faults.png"}
+KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply", "cameras.json", "faults.png"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,13 +136,14 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
         facts |= reconstruction.statistics
         for caution in reconstruction.warnings:
             journal.warn(caution.code, caution.message)
-        write_cloud(reconstruction.cloud, options.output / "cloud.ply")
+        write_found(reconstruction, options.output)
         with journal.stage("Checking that it is a cave"):
             preview = preview_surface(reconstruction.cloud)
             facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
             is_inside = cameras_inside(reconstruction, preview)
             reconstruction = in_metres(reconstruction, preview, options.scale, journal)
             facts |= reconstruction.statistics
+            write_found(reconstruction, options.output)
         evidence = Evidence(reconstruction.camera_centres[is_inside])
         built = build_scenario(reconstruction.cloud, options, journal, evidence)
     except AquanavError as error:

@@ -39,6 +39,8 @@ class Reconstruction:
     """Fused points, m, with normals into the water and colours."""
     camera_centres: Array
     """(N, 3) where the registered photos were taken, m."""
+    camera_rotations: Array
+    """(N, 3, 3) their `cam_from_world` rotations."""
     camera_names: tuple[str, ...]
     """The photos those are."""
     warnings: tuple[Caution, ...]
@@ -54,7 +56,11 @@ class Reconstruction:
         normals = None if self.cloud.normals is None else b_from_a.turn(self.cloud.normals)
         cloud = PointCloud(b_from_a.apply(self.cloud.points), normals, self.cloud.colours)
         centres = b_from_a.apply(self.camera_centres)
-        return replace(self, cloud=cloud, camera_centres=centres, world_from_sfm=b_from_a @ self.world_from_sfm)
+        rotations = self.camera_rotations @ b_from_a.rotation.T
+        world_from_sfm = b_from_a @ self.world_from_sfm
+        return replace(
+            self, cloud=cloud, camera_centres=centres, camera_rotations=rotations, world_from_sfm=world_from_sfm
+        )
 
 
 def reconstruct(
@@ -122,5 +128,6 @@ def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, clo
         **placement.statistics,
     }
     cautions = sparse.cautions + placement.cautions
-    found = Reconstruction(cloud, sparse.centres, names, cautions, statistics, placement.scale_error is not None)
+    is_metric = placement.scale_error is not None
+    found = Reconstruction(cloud, sparse.centres, sparse.rotations, names, cautions, statistics, is_metric)
     return found.moved(placement.world_from_sfm)

@@ -25,7 +25,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the judge lives with the corpus
 
-from eval.corpus.child import Ended, run_child
+from eval.child import Ended, run_child
 
 ROOT = Path(__file__).parents[2]
 PEERS = ("open3d-poisson", "pymeshfix", "pymeshlab-alpha-wrap", "pymeshlab-close-holes", "point-cloud-utils-watertight")

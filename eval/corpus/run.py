@@ -24,7 +24,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the corpus is no part of the package
 
-from eval.corpus.child import Ended, run_child
+from eval.child import Ended, run_child
 from eval.corpus.table import print_tables, write_tables
 
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"

@@ -8,16 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key, write_found
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError, ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
-from aquanav_tools.types import Mesh, PointCloud, silent
+from aquanav_tools.types import Mesh, PointCloud, Sim3, silent
 from tests.build.test_scan_build import run
 
 
@@ -30,15 +31,16 @@ def photos(rng: np.random.Generator, tmp_path: Path) -> PhotoSet:
     return read_photos(folder)
 
 
+UPRIGHT = np.tile(np.eye(3), (9, 1, 1))
+
+
 def in_a_tube(scale: float, rng: np.random.Generator) -> Reconstruction:
     """What photos of a tube of radius 1 give, in arbitrary units: `scale` times too large."""
-    import trimesh
-
     points, _ = trimesh.sample.sample_surface(tube(1.0, 8.0).mesh.to_trimesh(), 20_000, seed=1)
     normals = np.asarray(points) * [0.0, -1.0, -1.0]
     cameras = np.stack([np.linspace(1, 7, 9), rng.uniform(-0.2, 0.2, 9), rng.uniform(-0.2, 0.2, 9)], axis=1)
     cloud = PointCloud(scale * np.asarray(points), normals / np.linalg.norm(normals, axis=1, keepdims=True))
-    return Reconstruction(cloud, scale * cameras, tuple(f"{n}.jpg" for n in range(9)), (), {})
+    return Reconstruction(cloud, scale * cameras, UPRIGHT, tuple(f"{n}.jpg" for n in range(9)), (), {})
 
 
 def test_the_workspace_changes_with_photos_and_settings(photos: PhotoSet) -> None:
@@ -55,12 +57,26 @@ def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(tube_of_ten: tuple[Rec
     assert check_is_cave(*tube_of_ten) > 0.9
 
 
+def test_cameras_see_the_cloud_in_the_same_place_after_it_was_moved(
+    tube_of_ten: tuple[Reconstruction, Mesh], tmp_path: Path
+) -> None:
+    before = tube_of_ten[0]
+    quarter = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    write_found(before.moved(Sim3(2.0, quarter, np.array([1.0, 2.0, 3.0]))), tmp_path)
+    camera = json.loads((tmp_path / "cameras.json").read_text())["cameras"][4]
+    points = trimesh.load(tmp_path / "cloud.ply").vertices
+    seen = (points - camera["centre"]) @ np.transpose(camera["cam_from_world"])
+    expected = 2.0 * (before.cloud.points - before.camera_centres[4]) @ before.camera_rotations[4].T
+    assert camera["name"] == "4.jpg"
+    np.testing.assert_allclose(seen, expected, atol=1e-4)  # PLY keeps float32
+
+
 def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> None:
     flat = np.stack([rng.uniform(-5, 5, 8000), np.zeros(8000), rng.uniform(0, 8, 8000)], axis=1)
     facade = flat + [0.0, 0.2, 0.0] * np.sin(flat[:, :1])
     cameras = np.stack([np.linspace(-4, 4, 9), np.full(9, -6.0), np.full(9, 1.7)], axis=1)
     cloud = PointCloud(facade, np.tile([0.0, -1.0, 0.0], (8000, 1)))
-    reconstruction = Reconstruction(cloud, cameras, tuple("abcdefghi"), (), {})
+    reconstruction = Reconstruction(cloud, cameras, UPRIGHT, tuple("abcdefghi"), (), {})
     with pytest.raises(MeshError, match=r"no cave: from the cameras, the scanned surface fills only \d+%"):
         check_is_cave(reconstruction, preview_surface(cloud))
 

@@ -1,0 +1,128 @@
+"""The table of the photo benchmark, as markdown and JSON."""
+
+from __future__ import annotations
+
+import json
+import platform
+from pathlib import Path
+from typing import Any
+
+CAMERAS = (
+    "set", "photos", "registered", "centres off, mean / max (mm)", "rotations off (deg)",
+    "COLMAP registered", "centres off, mean / max (mm)", "ours (s)", "COLMAP (s)",
+)  # fmt: skip
+MODELS = (
+    "set", "cloud F at 5 / 10 cm", "surface F at 5 / 10 cm", "invented wall", "volume off by", "of the whole cave",
+    "portals", "genus (truth)", "cameras outside", "GB", "outcome",
+)  # fmt: skip
+STAGES = {
+    "features": ("Finding features",),
+    "matching": ("Matching photos",),
+    "cameras": ("Placing cameras",),
+    "depth": ("Measuring depth",),
+    "fusion": ("Fusing depth maps",),
+    "closing": ("Preparing the surface", "Closing the cavity"),
+}
+"""Columns of the table of times, by the titles of a build's stages; the rest are added up."""
+
+
+def print_table(results: list[dict[str, Any]]) -> None:
+    """Print all three tables."""
+    print("\n" + markdown(results))
+
+
+def write_table(results: list[dict[str, Any]], folder: Path) -> None:
+    """Keep photos.md and photos.json."""
+    (folder / "photos.md").write_text(markdown(results), encoding="utf-8")
+    (folder / "photos.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+
+
+def markdown(results: list[dict[str, Any]]) -> str:
+    """Return everything as one markdown page."""
+    lines = [
+        "# Photos",
+        "",
+        f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave; "
+        "centres and rotations after the similarity transform that fits the true centres best. COLMAP is its own "
+        "command line: features, exhaustive matching, incremental mapping.",
+        "",
+        "## Cameras",
+        "",
+        *_table(CAMERAS, [_camera_row(result) for result in results]),
+        "",
+        "## Models",
+        "",
+        "Of the wall that two photos or more show. Volume between the portals that were found, and of the whole cave.",
+        "",
+        *_table(MODELS, [_model_row(result) for result in results if "cloud" in result or "volume" in result]),
+        "",
+        "## Seconds per stage",
+        "",
+        *_table(("set", *STAGES, "all other", "whole", "CPU"), [_time_row(result) for result in results]),
+    ]
+    stopped = [result for result in results if result["outcome"] != "proven"]
+    if stopped:
+        lines += ["", "## What the builds that stopped said", ""]
+        lines += [f"- {result['name']}: {result['sentence']}" for result in stopped]
+    return "\n".join(lines) + "\n"
+
+
+def _camera_row(result: dict[str, Any]) -> tuple[str, ...]:
+    peer = result.get("peer", {})
+    ours = sum(
+        result["stages"].get(title, 0.0) for name in ("features", "matching", "cameras") for title in STAGES[name]
+    )
+    return (
+        result["name"],
+        str(result["photos"]),
+        str(result.get("registered", 0)),
+        _errors(result),
+        f"{result['rotation_deg']:.2f}" if "rotation_deg" in result else "",
+        str(peer.get("registered", "")),
+        _errors(peer),
+        f"{ours:.0f}",
+        f"{sum(peer['seconds'].values()):.0f}" if peer else "",
+    )
+
+
+def _errors(result: dict[str, Any]) -> str:
+    """Return both errors of the centres in mm, or in % of their extent where the reference has no unit."""
+    if "centre_mean" not in result:
+        return ""
+    if result.get("is_metric", True):
+        return f"{1000 * result['centre_mean']:.1f} / {1000 * result['centre_max']:.1f}"
+    share = 100.0 / result["extent"]
+    return f"{share * result['centre_mean']:.2f} / {share * result['centre_max']:.2f} % of the extent"
+
+
+def _model_row(result: dict[str, Any]) -> tuple[str, ...]:
+    cells = [result["name"], _f_scores(result.get("cloud")), _f_scores(result.get("surface"))]
+    if "volume" not in result:
+        return (*cells, *[""] * 6, f"{result['peak_gb']:.2f}", result["outcome"])
+    return (
+        *cells,
+        f"{result['invented_share']:.0%}",
+        f"{result['volume_error']:+.1%}",
+        f"{result['whole_volume_error']:+.1%}",
+        str(result["portals"]),
+        f"{result['genus']} ({result['true_genus']})",
+        str(result["cameras_outside"]),
+        f"{result['peak_gb']:.2f}",
+        result["outcome"],
+    )
+
+
+def _f_scores(score: dict[str, float] | None) -> str:
+    return "" if score is None else f"{score['f_5']:.3f} / {score['f_10']:.3f}"
+
+
+def _time_row(result: dict[str, Any]) -> tuple[str, ...]:
+    stages = dict(result["stages"])
+    named = [sum(stages.pop(title, 0.0) for title in titles) for titles in STAGES.values()]
+    seconds = [*named, sum(stages.values()), result["seconds"], result["cpu_seconds"]]
+    return (result["name"], *(f"{value:.0f}" for value in seconds))
+
+
+def _table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
+    return lines + ["| " + " | ".join(row) + " |" for row in rows]
