@@ -35,7 +35,7 @@ IMPORTERS = {
     "open3d": {"libraries.py"},
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},
-    "rerun": {"report/recording.py"},
+    "rerun": {"report/recording/"},
 }
 """Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
 DOCTOR = "cli/doctor.py"

@@ -35,7 +35,7 @@ from aquanav_tools.reconstruct.georeference.sources import read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
-from aquanav_tools.report.recording import CaveModel, record_cave
+from aquanav_tools.report.recording.cave import CaveModel, record_cave
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
 from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenario
 from aquanav_tools.scenario.schema import Scenario

@@ -16,7 +16,8 @@ from aquanav_tools.evaluate.protocol import plan_episodes
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import Provenance, Run, results_table, write_results
 from aquanav_tools.evaluate.rollout import run_episode
-from aquanav_tools.report.recording import CaveModel, record_episode
+from aquanav_tools.report.recording.cave import CaveModel
+from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.report.recording import CaveModel, record_cave, record_episode, thin
+from aquanav_tools.report.recording.cave import CaveModel, record_cave, thin
+from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Capsule, Mesh
 from tests.report.tracks import RAYS, straight_track
