@@ -14,6 +14,7 @@ from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_regist
 from aquanav_tools.reconstruct.growth import keep_order, read_order
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
+from aquanav_tools.reconstruct.refinement import refine_optical_centres
 from aquanav_tools.types import Array, Progress, ignore_progress
 
 _SNAPSHOT_PHOTOS = 50
@@ -109,6 +110,8 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
         completed.mkdir()
         _run_mapper(photos, database, completed, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
         _replace_if_larger(models[0], completed)
+    if models:
+        _refine(models[0])
     mapped.rename(folder)
     shutil.rmtree(snapshots)
 
@@ -117,6 +120,13 @@ def last_snapshot(folder: Path) -> Path | None:
     """Return the snapshot to go on from: the last but one, for the last may be half written."""
     snapshots = sorted(path for path in folder.iterdir() if path.is_dir())
     return snapshots[-2] if len(snapshots) > 1 else None
+
+
+def _refine(path: Path) -> None:
+    """Give the cameras of a model on disk their optical centres."""
+    model = load_pycolmap().Reconstruction(path)
+    if refine_optical_centres(model):
+        model.write(path)
 
 
 def _replace_if_larger(model: Path, folder: Path) -> None:

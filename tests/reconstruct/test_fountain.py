@@ -16,7 +16,7 @@ from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 
 
 @pytest.mark.slow
-def test_all_fountain_photos_register_within_a_centimetre(data_dir: Path, tmp_path: Path) -> None:
+def test_all_fountain_photos_register_within_five_millimetres(data_dir: Path, tmp_path: Path) -> None:
     fountain = data_dir / "img_strecha_fountain_p11_half"
     if not fountain.is_dir():
         pytest.skip(f"{fountain} does not exist")
@@ -33,7 +33,7 @@ def test_all_fountain_photos_register_within_a_centimetre(data_dir: Path, tmp_pa
         placement.world_from_sfm.apply(sparse.centres) - np.array([truth[n] for n in sparse.names]), axis=1
     )
     print(f"mean {1000 * errors.mean():.1f} mm, max {1000 * errors.max():.1f} mm")
-    assert errors.mean() < 0.01
+    assert errors.max() < 0.005
 
 
 def _true_centre(path: Path) -> np.ndarray:
