@@ -1,9 +1,8 @@
-"""What a build from photos adds to their reconstruction: the key of its workspace, is it a cave, and how large."""
+"""What a build from photos adds to their reconstruction: is it a cave, and how large."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 from pathlib import Path
 
@@ -14,29 +13,13 @@ from aquanav_tools.build.options import PhotoScaleOptions
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import ReconstructionError
-from aquanav_tools.reconstruct.images import PhotoSet
-from aquanav_tools.reconstruct.intake.prepare import find_mask
-from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
-from aquanav_tools.scenario.folder import file_hash
+from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
 HEIGHT_ERROR = 0.33
 """How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
-
-
-def workspace_key(photos: PhotoSet, options: ReconstructOptions) -> str:
-    """Return a hash of everything the reconstruction depends on: the bytes of photos and masks, and settings.
-
-    What tells scale and up is not among it: it moves the result, which costs nothing.
-    """
-    settings = [dataclasses.asdict(options), dataclasses.asdict(photos.intake)]
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
-    for name in photos.names:
-        mask = find_mask(photos.folder, name)
-        digest.update(f"{name} {file_hash(photos.path(name))} {file_hash(mask) if mask else ''}\n".encode())
-    return digest.hexdigest()[:16]
 
 
 def preview_surface(cloud: PointCloud) -> Mesh:

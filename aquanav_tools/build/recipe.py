@@ -23,7 +23,6 @@ from aquanav_tools.build.photo_stages import (
     check_is_cave,
     in_metres,
     preview_surface,
-    workspace_key,
     write_found,
 )
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
@@ -31,13 +30,14 @@ from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.georeference.sources import read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording.cave import CaveModel, record_cave
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
-from aquanav_tools.scenario.folder import SETTINGS_FILE, file_hash, write_scenario
+from aquanav_tools.scenario.folder import SETTINGS_FILE, write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.tables import from_table, read_toml
@@ -129,10 +129,9 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
         # Before the long work: a wrong file must not cost an hour before it is noticed.
         world = read_world(options.scale, photos, options.seed)
         inputs |= {path.name: file_hash(path) for path in options.scale.files}
-    workspace = options.output / WORK_DIR / workspace_key(photos, settings)
-    workspace.mkdir(parents=True, exist_ok=True)
+    work_dir = options.output / WORK_DIR
     try:
-        reconstruction = reconstruct(photos, workspace, settings, world, journal.stage)
+        reconstruction = reconstruct(photos, work_dir, settings, world, journal.stage)
         facts |= reconstruction.statistics
         for caution in reconstruction.warnings:
             journal.warn(caution.code, caution.message)

@@ -15,7 +15,7 @@ from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.spaces import describe_space, is_same_space
-from aquanav_tools.scenario.folder import file_hash
+from aquanav_tools.provenance import file_hash
 
 PREFIX = "baseline:"
 NUM_CHOICES = 3

@@ -6,6 +6,7 @@ belongs to one photo set and one choice of options.
 
 from __future__ import annotations
 
+import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -48,27 +49,31 @@ def extract_features(
     photos: PhotoSet, database: Path, options: FeatureOptions, progress: Progress = ignore_progress
 ) -> None:
     """Write the keypoints of all photos into the database; photos of one size and focal length share a camera."""
-    database.parent.mkdir(parents=True, exist_ok=True)
+    scratch = database.with_name("scratch")  # on the same disk, whose room is watched
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(parents=True)
     done = 0
-    for group in photos.by_camera():
-        camera_id = _camera_of_group(photos, group, database, options)
+    for number, group in enumerate(photos.by_camera(), start=1):
+        camera_id = _camera_of_group(photos, group, number, database, options)
         for files in _chunks([photo.file for photo in group], _PHOTOS_AT_ONCE):
             _enter(photos, database, camera_id, files)
             left = _without_keypoints(database, files)
-            _write(database, _search(photos, left, options))
+            _write(database, _search(photos, left, options, scratch))
             done += len(files)
             progress(done, len(photos.photos))
+    scratch.rmdir()
 
 
-def _camera_of_group(photos: PhotoSet, group: Sequence[Photo], database: Path, options: FeatureOptions) -> int:
-    """Return the id of the camera shared by some photos; a run before may have made it."""
+def _camera_of_group(
+    photos: PhotoSet, group: Sequence[Photo], number: int, database: Path, options: FeatureOptions
+) -> int:
+    """Return the id of the camera shared by the photos of a group, its number; a run before may have made it."""
     pycolmap = load_pycolmap()
     first = group[0]
     guess = first_guess(first, photos.intake, options.focal_px)
     with pycolmap.Database.open(database) as store:
-        for photo in group:
-            if store.exists_image(photo.file):
-                return int(store.read_image_with_name(photo.file).camera_id)
+        if store.exists_camera(number):
+            return number
         camera = pycolmap.Camera.create_from_model_name(0, guess.model, guess.focal_px, first.width, first.height)
         camera.has_prior_focal_length = guess.is_known
         return int(store.write_camera(camera))
@@ -90,17 +95,17 @@ def _without_keypoints(database: Path, files: list[str]) -> list[str]:
         return [file for file in files if not store.exists_descriptors(store.read_image_with_name(file).image_id)]
 
 
-def _search(photos: PhotoSet, files: list[str], options: FeatureOptions) -> Found:
+def _search(photos: PhotoSet, files: list[str], options: FeatureOptions, scratch: Path) -> Found:
     """Return what photos show; of those that show little as they are, what they show with their texture brought out."""
     if not files:
         return {}
     source = photos.features_dir or photos.folder
-    found = _sift(source, files, photos.masks_dir, options.max_features)
+    found = _sift(source, files, photos.masks_dir, options.max_features, scratch)
     poor = [file for file in files if len(found[file][0]) < _FEW * options.max_features]
     if poor:
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory(dir=scratch) as folder:
             _bring_out(source, poor, Path(folder))
-            again = _sift(Path(folder), poor, photos.masks_dir, options.max_features, is_faint=True)
+            again = _sift(Path(folder), poor, photos.masks_dir, options.max_features, scratch, is_faint=True)
         found |= {file: more for file, more in again.items() if len(more[0]) > len(found[file][0])}
     return found
 
@@ -113,7 +118,9 @@ def _bring_out(source: Path, files: list[str], target: Path) -> None:
         cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 95])
 
 
-def _sift(folder: Path, files: list[str], masks_dir: Path | None, max_features: int, is_faint: bool = False) -> Found:
+def _sift(
+    folder: Path, files: list[str], masks_dir: Path | None, max_features: int, scratch: Path, is_faint: bool = False
+) -> Found:
     """Return the keypoints of photos, by way of a database of their own."""
     pycolmap = load_pycolmap()
     extraction = pycolmap.FeatureExtractionOptions()
@@ -124,8 +131,8 @@ def _sift(folder: Path, files: list[str], masks_dir: Path | None, max_features: 
     reader = pycolmap.ImageReaderOptions()
     if masks_dir is not None:
         reader.mask_path = masks_dir
-    with tempfile.TemporaryDirectory() as scratch:
-        database = Path(scratch) / "found.db"
+    with tempfile.TemporaryDirectory(dir=scratch) as own:
+        database = Path(own) / "found.db"
         pycolmap.extract_features(
             database,
             folder,

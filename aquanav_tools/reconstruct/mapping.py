@@ -17,6 +17,8 @@ from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.reconstruct.refinement import refine_optical_centres
 from aquanav_tools.types import Array, Progress, ignore_progress
 
+_SNAPSHOTS_FROM = 300
+"""Photos from which snapshots are kept. Smaller sets take minutes, and a run that begins again ends the same."""
 _SNAPSHOT_PHOTOS = 50
 """Placed between two snapshots: a killed run loses two of them at most."""
 _LENIENT_MATCHES = 15
@@ -77,8 +79,8 @@ def map_photos(
 ) -> SparseModel:
     """Return the largest model; all models are kept in `folder`, from where a second call takes them.
 
-    A killed call goes on from a snapshot, not from the same random numbers: cameras may then differ by as much as they
-    do between seeds.
+    A killed call begins again, to the same cameras. From 300 photos on it goes on from a snapshot, not from the same
+    random numbers: cameras may then differ by as much as they do between seeds.
 
     Raises:
         ReconstructionError: fewer than 3 photos or less than `min_share` of them register; the message counts causes.
@@ -102,7 +104,8 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
     mapped.mkdir(parents=True)
     snapshots.mkdir(exist_ok=True)
     pipeline = _pipeline(photos, options)
-    pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
+    if len(photos.photos) >= _SNAPSHOTS_FROM:
+        pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
     _run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
     models = _by_size(mapped)
     if models and _size(models[0])[0] < len(photos.photos):

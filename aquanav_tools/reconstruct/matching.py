@@ -2,15 +2,17 @@
 
 Small sets are compared completely. Of larger ones, first neighbours in time and photos that look alike; then those that
 share neighbours; then, while groups do not hang together, everything between them. Photos that hang on few matches get
-more from the neighbours they have, sought along the lines that the first matches allow. A killed run goes on where it
-was.
+more from the neighbours they have, sought along the lines that the first matches allow.
+
+A killed run goes on where it was, to the same matches: the pairs of a round rest on what earlier rounds found, so they
+are written down before the first of them is matched; and matches of a pair do not depend on the pairs matched with it.
 """
 
 from __future__ import annotations
 
 import itertools
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,6 +29,7 @@ from aquanav_tools.reconstruct.pairs import (
     friends_of_friends,
     near_pairs,
 )
+from aquanav_tools.store import write_whole
 from aquanav_tools.types import Progress, ignore_progress
 
 _PAIRS_AT_ONCE = 256
@@ -66,22 +69,22 @@ def match_features(
     photos: PhotoSet, database: Path, options: MatchOptions, progress: Progress = ignore_progress
 ) -> None:
     """Match the keypoints of photo pairs and keep the matches that fit one rigid scene."""
-    finished = database.with_suffix(".matched")
-    if finished.exists():
-        return
     names = [photo.file for photo in photos.photos]
     expected = expected_pairs(len(names), options)
-    done = 0
-    for pairs in _rounds(database, names, options):
-        for chunk in _chunks(_unmatched(database, names, pairs)):
-            _match(database, chunk, options)
-            done += len(chunk)
-            progress(min(done, expected), expected)
-    for chunk in _chunks(_named(names, weak_pairs(verified_matches(database, names)))):
-        _forget(database, chunk)
-        _match(database, chunk, options, is_guided=True)
+    done = _num_compared(database)
+    for number, (find, is_guided) in enumerate(_rounds(database, names, options)):
+        plan = database.with_name(f"round-{number}.txt")
+        if not plan.exists():
+            _write_pairs(plan, _named(names, find()))
+        left = _read_pairs(plan)
+        for start in range(0, len(left), _PAIRS_AT_ONCE):
+            chunk = left[start : start + _PAIRS_AT_ONCE]
+            _forget(database, chunk)
+            _match(database, chunk, options, is_guided)
+            _write_pairs(plan, left[start + len(chunk) :])
+            done = min(done + len(chunk), expected)
+            progress(done, expected)
     progress(expected, expected)
-    finished.touch()
 
 
 def expected_pairs(count: int, options: MatchOptions) -> int:
@@ -92,15 +95,28 @@ def expected_pairs(count: int, options: MatchOptions) -> int:
     return min(every, len(near_pairs(count, options.overlap)) + count * options.alike)
 
 
-def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> Iterator[set[Pair]]:
-    """Yield the pairs of each round; the later ones rest on what the earlier ones found."""
-    if len(names) <= options.exhaustive_up_to:
-        yield set(itertools.combinations(range(len(names)), 2))
-        return
-    likeness = count_likeness(database, names)
-    yield near_pairs(len(names), options.overlap) | alike_pairs(likeness, options.alike)
-    yield friends_of_friends(verified_matches(database, names) > 0, options.alike)
-    yield bridging_pairs(verified_matches(database, names) > 0)
+def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> list[tuple[Callable[[], set[Pair]], bool]]:
+    """Return what finds the pairs of each round, to be called when those before are matched, and if it is guided."""
+    count = len(names)
+
+    def new(pairs: set[Pair]) -> set[Pair]:
+        return _unmatched(database, names, pairs)
+
+    def verified() -> Counts:
+        return verified_matches(database, names)
+
+    weak: tuple[Callable[[], set[Pair]], bool] = (lambda: weak_pairs(verified()), True)
+    if count <= options.exhaustive_up_to:
+        return [(lambda: set(itertools.combinations(range(count), 2)), False), weak]
+    return [
+        (
+            lambda: near_pairs(count, options.overlap) | alike_pairs(count_likeness(database, names), options.alike),
+            False,
+        ),
+        (lambda: new(friends_of_friends(verified() > 0, options.alike)), False),
+        (lambda: new(bridging_pairs(verified() > 0)), False),
+        weak,
+    ]
 
 
 def weak_pairs(matches: Counts) -> set[Pair]:
@@ -121,7 +137,7 @@ def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions, 
     with tempfile.TemporaryDirectory() as folder:
         pairing = pycolmap.ImportedPairingOptions()
         pairing.match_list_path = Path(folder) / "pairs.txt"
-        Path(pairing.match_list_path).write_text("".join(f"{a} {b}\n" for a, b in pairs))
+        _write_pairs(Path(pairing.match_list_path), pairs)
         pycolmap.match_image_pairs(
             database,
             matching_options=matching,
@@ -132,7 +148,7 @@ def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions, 
 
 
 def _forget(database: Path, pairs: list[tuple[str, str]]) -> None:
-    """Remove the matches of pairs; after a kill the first rounds find them again."""
+    """Remove the matches of pairs, those that a killed run was in the middle of among them."""
     with load_pycolmap().Database.open(database) as store:
         for pair in pairs:
             ids = [store.read_image_with_name(name).image_id for name in pair]
@@ -140,11 +156,25 @@ def _forget(database: Path, pairs: list[tuple[str, str]]) -> None:
             store.delete_matches(*ids)
 
 
-def _unmatched(database: Path, names: Sequence[str], pairs: set[Pair]) -> list[tuple[str, str]]:
-    """Return the names of the pairs that were not compared yet, those of the same photos together."""
+def _unmatched(database: Path, names: Sequence[str], pairs: set[Pair]) -> set[Pair]:
+    """Return the pairs that were not compared yet."""
     with load_pycolmap().Database.open(database) as store:
-        ids = {name: store.read_image_with_name(name).image_id for name in names}
-        return [(a, b) for a, b in _named(names, pairs) if not store.exists_matches(ids[a], ids[b])]
+        ids = [store.read_image_with_name(name).image_id for name in names]
+        return {(i, j) for i, j in pairs if not store.exists_matches(ids[i], ids[j])}
+
+
+def _num_compared(database: Path) -> int:
+    with load_pycolmap().Database.open(database) as store:
+        return int(store.num_matched_image_pairs())
+
+
+def _write_pairs(path: Path, pairs: list[tuple[str, str]]) -> None:
+    write_whole(path, "".join(f"{a} {b}\n" for a, b in pairs))
+
+
+def _read_pairs(path: Path) -> list[tuple[str, str]]:
+    pairs = [line.split(" ") for line in path.read_text(encoding="utf-8").splitlines()]
+    return [(a, b) for a, b in pairs]
 
 
 def _named(names: Sequence[str], pairs: set[Pair]) -> list[tuple[str, str]]:
@@ -163,7 +193,3 @@ def verified_matches(database: Path, names: Sequence[str]) -> Counts:
         i, j = (rows[image_id] for image_id in pycolmap.pair_id_to_image_pair(pair_id))
         matches[i, j] = matches[j, i] = count
     return matches
-
-
-def _chunks(pairs: list[tuple[str, str]]) -> Iterator[list[tuple[str, str]]]:
-    return (pairs[start : start + _PAIRS_AT_ONCE] for start in range(0, len(pairs), _PAIRS_AT_ONCE))

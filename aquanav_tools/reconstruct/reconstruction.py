@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
@@ -13,11 +14,16 @@ from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.place import Georeference
 from aquanav_tools.reconstruct.georeference.sources import NOTHING_KNOWN, KnownWorld
 from aquanav_tools.reconstruct.images import PhotoSet
-from aquanav_tools.reconstruct.intake.prepare import prepare_photos
+from aquanav_tools.reconstruct.intake.prepare import find_mask, prepare_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
 from aquanav_tools.reconstruct.matching import MatchOptions, match_features
 from aquanav_tools.reconstruct.record import PhotoRecord
+from aquanav_tools.store import StageStore, copied
 from aquanav_tools.types import Array, PointCloud, Sim3, Stages, silent
+from aquanav_tools.values import kept_value
+
+DATABASE = "database.db"
+"""Of COLMAP: keypoints, and in the next stage's copy of it matches too."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +81,8 @@ def reconstruct(
 
     Args:
         photos: From `read_photos`.
-        workspace: What every stage makes is kept there, and taken up again by a second call. It belongs to one photo
-            set and one choice of options; not to what is known of the world, which only moves the result.
+        workspace: What every stage makes is kept there, under a hash of all that it rests on, and taken up again by a
+            later call. What is known of the world only moves the result, and rests in no stage.
         options: Of all stages.
         world: What tells scale and up, from `read_world`; without it the scale is arbitrary.
         stage: Shows the stages.
@@ -85,27 +91,44 @@ def reconstruct(
     Raises:
         InputError: photos cannot be used.
         ReconstructionError: too few photos register, or their depths do not agree.
+        ResourceError: the disk is full; a later call goes on from what was finished.
     """
-    database, dense_dir = workspace / "database.db", workspace / "dense"
     record = PhotoRecord() if record is None else record
-    with stage("Preparing the photos") as progress:
-        record.photos = photos = prepare_photos(photos, workspace / "prepared", progress)
-    with stage("Finding features") as progress:
-        extract_features(photos, database, options.features, progress)
-    with stage("Matching photos") as progress:
+    store = StageStore(workspace, stage)
+    content = [(name, *_content(photos, name)) for name in photos.names]
+    look = (photos.intake.lens, photos.intake.housing, photos.intake.enhance)
+    home = str(photos.folder.resolve())
+    with store.stage("Preparing the photos", "prepared", prepare_photos, home, content, look) as (folder, progress):
+        record.photos = photos = prepare_photos(photos, folder, progress)
+    inputs: tuple[object, ...] = (content, look, options.features)
+    with store.stage("Finding features", "features", extract_features, *inputs) as (features, progress):
+        extract_features(photos, features / DATABASE, options.features, progress)
+    inputs = (features.name, options.matching)
+    with store.stage("Matching photos", "matches", match_features, *inputs) as (matches, progress):
+        record.database = database = copied(features / DATABASE, matches / DATABASE)
         match_features(photos, database, options.matching, progress)
-        record.database = database
-    with stage("Placing cameras") as progress:
-        record.sparse = sparse = map_photos(photos, database, workspace / "models", options.mapping, progress)
+    inputs = (matches.name, options.mapping)
+    with store.stage("Placing cameras", "models", map_photos, *inputs) as (models, progress):
+        record.sparse = sparse = map_photos(photos, database, models / "models", options.mapping, progress)
     with stage("Finding scale and up") as progress:
         placement = world.place(sparse, photos, progress)
-    with stage("Measuring depth") as progress:
+    inputs = (models.name, options.depth)
+    with store.stage("Measuring depth", "depth", estimate_depth, *inputs) as (depth, progress):
+        record.dense_dir = dense_dir = depth / "dense"
         undistort(photos, sparse, dense_dir, options.depth)
         record.depth_paths = depth_paths = estimate_depth(dense_dir, options.depth, progress)
-        record.dense_dir = dense_dir
-    with stage("Fusing depth maps") as progress:
-        cloud = fuse_depth(dense_dir, depth_paths, options.fusion, progress)
+    inputs = (depth.name, options.fusion)
+    with store.stage("Fusing depth maps", "fused", fuse_depth, *inputs) as (fused, progress):
+        cloud = kept_value(
+            PointCloud, fused / "cloud.npz", lambda: fuse_depth(dense_dir, depth_paths, options.fusion, progress)
+        )
     return assemble(photos, sparse, placement, cloud)
+
+
+def _content(photos: PhotoSet, name: str) -> tuple[str, str]:
+    """Return the hashes of a photo and of its mask, which is empty where there is none."""
+    mask = find_mask(photos.folder, name)
+    return file_hash(photos.path(name)), "" if mask is None else file_hash(mask)
 
 
 def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, cloud: PointCloud) -> Reconstruction:

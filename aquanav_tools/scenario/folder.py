@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
 from aquanav_tools.tables import from_table, read_toml
@@ -76,15 +77,6 @@ def read_scenario(folder: str | Path) -> Scenario:
         content_hash=_content_hash(folder, hashes),
         folder=folder.resolve(),
     )
-
-
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 of a file as hex digits."""
-    digest = hashlib.sha256()
-    with path.open("rb") as stream:
-        while block := stream.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
 
 
 def _write_settings(settings: ScenarioSettings, names: list[str], folder: Path) -> None:

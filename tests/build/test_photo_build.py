@@ -13,11 +13,11 @@ from PIL import Image
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, workspace_key, write_found
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError, ReconstructionError
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
-from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions
+from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Mesh, PointCloud, Sim3, silent
 from tests.build.test_scan_build import run
 
@@ -41,16 +41,6 @@ def in_a_tube(scale: float, rng: np.random.Generator) -> Reconstruction:
     cameras = np.stack([np.linspace(1, 7, 9), rng.uniform(-0.2, 0.2, 9), rng.uniform(-0.2, 0.2, 9)], axis=1)
     cloud = PointCloud(scale * np.asarray(points), normals / np.linalg.norm(normals, axis=1, keepdims=True))
     return Reconstruction(cloud, scale * cameras, UPRIGHT, tuple(f"{n}.jpg" for n in range(9)), (), {})
-
-
-def test_the_workspace_changes_with_photos_and_settings(photos: PhotoSet) -> None:
-    from aquanav_tools.reconstruct.depth import DepthOptions
-
-    keys = [workspace_key(photos, ReconstructOptions())]
-    keys.append(workspace_key(photos, ReconstructOptions(depth=DepthOptions(width=320))))
-    Image.new("RGB", (80, 60)).save(photos.path("p0.png"))
-    keys.append(workspace_key(photos, ReconstructOptions()))
-    assert len(set(keys)) == 3
 
 
 def test_cameras_inside_a_tube_are_in_a_cave_at_any_scale(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:

@@ -27,6 +27,11 @@ class Dive:
     workspace: Path
     result: Reconstruction
 
+    @property
+    def dense_dir(self) -> Path:
+        """The undistorted photos with their depth maps."""
+        return next(self.workspace.glob("depth-*")) / "dense"
+
 
 @pytest.fixture(scope="session")
 def small_photos(tmp_path_factory: pytest.TempPathFactory) -> tuple[SyntheticCave, PhotoSet]:

@@ -83,7 +83,7 @@ def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: 
 
 
 def test_a_killed_dense_step_loses_one_photo_and_ends_the_same_for_any_number_of_threads(dive: Dive) -> None:
-    dense = dive.workspace / "dense"
+    dense = dive.dense_dir
     path = depth_path(dense, dive.result.camera_names[0])
     first = load_depth(path)
     path.unlink()
@@ -99,7 +99,7 @@ def test_a_killed_dense_step_loses_one_photo_and_ends_the_same_for_any_number_of
 
 
 def test_another_seed_gives_another_depth(dive: Dive) -> None:
-    dense = dive.workspace / "dense"
+    dense = dive.dense_dir
     path = depth_path(dense, dive.result.camera_names[0])
     first = path.read_bytes()
     kept = load_depth(path)
@@ -130,12 +130,12 @@ def test_photos_without_neighbours_at_a_useful_angle_end_the_dense_step(
 ) -> None:
     monkeypatch.setattr("aquanav_tools.reconstruct.depth.rank_sources", lambda views, count: [[]] * len(views))
     with pytest.raises(ReconstructionError, match=r"None of the 12 registered photos shares rock with two others"):
-        estimate_depth(dive.workspace / "dense", SMALL_OPTIONS.depth)
+        estimate_depth(dive.dense_dir, SMALL_OPTIONS.depth)
 
 
 def test_depth_maps_without_a_sure_pixel_end_the_fusion(dive: Dive, tmp_path: Path) -> None:
     dense = tmp_path / "dense"
-    shutil.copytree(dive.workspace / "dense", dense)
+    shutil.copytree(dive.dense_dir, dense)
     paths = sorted((dense / "depth").iterdir())
     with pytest.raises(ReconstructionError, match=r"depth maps of 12 photos agree on no point"):
         fuse_depth(dense, paths, FusionOptions(max_cost=1e-9))
