@@ -17,10 +17,11 @@ from aquanav_tools.envs.reward import Decision, load_weights, reward_terms
 from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.actuators import ActuatorModel
+from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
-from aquanav_tools.sim.vehicle import Vehicle, load_vehicle, parse_vehicle
+from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle
+from aquanav_tools.sim.vehicle_base import Vehicle
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
@@ -129,7 +130,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         )
         self.action_space = self._action_model.space
         self.observation_space = self._observation_model.space
-        self._actuators = ActuatorModel(self.vehicle, settings.limits.dt, settings.limits.substeps)
+        self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
         self._sensor = RangeSensor(self.scenario.cavity.mesh, pattern)
         self._world = BulletWorld(self.scenario, self.vehicle)
         self._episode = Episode(self._rules)
@@ -183,7 +184,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         info = {
             "position": state[:3],
             "orientation": state[3:7],
-            "velocity": state[7:],
+            "velocity": state[7:13],
             "current": self._current.copy(),
             "rays": rays,
             "clearance": self._world.clearance(),

@@ -1,34 +1,35 @@
-"""From a command to the wrench on the vehicle: ballast, steer and thrust."""
+"""From a command to what the vehicle's motion takes: ballast, steer and thrust."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 
-from aquanav_tools.sim.vehicle import Vehicle
+from aquanav_tools.sim.fossen import FossenVehicle
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
 
 SURGE, HEAVE, YAW = 0, 2, 5
 
 
-class ActuatorModel:
-    """The vehicle's actuators with their one state, the trim.
+class ActuatorModel(ABC):
+    """The vehicle's actuators with their one state, the trim."""
 
-    Ballast moves the trim at a rate and leaves it where it is when nothing is commanded; steer asks the autopilot for
-    a rate of turn; thrust pushes ahead, or in reverse with a share of the force.
-    """
+    def __init__(self, substeps: int) -> None:
+        self._commands = np.zeros((substeps, 6))
 
-    def __init__(self, vehicle: Vehicle, dt: float, substeps: int) -> None:
-        self.trim = 0.0
+    @property
+    @abstractmethod
+    def trim(self) -> float:
         """In [-1, 1]: 0 floats, 1 is full buoyancy up."""
-        self._actuators = vehicle.actuators
-        self._yaw_moment = vehicle.actuators.yaw_rate * vehicle.autopilot.rate_gain[2]
-        self._trim_step = vehicle.actuators.trim_rate * dt
-        self._wrenches = np.zeros((substeps, 6))
 
+    @abstractmethod
     def reset(self) -> None:
         """Trim to neutral."""
-        self.trim = 0.0
 
+    @abstractmethod
     def apply(self, ballast: float, steer: float, thrust: float) -> Array:
         """Hold a command for all substeps of a decision.
 
@@ -38,14 +39,90 @@ class ActuatorModel:
             thrust: -1 (reverse) to 1 (ahead).
 
         Returns:
-            (substeps, 6) wrench in the body frame, N and N m; valid until the next call.
+            (substeps, 6) for `motion.advance`; valid until the next call.
         """
-        actuators, wrenches = self._actuators, self._wrenches
-        wrenches[:, SURGE] = actuators.surge_force * (thrust if thrust > 0.0 else thrust * actuators.reverse_share)
-        wrenches[:, YAW] = steer * self._yaw_moment
+
+
+def actuator_model(vehicle: Vehicle, dt: float, substeps: int) -> ActuatorModel:
+    """Return the actuators of a vehicle, for decisions of `substeps` steps of `dt` (s)."""
+    if isinstance(vehicle, FossenVehicle):
+        return WrenchActuators(vehicle, dt, substeps)
+    if isinstance(vehicle, OriginalVehicle):
+        return OriginalActuators(vehicle, dt, substeps)
+    raise TypeError(f"No actuators are known for a {type(vehicle).__name__}.")
+
+
+class WrenchActuators(ActuatorModel):
+    """Asks for a wrench in the body frame, N and N m.
+
+    Ballast moves the trim at a rate and leaves it where it is when nothing is commanded; steer asks the autopilot for
+    a rate of turn; thrust pushes ahead, or in reverse with a share of the force.
+    """
+
+    def __init__(self, vehicle: FossenVehicle, dt: float, substeps: int) -> None:
+        super().__init__(substeps)
+        self._trim = 0.0
+        self._actuators = vehicle.actuators
+        self._yaw_moment = vehicle.full_steer
+        self._trim_step = vehicle.actuators.trim_rate * dt
+
+    @property
+    def trim(self) -> float:
+        """In [-1, 1]: 0 floats, 1 is full buoyancy up."""
+        return self._trim
+
+    def reset(self) -> None:
+        """Trim to neutral."""
+        self._trim = 0.0
+
+    def apply(self, ballast: float, steer: float, thrust: float) -> Array:
+        """Return the (substeps, 6) wrench of a held command, body frame, N and N m."""
+        actuators, commands = self._actuators, self._commands
+        commands[:, SURGE] = actuators.surge_force * (thrust if thrust > 0.0 else thrust * actuators.reverse_share)
+        commands[:, YAW] = steer * self._yaw_moment
         heave, change = [], ballast * self._trim_step
-        for _ in wrenches:
-            self.trim = min(max(self.trim + change, -1.0), 1.0)
-            heave.append(actuators.heave_force * self.trim)
-        wrenches[:, HEAVE] = heave
-        return wrenches
+        for _ in commands:
+            self._trim = min(max(self._trim + change, -1.0), 1.0)
+            heave.append(actuators.heave_force * self._trim)
+        commands[:, HEAVE] = heave
+        return commands
+
+
+class OriginalActuators(ActuatorModel):
+    """Sets thrust (N), moment (N m) and the floaters' power (N/m, in the place of heave) as the original does."""
+
+    def __init__(self, vehicle: OriginalVehicle, dt: float, substeps: int) -> None:
+        super().__init__(substeps)
+        self._drive = vehicle.drive
+        self._ballast = vehicle.ballast
+        self._power = 0.0
+        self._power_step = 0.0 if vehicle.ballast is None else vehicle.ballast.power_rate * dt
+        self.reset()
+
+    @property
+    def trim(self) -> float:
+        """In [-1, 1]: 0 is the power at the start, 1 and -1 are the most and the least."""
+        if self._ballast is None:
+            return 0.0
+        neutral = self._ballast.power
+        limit = self._ballast.max_power if self._power > neutral else self._ballast.min_power
+        return (self._power - neutral) / abs(limit - neutral)
+
+    def reset(self) -> None:
+        """Set the power to the start's."""
+        self._power = 0.0 if self._ballast is None else self._ballast.power
+
+    def apply(self, ballast: float, steer: float, thrust: float) -> Array:
+        """Return the (substeps, 6) thrust, power and moment of a held command."""
+        drive, commands = self._drive, self._commands
+        commands[:, SURGE] = drive.force * (thrust if thrust > 0.0 else thrust * drive.reverse_share)
+        commands[:, YAW] = drive.steer_moment * (steer if drive.steers_at_rest else steer * thrust)
+        if self._ballast is None:
+            return commands
+        powers = []
+        for _ in commands:
+            power = self._power + ballast * self._power_step
+            self._power = min(max(power, self._ballast.min_power), self._ballast.max_power)
+            powers.append(self._power)
+        commands[:, HEAVE] = powers
+        return commands

@@ -19,9 +19,9 @@ from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contact import take_over_contact
 from aquanav_tools.sim.hull import glide, hull_clearance
-from aquanav_tools.sim.hydrodynamics import STATE_SIZE, mean_velocity
-from aquanav_tools.sim.vehicle import Vehicle
-from aquanav_tools.types import Array, Mesh, Pose
+from aquanav_tools.sim.hydrodynamics import mean_velocity
+from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.types import Array, Mesh, Pose, yaw_quaternion
 
 with stderr_silenced():
     import pybullet
@@ -43,9 +43,11 @@ class BulletWorld:
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
         limits = scenario.settings.limits
-        self.state: Array = np.zeros(STATE_SIZE)
-        """(13,) position (world, m), quaternion (w, x, y, z), velocity over ground (body, m/s and rad/s)."""
-        self._free: Array = np.zeros(STATE_SIZE)
+        self.state: Array = vehicle.state_at(Pose(np.zeros(3), yaw_quaternion(0.0)))
+        """(13,) position (world, m), quaternion (w, x, y, z), velocity over ground (body, m/s and rad/s), and what the
+        vehicle's model adds."""
+        self._free: Array = self.state.copy()
+        self._vehicle = vehicle
         self._dt = limits.dt
         self._parameters = vehicle.motion_parameters(scenario.settings.water.density)
         self._half_axis = 0.5 * vehicle.capsule.axis_length
@@ -68,7 +70,7 @@ class BulletWorld:
 
     def reset(self, pose: Pose) -> None:
         """Put the vehicle at rest at a pose and forget all contacts."""
-        self.state[:3], self.state[3:7], self.state[7:] = pose.position, pose.orientation, 0.0
+        self.state[:] = self._vehicle.state_at(pose)
         pybullet.restoreState(stateId=self._pristine, physicsClientId=self._client)
         self._is_body_placed = False
 
@@ -76,7 +78,7 @@ class BulletWorld:
         """Advance one decision.
 
         Args:
-            wrenches: (N, 6) wrench of the actuators per physics step, body frame, N and N m.
+            wrenches: (N, 6) from the actuators per physics step: for most vehicles a wrench, body frame, N and N m.
             current: (3,) velocity of the water, world frame, m/s.
 
         Returns:
@@ -133,7 +135,7 @@ class BulletWorld:
         take_over_contact(self._free, intended, self._solved_motion(), self._mass, self.state)
         if self._field.clearance_at(self.state[:3]) < 0.0:
             # It tunnelled through, or was pressed through, the thin shell: back to the last place in the water.
-            self.state[:7], self.state[7:] = last_pose, 0.0
+            self.state[:7], self.state[7:13] = last_pose, 0.0
             self._is_body_placed = False
         return True
 

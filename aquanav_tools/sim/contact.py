@@ -36,4 +36,4 @@ def take_over_contact(free, intended, solved, mass, state):  # type: ignore[no-u
         before += mass[i] * free[7 + i] ** 2
         after += mass[i] * state[7 + i] ** 2
     if after > before:
-        state[7:] *= np.sqrt(before / after)
+        state[7:13] *= np.sqrt(before / after)

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from aquanav_tools.cave.water.field import interpolate
-from aquanav_tools.sim.hydrodynamics import advance
+from aquanav_tools.sim.motion import advance
 
 
 @numba.njit(cache=True)

@@ -252,7 +252,7 @@ def test_scenario_without_starts_is_refused(tube: Scenario) -> None:
 def test_a_scenario_dives_with_the_vehicle_it_carries(tube: Scenario) -> None:
     from aquanav_tools.sim.vehicle import vehicle_path
 
-    text = vehicle_path("bluerov2").read_text().replace("mass = 11.5 ", "mass = 23.0 ")
+    text = vehicle_path("bluerov2").read_text().replace("mass = 11.5 ", "mass = 12.0 ")
     env = CaveEnv(dataclasses.replace(tube, vehicle_toml=text))
-    assert env.vehicle.body.mass == 23.0
+    assert env.vehicle.body.mass == 12.0
     env.close()

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from aquanav_tools.sim.actuators import HEAVE, SURGE, YAW, ActuatorModel
+from aquanav_tools.sim.actuators import HEAVE, SURGE, YAW, ActuatorModel, actuator_model
 from aquanav_tools.sim.vehicle import load_vehicle
 
 VEHICLE = load_vehicle("bluerov2")
@@ -10,7 +10,7 @@ VEHICLE = load_vehicle("bluerov2")
 
 @pytest.fixture
 def actuators() -> ActuatorModel:
-    return ActuatorModel(VEHICLE, dt=0.02, substeps=5)
+    return actuator_model(VEHICLE, dt=0.02, substeps=5)
 
 
 def test_nothing_commanded_gives_no_wrench(actuators: ActuatorModel) -> None:

@@ -8,9 +8,9 @@ import pytest
 import trimesh
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.actuators import ActuatorModel
+from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.bullet import BulletWorld
-from aquanav_tools.sim.hydrodynamics import advance
+from aquanav_tools.sim.motion import advance
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Mesh, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import TUBE_RADIUS
@@ -35,7 +35,7 @@ def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
 def dive(world: BulletWorld, seed: int, decisions: int = 150) -> tuple[Array, int]:
     """Bump about at random from a start near the wall; return all states and the number of steps in contact."""
     rng = np.random.default_rng(seed)
-    actuators = ActuatorModel(VEHICLE, 0.02, 5)
+    actuators = actuator_model(VEHICLE, 0.02, 5)
     world.reset(pose(5.0, 1.4, 0.0, 0.8))
     states, num_contacts = [], 0
     for _ in range(decisions):
@@ -129,7 +129,7 @@ def test_same_actions_give_the_same_states_bit_for_bit(tube: Scenario, world: Bu
 def test_worlds_in_one_process_do_not_share_state(tube: Scenario, world: BulletWorld) -> None:
     alone, _ = dive(world, 2, 60)
     other = BulletWorld(tube, VEHICLE)
-    actuators = ActuatorModel(VEHICLE, 0.02, 5)
+    actuators = actuator_model(VEHICLE, 0.02, 5)
     rng = np.random.default_rng(2)
     world.reset(pose(5.0, 1.4, 0.0, 0.8))
     other.reset(pose(5.1, 1.4, 0.0, 0.8))
