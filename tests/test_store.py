@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,7 @@ from aquanav_tools.store import (
 )
 from aquanav_tools.types import Array, Mesh, PointCloud, silent
 from aquanav_tools.values import kept_value, read_value, write_value
+from tests.disks import small_disk
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,25 @@ def test_what_libraries_say_about_a_full_disk_becomes_a_sentence(tmp_path: Path)
     assert told.value.__cause__ is full
     with pytest.raises(OSError, match="else"), told_when_full(tmp_path):
         raise OSError("something else")
+
+
+def test_a_disk_that_is_really_full_ends_in_a_sentence_and_the_stage_can_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(store_module, "MIN_FREE", 0)  # so that the write itself fails
+    with small_disk(tmp_path / "disk", 2) as disk:
+        store, cloud = StageStore(disk / "work"), PointCloud(np.zeros((100_000, 3)))
+
+        def build() -> PointCloud:
+            with store.open("fused", write_whole, 1) as folder:
+                return kept_value(PointCloud, folder / "cloud.npz", lambda: cloud)
+
+        with pytest.raises(ResourceError, match=r"disk under .*disk.* is full: [01] MB are free") as told:
+            build()
+        assert isinstance(told.value.__cause__, OSError)
+        assert told.value.exit_code == 6
+        subprocess.run(["mount", "-o", "remount,size=8m", str(disk)], check=True)
+        assert len(build().points) == 100_000
 
 
 def test_values_come_back_as_they_were(tmp_path: Path, rng: np.random.Generator) -> None:

@@ -17,6 +17,8 @@ class StageRecord:
 
     title: str
     seconds: float
+    cpu_seconds: float
+    """Of all threads: what it takes on an idle machine with one core, however busy this one was."""
     peak_memory_mb: float
     """Largest resident memory of the process up to the stage's end."""
 
@@ -39,11 +41,12 @@ class Journal:
     @contextlib.contextmanager
     def stage(self, title: str) -> Iterator[Progress]:
         """Run one stage; its body may call the progress it gets with (units done, units in all)."""
-        began = time.perf_counter()
+        began, cpu_began = time.perf_counter(), time.process_time()
         with self.display(title) as progress:
             yield progress
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-        self.stages.append(StageRecord(title, round(time.perf_counter() - began, 3), round(peak, 1)))
+        seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
+        self.stages.append(StageRecord(title, round(seconds, 3), round(cpu_seconds, 3), round(peak, 1)))
 
     def warn(self, code: str, sentence: str) -> None:
         """Note a result that is poor but usable."""

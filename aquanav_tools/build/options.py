@@ -8,7 +8,7 @@ from typing import Literal
 
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
-from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions
+from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
 """Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""
@@ -42,8 +42,11 @@ class BuildOptions:
     """Vehicle that must be able to pass; a shipped name or a .toml file."""
     seed: int = 0
     """Seed of every random draw."""
+    quality: Quality = "standard"
+    """Of photos: draft to see whether they are enough, high where time does not matter. The forecast tells what each
+    takes."""
     overwrite: bool = False
-    """Replace a scenario that is already in the output folder."""
+    """Replace another scenario in the output folder. (Of photos, what was finished is taken up without it.)"""
     survey: Path | None = None
     """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
     recipe: Path | None = None

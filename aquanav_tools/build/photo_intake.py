@@ -12,7 +12,8 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
-from aquanav_tools.reconstruct.intake.forecast import check_disk, forecast
+from aquanav_tools.reconstruct.intake.forecast import check_disk, check_memory, forecast
+from aquanav_tools.reconstruct.intake.memory import free_memory
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES
 from aquanav_tools.reconstruct.intake.preflight import preflight
 from aquanav_tools.reconstruct.intake.video import open_video, take_frames
@@ -41,7 +42,7 @@ def take_in(options: BuildOptions, settings: ReconstructOptions, work_dir: Path,
 
     Raises:
         InputError: there are too few usable photos, or the video cannot be read.
-        ResourceError: the disk has no room for the work.
+        ResourceError: the machine has no memory, or the disk no room, for the work.
     """
     inputs: dict[str, str] = {}
     facts: dict[str, Any] = {}
@@ -59,6 +60,7 @@ def take_in(options: BuildOptions, settings: ReconstructOptions, work_dir: Path,
         journal.announce(f"Look ({caution.code}): {caution.message}")
     expected = forecast(found.photos, settings.features, settings.matching, settings.depth)
     journal.announce(f"{len(found.photos.photos)} photos. {expected}")
+    check_memory(expected, free_memory())
     check_disk(expected, shutil.disk_usage(_existing(work_dir)).free, work_dir)
     facts["forecast"] = dataclasses.asdict(expected)
     facts["left_out"] = [dataclasses.asdict(one) for one in found.photos.left_out]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,8 +15,10 @@ from aquanav_tools.build import outputs
 from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.kept_cave import kept_scenario
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.photo_intake import take_in
+from aquanav_tools.build.output_folder import WORK_DIR, build_key, check_output, publish
+from aquanav_tools.build.photo_intake import Intake, take_in
 from aquanav_tools.build.photo_stages import (
     cameras_inside,
     check_is_cave,
@@ -31,7 +32,7 @@ from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError
 from aquanav_tools.provenance import file_hash
-from aquanav_tools.reconstruct.georeference.sources import read_world
+from aquanav_tools.reconstruct.georeference.sources import KnownWorld, read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.report.html import Figure, write_page
 from aquanav_tools.report.picture import draw_cave
@@ -40,12 +41,9 @@ from aquanav_tools.report.viewer_model import transfer_colours, write_glb
 from aquanav_tools.scenario.folder import SETTINGS_FILE, write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.store import StageStore, check_room, locked, told_when_full
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Mesh, PointCloud, Stages, silent
-
-WORK_DIR = "work"
-"""Where photo stages keep what a later run can take up; safe to delete."""
-KNOWN_OUTPUTS = {WORK_DIR, "build.json", "report.html", "report.json", "cloud.ply", "cameras.json", "faults.png"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +71,15 @@ def build_cave(
     Raises:
         AquanavError: with what happened, the likely cause and what to do.
     """
-    _check_output(options)
+    if not options.input.exists():
+        raise InputError(f"There is no file or folder {options.input}. Check the path.")
     load_vehicle(options.vehicle)
+    key = build_key(options) if options.kind == "photos" else ""
+    check_output(options, key)
     journal = Journal(display) if announce is None else Journal(display, announce)
     build = {"photos": _build_from_photos, "scan": _build_from_scan, "survey": _build_from_survey}[options.kind]
-    return build(options, journal)
+    with told_when_full(options.output):
+        return build(options, journal)
 
 
 def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
@@ -124,11 +126,18 @@ def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
     settings = _photo_settings(options)
     intake = take_in(options, settings, options.output / WORK_DIR, journal)
-    photos, inputs, facts = intake.photos, intake.inputs, intake.facts
     with journal.stage("Reading what is known of the world"):
         # Before the long work: a wrong file must not cost an hour before it is noticed.
-        world = read_world(options.scale, photos, options.seed)
-        inputs |= {path.name: file_hash(path) for path in options.scale.files}
+        world = read_world(options.scale, intake.photos, options.seed)
+        intake.inputs.update({path.name: file_hash(path) for path in options.scale.files})
+    with locked(options.output / WORK_DIR):
+        return _build_cave_of(intake, world, settings, options, journal)
+
+
+def _build_cave_of(
+    intake: Intake, world: KnownWorld, settings: ReconstructOptions, options: BuildOptions, journal: Journal
+) -> BuildResult:
+    photos, inputs, facts = intake.photos, intake.inputs, intake.facts
     work_dir = options.output / WORK_DIR
     try:
         reconstruction = reconstruct(photos, work_dir, settings, world, journal.stage)
@@ -144,7 +153,7 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
             facts |= reconstruction.statistics
             write_found(reconstruction, options.output)
         evidence = Evidence(reconstruction.camera_centres[is_inside])
-        built = build_scenario(reconstruction.cloud, options, journal, evidence)
+        built = kept_scenario(reconstruction.cloud, options, journal, evidence, StageStore(work_dir))
     except AquanavError as error:
         _report_failure(error, options, journal, inputs, facts)
         raise
@@ -152,30 +161,14 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
 
 
 def _photo_settings(options: BuildOptions) -> ReconstructOptions:
-    """Return the photo stages' settings from the recipe file, with the build's seed where the file names none."""
-    table = {} if options.recipe is None else read_toml(options.recipe).get("photos", {})
+    """Return the photo stages' settings: those of the quality, with the build's seed, then the recipe file's."""
+    table: dict[str, Any] = dataclasses.asdict(ReconstructOptions.at(options.quality))
     for stage in ("matching", "mapping", "depth"):
-        table[stage] = {"seed": options.seed, **table.get(stage, {})}
+        table[stage]["seed"] = options.seed
+    given = {} if options.recipe is None else read_toml(options.recipe).get("photos", {})
+    for stage, settings in given.items():
+        table[stage] = {**table.get(stage, {}), **settings} if isinstance(settings, dict) else settings
     return from_table(ReconstructOptions, table, f"{options.recipe or 'recipe'}: photos")
-
-
-def _check_output(options: BuildOptions) -> None:
-    folder = options.output
-    if not options.input.exists():
-        raise InputError(f"There is no file or folder {options.input}. Check the path.")
-    if folder.exists() and not folder.is_dir():
-        raise InputError(f"The output {folder} is a file. Name a folder to write the scenario to.")
-    if not folder.is_dir():
-        return
-    if (folder / SETTINGS_FILE).exists():
-        if not options.overwrite:
-            raise InputError(f"{folder} already holds a scenario. Name another folder with -o, or add --overwrite.")
-        return
-    foreign = sorted({path.name for path in folder.iterdir()} - KNOWN_OUTPUTS)
-    if foreign:
-        raise InputError(
-            f"The output folder {folder} holds other files ({', '.join(foreign[:3])}). Name a new or an empty folder."
-        )
 
 
 def _finish(
@@ -207,12 +200,8 @@ def _finish(
         {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, partial / "report.json"
     )
     write_page(page, partial / "report.html")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / SETTINGS_FILE).unlink(missing_ok=True)
-    shutil.rmtree(folder / DRAWINGS_DIR, ignore_errors=True)
-    for path in sorted(partial.iterdir(), key=lambda path: path.name == SETTINGS_FILE):
-        os.replace(path, folder / path.name)
-    partial.rmdir()
+    check_room(partial)  # a recorder that ignores what the disk answers left a torn file
+    publish(partial, folder, build_key(options) if options.kind == "photos" else "")
     return BuildResult(dataclasses.replace(scenario, folder=folder.resolve()), built, journal)
 
 

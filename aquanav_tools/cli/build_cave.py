@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import json
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,7 +17,7 @@ import tyro
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
 from aquanav_tools.cli.command import file_after, run_command
-from aquanav_tools.reconstruct.intake.options import IntakeOptions
+from aquanav_tools.reconstruct.intake.options import IntakeOptions, Quality
 from aquanav_tools.tables import from_table, read_toml
 
 if TYPE_CHECKING:
@@ -29,9 +30,13 @@ DESCRIPTION = """Build a scenario from a real cave.
   aquanav-build-cave scan.stl -o caves/mine --unit cm --up y
   aquanav-build-cave survey.3d -o caves/mine
 
-Photos are matched, placed and measured (resumable: run the same command again after a kill); scans of any mesh format
-or point cloud are read as they are; a survey becomes a cave through its splays and passage dimensions. The result is a
-folder with a watertight cavity, portals, route, panels, start poses and a report with drawings."""
+Photos are matched, placed and measured; scans of any mesh format or point cloud are read as they are; a survey becomes
+a cave through its splays and passage dimensions. The result is a folder with a watertight cavity, portals, route,
+panels, start poses and a report with drawings.
+
+A build from photos that was killed, or ran out of disk, goes on where it stopped when the same command is run again;
+with a changed option, only what depends on it is made again. What that takes up lies in the folder "work" of the
+output; it may be deleted."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +72,9 @@ def _read_defaults(arguments: Sequence[str]) -> Options | None:
 
 @dataclass(frozen=True)
 class _Stages:
-    """The tables of a recipe file, apart from [photos], which the photo stages read."""
+    """What a recipe file may hold apart from [photos], which the photo stages read."""
 
+    quality: Quality = "standard"
     scan: ScanOptions = field(default_factory=ScanOptions)
     closing: ClosingOptions = field(default_factory=ClosingOptions)
     route: RouteOptions = field(default_factory=RouteOptions)
@@ -78,22 +84,37 @@ class _Stages:
 
 
 def _run(options: Options) -> None:
-    from aquanav_tools.build.recipe import build_cave
+    from aquanav_tools.build.output_folder import is_finished
 
     began = time.perf_counter()
     plain = BuildOptions(**{field.name: getattr(options, field.name) for field in dataclasses.fields(BuildOptions)})
-    result = build_cave(plain, _bar, lambda sentence: print(sentence, file=sys.stderr))
-    numbers = result.built.statistics
+    if is_finished(plain):
+        deed = f"{plain.output} is already what these photos and options lead to; nothing was done"
+    else:
+        _build(plain)
+        deed = f"Built {plain.output}"
+    print(f"{deed} ({time.perf_counter() - began:.0f} s).\n{_summary(plain.output)}")
+
+
+def _build(options: BuildOptions) -> None:
+    from aquanav_tools.build.recipe import build_cave
+
+    result = build_cave(options, _bar, lambda sentence: print(sentence, file=sys.stderr))
     for code, sentence in result.journal.notices:
         print(f"warning ({code}): {sentence}", file=sys.stderr)
-    print(
-        f"Built {result.scenario.name} in {time.perf_counter() - began:.0f} s: a passage of "
-        f"{numbers.route_length:.1f} m, {numbers.volume:.1f} m3, {numbers.num_triangles} triangles, watertight; "
-        f"{numbers.num_portals} portals, {numbers.num_panels} panels, {len(result.scenario.starts)} starts, narrowest "
-        f"clearance {numbers.min_clearance:.2f} m.\n"
-        f"Report: {options.output / 'report.html'}\nPicture: {options.output / 'cave.png'}\n"
-        f"Recording: rerun {options.output / 'build.rrd'}\n"
-        f"Next: aquanav-eval baseline:reactive --scenario {options.output}"
+
+
+def _summary(folder: Path) -> str:
+    """Return the size of a built cave, and where to look, from its report.json."""
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    numbers = report["statistics"]
+    return (
+        f"A passage of {numbers['route_length']:.1f} m, {numbers['volume']:.1f} m3, {numbers['num_triangles']} "
+        f"triangles, watertight; {numbers['num_portals']} portals, {numbers['num_panels']} panels, "
+        f"{report['num_starts']} starts, narrowest clearance {numbers['min_clearance']:.2f} m.\n"
+        f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
+        f"Recording: rerun {folder / 'build.rrd'}\n"
+        f"Next: aquanav-eval baseline:reactive --scenario {folder}"
     )
 
 

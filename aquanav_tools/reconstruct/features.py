@@ -18,7 +18,9 @@ import numpy as np
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.reconstruct.intake.camera import first_guess
+from aquanav_tools.reconstruct.intake.decode import opened
 from aquanav_tools.reconstruct.intake.faint import brought_out
+from aquanav_tools.reconstruct.intake.memory import free_memory, sift_threads
 from aquanav_tools.types import Progress, ignore_progress
 
 _PHOTOS_AT_ONCE = 8
@@ -124,6 +126,7 @@ def _sift(
     """Return the keypoints of photos, by way of a database of their own."""
     pycolmap = load_pycolmap()
     extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads = sift_threads([_size(folder / file) for file in files], free_memory())
     extraction.sift.max_num_features = max_features
     if is_faint:
         extraction.sift.first_octave = 0  # not -1, of doubled pixels: noise was averaged, and nothing finer is left
@@ -144,6 +147,11 @@ def _sift(
         with pycolmap.Database.open(database) as store:
             ids = {image.name: image.image_id for image in store.read_all_images()}
             return {file: (store.read_keypoints(ids[file]), store.read_descriptors(ids[file])) for file in files}
+
+
+def _size(path: Path) -> tuple[int, int]:
+    with opened(path) as image:
+        return image.size
 
 
 def _write(database: Path, found: Found) -> None:

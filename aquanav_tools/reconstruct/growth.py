@@ -20,6 +20,8 @@ def keep_order(models: Mapping[int, Any], folder: Path, start: Path | None) -> N
     """
     earlier = read_order(start) if start is not None else []
     for number, model in models.items():
+        if not (folder / str(number)).is_dir():
+            continue  # a mapper that could add nothing to its start writes nothing
         names = {image_id: model.images[image_id].name for image_id in model.reg_image_ids()}
         later = [name for name in names.values() if name not in set(earlier)]
         kept = [name for name in earlier if name in set(names.values())]

@@ -14,6 +14,7 @@ from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.place import Georeference
 from aquanav_tools.reconstruct.georeference.sources import NOTHING_KNOWN, KnownWorld
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.options import Quality
 from aquanav_tools.reconstruct.intake.prepare import find_mask, prepare_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
 from aquanav_tools.reconstruct.matching import MatchOptions, match_features
@@ -35,6 +36,16 @@ class ReconstructOptions:
     mapping: MappingOptions = field(default_factory=MappingOptions)
     depth: DepthOptions = field(default_factory=DepthOptions)
     fusion: FusionOptions = field(default_factory=FusionOptions)
+
+    @classmethod
+    def at(cls, quality: Quality) -> ReconstructOptions:
+        """Return the settings of a quality."""
+        depth = DepthOptions.at(quality)
+        if quality == "draft":
+            return cls(FeatureOptions(max_features=3072), MatchOptions(exhaustive_up_to=40, alike=10), depth=depth)
+        if quality == "high":
+            return cls(FeatureOptions(max_features=8192), MatchOptions(alike=40), depth=depth)
+        return cls(depth=depth)
 
 
 @dataclass(frozen=True, eq=False)

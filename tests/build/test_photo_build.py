@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,10 +19,12 @@ from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError, ReconstructionError
+from aquanav_tools.reconstruct.features import extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Mesh, PointCloud, Sim3, silent
 from tests.build.test_scan_build import run
+from tests.disks import fill, small_disk
 
 
 @pytest.fixture
@@ -155,6 +160,36 @@ def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: Phot
     left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {"work", "report.html", "report.json", "build.json"}
     assert json.loads((tmp_path / "out" / "report.json").read_text())["error"] in result.stderr
+
+
+def test_a_disk_without_room_is_noticed_before_any_work(photos: PhotoSet, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", 90) as disk:
+        result = run(photos.folder, "-o", disk / "out")
+        assert result.returncode == 6
+        assert "0.09 GB free" in result.stderr
+        assert not (disk / "out").exists()
+
+
+def test_a_disk_that_fills_up_stops_the_work_and_the_same_command_goes_on(
+    photos: PhotoSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from aquanav_tools.reconstruct import reconstruction
+
+    with small_disk(tmp_path / "disk", 150) as disk:
+
+        @functools.wraps(extract_features)
+        def find_and_fill(*arguments: Any) -> None:
+            extract_features(*arguments)
+            fill(disk, leave_megabytes=50)
+
+        monkeypatch.setattr(reconstruction, "extract_features", find_and_fill)
+        result = run(photos.folder, "-o", disk / "out")
+        assert result.returncode == 6
+        assert re.search(r"is full: \d+ MB are free, and 100 MB must stay so\. Make room there", result.stderr)
+        (disk / "filler").unlink()
+        monkeypatch.setattr(reconstruction, "extract_features", extract_features)
+        assert run(photos.folder, "-o", disk / "out").returncode == 3  # photos of noise do not register
+        assert "Only 0 of 4 photos registered" in json.loads((disk / "out" / "report.json").read_text())["error"]
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import Photo, PhotoSet, read_photos
-from aquanav_tools.reconstruct.intake.forecast import Forecast, check_disk, forecast
+from aquanav_tools.reconstruct.intake.forecast import Forecast, check_disk, check_memory, forecast
 from aquanav_tools.reconstruct.intake.likeness import find_copies, find_groups
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.reconstruct.intake.preflight import Preflight, preflight
@@ -165,9 +165,14 @@ def test_copies_with_more_contrast_take_disk() -> None:
 
 
 def test_a_full_disk_is_noticed_before_the_work() -> None:
-    with pytest.raises(ResourceError, match=r"has 0\.1 GB free, .* will write about \d+\.\d GB"):
+    with pytest.raises(ResourceError, match=r"has 0\.10 GB free, .* will write about \d+\.\d+ GB"):
         check_disk(expect(1000), 100_000_000, Path("out"))
     check_disk(expect(1000), 10**12, Path("out"))
+
+
+def test_too_little_memory_is_noticed_before_the_work() -> None:
+    with pytest.raises(ResourceError, match=r"0\.5 GB of memory are free, and the reconstruction will take \d\.\d GB"):
+        check_memory(expect(65), 500_000_000)
 
 
 def test_the_forecast_reads_as_a_sentence() -> None:

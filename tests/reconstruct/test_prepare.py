@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.intake.enhance import equalised
 from aquanav_tools.reconstruct.intake.exif import ORIENTATION_TAG
+from aquanav_tools.reconstruct.intake.memory import sift_bytes, sift_threads
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.reconstruct.intake.prepare import prepare_photos
 from aquanav_tools.reconstruct.matching import MatchOptions, match_features
@@ -145,6 +148,42 @@ def test_equalising_keeps_the_hue() -> None:
         cv2.cvtColor(pixels, cv2.COLOR_RGB2LAB)[..., 1:].reshape(-1, 2).mean(axis=0) for pixels in (blue_rock, after)
     ]
     np.testing.assert_allclose(hues[0], hues[1], atol=4.0)
+
+
+PEAK_OF_LARGE_PHOTOS = """
+import resource, sys
+from pathlib import Path
+from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.reconstruct.intake.prepare import prepare_photos
+before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+photos = prepare_photos(read_photos(Path(sys.argv[1])), Path(sys.argv[2]))
+print(*(photo.width * photo.height for photo in photos.photos))
+print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)
+"""
+
+
+def test_photos_of_100_megapixels_take_bounded_memory_one_after_the_other(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    picture = Image.fromarray(np.tile(speckle(500, 600), (17, 20))).convert("RGB")
+    assert picture.width * picture.height > 100e6
+    for n in range(2):
+        picture.save(tmp_path / "in" / f"{n}.jpg", quality=30 + n)
+    picture.crop((0, 0, 400, 300)).save(tmp_path / "in" / "small.jpg")
+    command = [sys.executable, "-c", PEAK_OF_LARGE_PHOTOS, str(tmp_path / "in"), str(tmp_path / "work")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    sizes, peak_kb = done.stdout.splitlines()
+    assert all(45e6 < int(size) <= 50e6 for size in sizes.split()[:2])
+    # Decoded once in colour, 3 bytes a pixel, beside the half of it that is kept: 4.5 bytes; libjpeg adds its own.
+    assert int(peak_kb) * 1024 < 6.0 * picture.width * picture.height
+
+
+@pytest.mark.parametrize(("free_gb", "threads"), [(100.0, 2), (4.0, 1), (0.5, 1)])
+def test_large_photos_are_searched_one_at_a_time_where_memory_is_short(
+    free_gb: float, threads: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda pid: {0, 1})
+    assert sift_threads([(8660, 5773)], int(1e9 * free_gb)) == threads
+    assert sift_bytes([(8660, 5773)], 1) < 2.1e9
 
 
 def test_a_second_run_converts_nothing_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

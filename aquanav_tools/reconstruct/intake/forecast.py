@@ -10,7 +10,9 @@ from aquanav_tools.errors import ResourceError
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, free_memory, shrunk_px, sift_bytes, sift_threads
 from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
+from aquanav_tools.store import MIN_FREE
 
 # All rates: two cores of a cloud server that others used too, pycolmap 4.2, demo dive (65 photos, 960 x 720 px) and
 # fountain-P11 at three sizes. An idle desktop takes half of the time.
@@ -21,12 +23,8 @@ _MAPPING_S = 0.15
 _DEPTH_S = 3.0
 """At 480 px and 6 sources; it grows with the pixels and the sources."""
 _FUSION_S = 0.17
-_SIFT_BYTES = 290.0
-"""Memory per pixel and thread."""
 _BASE_GB = 0.7
 """Libraries, database and fusion."""
-_SIFT_SIDE = 3200
-"""Longer side, px, to which COLMAP shrinks photos for SIFT."""
 _DATABASE_BYTES = 0.75e6
 """Per photo with 4096 keypoints, matches included."""
 _DEPTH_BYTES = 33.0
@@ -61,8 +59,9 @@ def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions,
     count = len(photos.photos)
     pairs = expected_pairs(count, matching)
     keypoints = features.max_features / 4096.0
-    sift_px = [_shrunk_px(photo.width, photo.height, _SIFT_SIDE) for photo in photos.photos]
-    depth_px = [_shrunk_px(photo.width, photo.height, depth.width) for photo in photos.photos]
+    sizes = [(photo.width, photo.height) for photo in photos.photos]
+    sift_px = [shrunk_px(*size, SIFT_SIDE) for size in sizes]
+    depth_px = [shrunk_px(*size, depth.width) for size in sizes]
     seconds = {
         "features": sum(sift_px) / 1e6 * _FEATURES_S_PER_MP / cores,
         "matching": pairs * _PAIR_S * keypoints**2 / cores,
@@ -70,7 +69,7 @@ def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions,
         "depth": sum(depth_px) / (480 * 360) * _DEPTH_S * depth.sources / 6 / cores,
         "fusion": sum(depth_px) / (480 * 360) * _FUSION_S,
     }
-    memory = _BASE_GB + max(sift_px) * _SIFT_BYTES * min(cores, count) / 1e9
+    memory = _BASE_GB + sift_bytes(sizes, min(sift_threads(sizes, free_memory()), count)) / 1e9
     disk = count * _DATABASE_BYTES * keypoints + sum(depth_px) * _DEPTH_BYTES + _copied_px(photos) * _COPY_BYTES
     return Forecast(cores, pairs, seconds, memory, disk / 1e9)
 
@@ -79,17 +78,27 @@ def check_disk(expected: Forecast, free_bytes: int, folder: Path) -> None:
     """Refuse work that the disk has no room for.
 
     Raises:
-        ResourceError: less is free than the forecast says, with a tenth to spare.
+        ResourceError: less is free than the forecast says, with a tenth to spare and what must stay free.
     """
-    if free_bytes < 1.1e9 * expected.disk_gb:
+    if free_bytes < 1.1e9 * expected.disk_gb + MIN_FREE:
         raise ResourceError(
-            f"The disk under {folder} has {free_bytes / 1e9:.1f} GB free, and the reconstruction will write about "
-            f"{expected.disk_gb:.1f} GB. Make room, write to another disk with -o, or take fewer photos."
+            f"The disk under {folder} has {free_bytes / 1e9:.2f} GB free, and the reconstruction will write about "
+            f"{expected.disk_gb:.2f} GB; {MIN_FREE / 1e9:.1f} GB must stay free. Make room, write to another disk with "
+            "-o, or take fewer photos."
         )
 
 
-def _shrunk_px(width: int, height: int, side: int) -> float:
-    return width * height * min(1.0, side / max(width, height)) ** 2
+def check_memory(expected: Forecast, free_bytes: int) -> None:
+    """Refuse work that the machine has no memory for.
+
+    Raises:
+        ResourceError: less is free than the forecast says.
+    """
+    if free_bytes < 1e9 * expected.memory_gb:
+        raise ResourceError(
+            f"{free_bytes / 1e9:.1f} GB of memory are free, and the reconstruction will take {expected.memory_gb:.1f} "
+            "GB. Large photos need it. Close other programs, or shrink the photos."
+        )
 
 
 def _copied_px(photos: PhotoSet) -> int:

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv")
+Quality = Literal["draft", "standard", "high"]
+"""What the photo stages aim at."""
 
 
 @dataclass(frozen=True)

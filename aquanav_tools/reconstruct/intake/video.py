@@ -182,5 +182,6 @@ def _write(frame: Any, video: Video, index: int, folder: Path) -> None:
     seconds = index / video.frames_per_second
     path = folder / f"frame-{index:06d}-{int(seconds // 60):02d}m{seconds % 60:06.3f}s.jpg"
     unfinished = path.with_name(f"unfinished-{path.name}")
-    cv2.imwrite(str(unfinished), frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    _, encoded = cv2.imencode(".jpg", frame, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
+    unfinished.write_bytes(encoded.tobytes())  # OpenCV's own writer ignores a full disk
     os.replace(unfinished, path)

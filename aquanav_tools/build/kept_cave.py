@@ -1,0 +1,56 @@
+"""The scenario in a cloud, taken from an earlier run where nothing that it rests on has changed."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+
+from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
+from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.provenance import file_hash
+from aquanav_tools.reconstruct.intake.options import IntakeOptions
+from aquanav_tools.sim.vehicle import vehicle_path
+from aquanav_tools.store import StageStore
+from aquanav_tools.types import PointCloud
+from aquanav_tools.values import kept_value
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """What the stages of the cave return and tell."""
+
+    built: BuiltCave
+    notices: tuple[tuple[str, str], ...]
+
+
+def kept_scenario(
+    cloud: PointCloud, options: BuildOptions, journal: Journal, evidence: Evidence, store: StageStore
+) -> BuiltCave:
+    """Return what `build_scenario` returns; a later call with the same cloud and options takes it from the store."""
+    settings = dataclasses.replace(
+        options,
+        input=Path(options.input.name),
+        output=Path(),
+        name=options.name or options.output.resolve().name,
+        quality="standard",
+        overwrite=False,
+        recipe=None,
+        scale=PhotoScaleOptions(),
+        intake=IntakeOptions(),
+    )
+    vehicle = file_hash(vehicle_path(options.vehicle))
+
+    def make() -> _Kept:
+        told = len(journal.notices)
+        built = build_scenario(cloud, options, journal, evidence)
+        return _Kept(built, tuple(journal.notices[told:]))
+
+    with store.open("cave", build_scenario, cloud, evidence, settings, vehicle) as folder:
+        is_made = not (folder / "cave.npz").is_file()
+        kept = kept_value(_Kept, folder / "cave.npz", make)
+    if not is_made:
+        journal.notices += kept.notices
+    return kept.built
