@@ -1,0 +1,119 @@
+"""What motion in water keeps and loses: energy, impulse, indifference to direction; and the order of the error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquanav_tools.sim.hydrodynamics import _damp, advance, pack_parameters
+from aquanav_tools.types import Array, rotation_matrix
+from tests.sim.bodies import LINEAR, MASS, NONE, QUADRATIC, STILL, coupled_mass, multiply, random_state, run
+
+MATRICES = pytest.mark.parametrize("matrix", [np.diag(MASS), coupled_mass()], ids=["diagonal", "coupled"])
+
+
+def energy(matrix: Array, state: Array) -> float:
+    """Kinetic energy of body and water, J."""
+    return float(0.5 * state[7:] @ matrix @ state[7:])
+
+
+def impulse(matrix: Array, state: Array) -> Array:
+    """Kelvin's (6,) linear and angular impulse about the world's origin, world frame, N s and N m s."""
+    momentum, rotation = matrix @ state[7:], rotation_matrix(state[3:7])
+    linear = rotation @ momentum[:3]
+    return np.concatenate([linear, rotation @ momentum[3:] + np.cross(state[:3], linear)])
+
+
+@MATRICES
+def test_ideal_fluid_keeps_energy_and_kelvins_impulse(matrix: Array, rng: np.random.Generator) -> None:
+    state, parameters = random_state(rng), pack_parameters(matrix, NONE, NONE)
+    before_energy, before = energy(matrix, state), impulse(matrix, state)
+    errors = []
+    for dt in (0.02, 0.01):
+        after = run(state, round(5 / dt), parameters, dt=dt)
+        errors.append(
+            [energy(matrix, after) / before_energy - 1, *((impulse(matrix, after) - before) / np.abs(before).max())]
+        )
+    coarse, fine = np.abs(errors).max(axis=1)
+    # Runge-Kutta at rates of 1 to 3 rad/s; an explicit Euler step would gain more than the energy itself.
+    assert coarse < 0.02
+    assert fine < coarse / 8  # of fourth order: a sixteenth, or less where energy's fifth order leads
+
+
+@MATRICES
+def test_exact_damping_never_adds_energy(matrix: Array, rng: np.random.Generator) -> None:
+    parameters = pack_parameters(matrix, LINEAR, QUADRATIC)
+    for _ in range(100):
+        for duration in (0.001, 0.01, 0.5):
+            state = random_state(rng)
+            before = energy(matrix, state)
+            _damp(state, parameters, duration, bool(rng.integers(2)))
+            assert energy(matrix, state) < before
+
+
+@MATRICES
+def test_a_step_with_damping_never_adds_energy(matrix: Array, rng: np.random.Generator) -> None:
+    parameters = pack_parameters(matrix, LINEAR, QUADRATIC)
+    for _ in range(50):
+        for dt, speed in ((0.02, 1.0), (0.1, 0.2)):
+            state = random_state(rng)
+            state[7:] *= speed  # broadside at 3 m/s, the water turns a body by several radians within 0.1 s
+            after = advance(state, NONE, STILL, parameters, dt)
+            assert energy(matrix, after) <= energy(matrix, state) * (1 + 1e-6)  # the error of Runge-Kutta
+
+
+def test_thrust_and_weight_do_the_work_that_the_energy_shows(rng: np.random.Generator) -> None:
+    # Without damping, energy changes by the wrench times the way: force along the path, moment along the turn.
+    matrix, wrench, net_weight, dt = coupled_mass(), 0.3 * rng.normal(size=6), 1.5, 0.001
+    parameters, state = pack_parameters(matrix, NONE, NONE, net_weight), random_state(rng)
+    start, work = energy(matrix, state) + net_weight * state[2], 0.0
+    for _ in range(1000):
+        after = advance(state, wrench, STILL, parameters, dt)
+        work += 0.5 * dt * wrench @ (state[7:] + after[7:])  # trapezoids: dt^2 / 12 of the power's bend
+        state = after
+    assert energy(matrix, state) + net_weight * state[2] - start == pytest.approx(work, abs=2e-5)
+
+
+@MATRICES
+def test_error_falls_with_the_square_of_the_step(matrix: Array, rng: np.random.Generator) -> None:
+    state = random_state(rng)
+    state[7:] *= 0.3  # faster turning brings Runge-Kutta's fourth order into sight
+    parameters = pack_parameters(matrix, LINEAR, QUADRATIC, net_weight=1.0, righting=2.3)
+    wrench = rng.normal(size=6)
+    wrench[3:] *= 0.2
+    ends = [run(state, round(0.5 / dt), parameters, wrench, dt=dt) for dt in (0.01, 0.005, 0.0025, 0.00125)]
+    changes = np.abs(np.diff(ends, axis=0)).max(axis=1)
+    orders = np.log2(changes[:-1] / changes[1:])
+    assert np.all(np.abs(orders - 2.0) < 0.15)
+
+
+@MATRICES
+def test_motion_turns_with_the_world(matrix: Array, rng: np.random.Generator) -> None:
+    state, wrench, current = random_state(rng), rng.normal(size=6), rng.normal(size=3)
+    angle = 0.7  # about the vertical, the only axis that weight and buoyancy allow
+    turn = np.array([np.cos(angle / 2), 0, 0, np.sin(angle / 2)])
+    check_turning(state, wrench, current, turn, pack_parameters(matrix, LINEAR, QUADRATIC, 3.0, 2.3))
+
+
+@MATRICES
+def test_a_neutral_body_without_righting_knows_no_direction(matrix: Array, rng: np.random.Generator) -> None:
+    state, wrench, current, turn = random_state(rng), rng.normal(size=6), rng.normal(size=3), rng.normal(size=4)
+    check_turning(state, wrench, current, turn / np.linalg.norm(turn), pack_parameters(matrix, LINEAR, QUADRATIC))
+
+
+def check_turning(state: Array, wrench: Array, current: Array, turn: Array, parameters: Array) -> None:
+    def turned(state: Array) -> Array:
+        return np.concatenate([rotation_matrix(turn) @ state[:3], multiply(turn, state[3:7]), state[7:]])
+
+    after = run(state, 50, parameters, wrench, current)
+    after_turned = run(turned(state), 50, parameters, wrench, rotation_matrix(turn) @ current)
+    np.testing.assert_allclose(after_turned, turned(after), atol=1e-12)  # rounding
+
+
+def test_coupled_equations_are_the_diagonal_ones_where_nothing_couples(rng: np.random.Generator) -> None:
+    # A coupling of 1e-13 takes the general way through the code.
+    nearly = np.diag(MASS)
+    nearly[0, 1] = nearly[1, 0] = 1e-13
+    state, wrench = random_state(rng), rng.normal(size=6)
+    after = [run(state, 100, pack_parameters(m, LINEAR, QUADRATIC, 1.0, 2.3), wrench) for m in (np.diag(MASS), nearly)]
+    np.testing.assert_allclose(after[1], after[0], atol=1e-11)
