@@ -46,7 +46,10 @@ CONTENT = {
 
 @dataclass(frozen=True)
 class Info:
-    """Print the versions of aquanav and of the libraries that results depend on."""
+    """Print the versions of aquanav and of the libraries that results depend on, or what a vehicle can do."""
+
+    vehicle: Annotated[str | None, tyro.conf.Positional] = None
+    """A shipped vehicle's name, or a .toml file of your own, which is checked."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(options: Options) -> None:
     match options.command:
-        case Info():
+        case Info(vehicle=None):
             _print_table(_versions())
+        case Info(vehicle=str(name)):
+            _print_table(_vehicle_facts(name))
         case Doctor():
             _examine_libraries()
         case List():
@@ -112,12 +117,27 @@ def _version(package: str) -> str:
         return "not installed"
 
 
+def _vehicle_facts(name: str) -> list[tuple[str, str]]:
+    from aquanav_tools.sim.trial import try_out
+    from aquanav_tools.sim.vehicle import load_vehicle
+
+    vehicle = load_vehicle(name)
+    trial = try_out(vehicle)
+    return [
+        ("vehicle", f"{vehicle.name}: {vehicle.summary()}"),
+        ("hull", f"{vehicle.capsule.length:.3f} m long, {2.0 * vehicle.capsule.radius:.3f} m wide"),
+        ("full thrust", f"{trial.ahead:.2f} m/s ahead, {trial.reverse:.2f} m/s in reverse"),
+        ("full steer", f"{trial.turn:.2f} rad/s at full thrust"),
+        ("full ballast", f"{trial.rise:.2f} m/s up, {trial.sink:.2f} m/s down"),
+    ]
+
+
 def _shipped() -> list[tuple[str, str]]:
     from aquanav_tools.evaluate.policies import BASELINES, PREFIX
     from aquanav_tools.shipped import shipped_names
-    from aquanav_tools.sim.vehicle import known_vehicles
+    from aquanav_tools.sim.vehicle import known_vehicles, load_vehicle
 
-    rows = [("vehicle", name) for name in known_vehicles()]
+    rows = [("vehicle", f"{name:<18} {load_vehicle(name).summary()}") for name in known_vehicles()]
     rows += [("baseline", PREFIX + name) for name in BASELINES]
     return rows + [(kind, name) for kind, folder in CONTENT.items() for name in shipped_names(folder)]
 

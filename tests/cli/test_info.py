@@ -12,6 +12,7 @@ import pytest
 
 from aquanav_tools import __version__
 from aquanav_tools.cli import doctor, info
+from aquanav_tools.sim.vehicle import VEHICLE_DIR, known_vehicles
 
 
 def test_info_names_the_version_of_aquanav_and_of_each_library(capsys: pytest.CaptureFixture[str]) -> None:
@@ -29,10 +30,29 @@ def test_info_says_which_library_is_missing(
     assert "no-such-package    not installed" in capsys.readouterr().out
 
 
-def test_list_names_the_shipped_vehicle_and_the_baselines(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_on_a_vehicle_says_what_it_can_do(capsys: pytest.CaptureFixture[str]) -> None:
+    info.main(["info", "original-auv"])
+    printed = capsys.readouterr().out
+    assert "1.96 m/s ahead, 0.98 m/s in reverse" in printed  # the original's table
+    assert "3.04 rad/s" in printed
+
+
+def test_info_refuses_a_vehicle_that_makes_no_sense(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    text = (VEHICLE_DIR / "bluerov2.toml").read_text().replace("mass = 11.5 ", "mass = -1.0 ")
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(SystemExit) as exit_info:
+        info.main(["info", str(tmp_path / "mine.toml")])
+    assert exit_info.value.code == 2
+    assert "mine.toml: body: mass must be positive, got -1" in capsys.readouterr().err
+
+
+def test_list_names_the_shipped_vehicles_and_the_baselines(capsys: pytest.CaptureFixture[str]) -> None:
     info.main(["list"])
-    rows = [line.rsplit(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
-    assert ["vehicle", "bluerov2"] in rows
+    lines = capsys.readouterr().out.splitlines()
+    rows = [line.rsplit(maxsplit=1) for line in lines]
+    vehicles = {line.split()[1]: line for line in lines if line.startswith("vehicle")}
+    assert set(vehicles) == set(known_vehicles())
+    assert "13.5 kg, 0.57 m long, 0.61 m/s ahead, 8 thrusters" in vehicles["bluerov2-heavy"]
     assert ["baseline", "baseline:reactive"] in rows
     assert ["baseline", "baseline:random"] in rows
 
