@@ -129,6 +129,21 @@ class PointCloud:
     """(N, 3) unit vectors, or None when unknown."""
     colours: npt.NDArray[np.uint8] | None = None
     """(N, 3) RGB, or None when unknown."""
+    num_photos: IntArray | None = None
+    """(N,) photos that agree on each point; None unless the cloud comes from photos, which show the water's side."""
+    spread: Array | None = None
+    """(N,) standard deviation of the distances that these photos give it, m; None as above."""
+
+    @property
+    def faces_water(self) -> bool:
+        """Whether its normals are known to point into the water: photos are taken from there."""
+        return self.normals is not None and self.num_photos is not None
+
+    def moved(self, b_from_a: Sim3) -> PointCloud:
+        """Return the same cloud in another frame."""
+        normals = None if self.normals is None else b_from_a.turn(self.normals)
+        spread = None if self.spread is None else b_from_a.scale * self.spread
+        return PointCloud(b_from_a.apply(self.points), normals, self.colours, self.num_photos, spread)
 
 
 @dataclass(frozen=True, eq=False)

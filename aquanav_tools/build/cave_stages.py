@@ -139,7 +139,7 @@ def _close(
 ) -> tuple[Resolution, Surface, ClosedSurface, Cavity]:
     """Return the cavity in a scan, and what it was made from; once more and coarser where noise asks for it."""
     given = np.array(options.closing.inside).reshape(-1, 3)
-    evidence = Evidence(np.concatenate([evidence.inside, given]), evidence.legs)
+    evidence = replace(evidence, inside=np.concatenate([evidence.inside, given]))
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
@@ -183,7 +183,7 @@ def _close_at(
             progress=progress,
         )
         surface = without_gaps(surface, closed.mesh, voxel)
-        openings = find_openings(closed, min_portal)
+        openings = find_openings(closed, min_portal, evidence.sight)
         cuts = tuple(_cut(plane) for plane in options.closing.cut)
         cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts)
         if not len(evidence.inside) and not len(evidence.legs):

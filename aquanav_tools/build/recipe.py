@@ -18,6 +18,7 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.output_folder import WORK_DIR, build_key, check_output, publish
+from aquanav_tools.build.photo_evidence import photo_evidence
 from aquanav_tools.build.photo_intake import Intake, take_in
 from aquanav_tools.build.photo_stages import (
     cameras_inside,
@@ -27,7 +28,7 @@ from aquanav_tools.build.photo_stages import (
     write_found,
 )
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError
@@ -152,7 +153,7 @@ def _build_cave_of(
             reconstruction = in_metres(reconstruction, preview, options.scale, journal)
             facts |= reconstruction.statistics
             write_found(reconstruction, options.output)
-        evidence = Evidence(reconstruction.camera_centres[is_inside])
+        evidence = photo_evidence(reconstruction, is_inside)
         built = kept_scenario(reconstruction.cloud, options, journal, evidence, StageStore(work_dir))
     except AquanavError as error:
         _report_failure(error, options, journal, inputs, facts)

@@ -6,11 +6,12 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from aquanav_tools.cave.scan.sight import Sight
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
-from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
+from aquanav_tools.reconstruct.fusion import FusedDepth, FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.place import Georeference
 from aquanav_tools.reconstruct.georeference.sources import NOTHING_KNOWN, KnownWorld
 from aquanav_tools.reconstruct.images import PhotoSet
@@ -67,16 +68,22 @@ class Reconstruction:
     """Whether something gave the scale; else lengths are in an arbitrary unit."""
     world_from_sfm: Sim3 = field(default_factory=Sim3)
     """Where the sparse model lies."""
+    sight: Sight | None = None
+    """How far each camera looked, for photos with a depth map."""
 
     def moved(self, b_from_a: Sim3) -> Reconstruction:
         """Return the reconstruction in another frame, for instance after its scale became known."""
-        normals = None if self.cloud.normals is None else b_from_a.turn(self.cloud.normals)
-        cloud = PointCloud(b_from_a.apply(self.cloud.points), normals, self.cloud.colours)
+        cloud, sight = self.cloud.moved(b_from_a), None if self.sight is None else self.sight.moved(b_from_a)
         centres = b_from_a.apply(self.camera_centres)
         rotations = self.camera_rotations @ b_from_a.rotation.T
         world_from_sfm = b_from_a @ self.world_from_sfm
         return replace(
-            self, cloud=cloud, camera_centres=centres, camera_rotations=rotations, world_from_sfm=world_from_sfm
+            self,
+            cloud=cloud,
+            camera_centres=centres,
+            camera_rotations=rotations,
+            world_from_sfm=world_from_sfm,
+            sight=sight,
         )
 
 
@@ -130,10 +137,10 @@ def reconstruct(
         record.depth_paths = depth_paths = estimate_depth(dense_dir, options.depth, progress)
     inputs = (depth.name, options.fusion)
     with store.stage("Fusing depth maps", "fused", fuse_depth, *inputs) as (fused, progress):
-        cloud = kept_value(
-            PointCloud, fused / "cloud.npz", lambda: fuse_depth(dense_dir, depth_paths, options.fusion, progress)
+        depth_together = kept_value(
+            FusedDepth, fused / "fused.npz", lambda: fuse_depth(dense_dir, depth_paths, options.fusion, progress)
         )
-    return assemble(photos, sparse, placement, cloud)
+    return assemble(photos, sparse, placement, depth_together)
 
 
 def _content(photos: PhotoSet, name: str) -> tuple[str, str]:
@@ -142,14 +149,14 @@ def _content(photos: PhotoSet, name: str) -> tuple[str, str]:
     return file_hash(photos.path(name)), "" if mask is None else file_hash(mask)
 
 
-def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, cloud: PointCloud) -> Reconstruction:
+def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, fused: FusedDepth) -> Reconstruction:
     """Return the result of the stages as one value.
 
     Args:
         photos: All photos handed in.
         sparse: The sparse model in its own frame.
         placement: Where that lies in the world.
-        cloud: The fused cloud in the model's frame.
+        fused: The cloud and what the cameras saw, in the model's frame.
     """
     names = tuple(sparse.names)
     statistics = {
@@ -157,11 +164,13 @@ def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, clo
         "registered": len(names),
         "sparse_points": int(sparse.model.num_points3D()),
         "reprojection_error_px": round(float(sparse.model.compute_mean_reprojection_error()), 3),
-        "cloud_points": len(cloud.points),
+        "cloud_points": len(fused.cloud.points),
         "unregistered": [{"name": d.name, "cause": d.cause, "sentence": d.sentence} for d in sparse.diagnoses],
         **placement.statistics,
     }
     cautions = sparse.cautions + placement.cautions
     is_metric = placement.scale_error is not None
-    found = Reconstruction(cloud, sparse.centres, sparse.rotations, names, cautions, statistics, is_metric)
+    found = Reconstruction(
+        fused.cloud, sparse.centres, sparse.rotations, names, cautions, statistics, is_metric, sight=fused.sight
+    )
     return found.moved(placement.world_from_sfm)

@@ -8,7 +8,7 @@ kept of it is proven after the open ends were cut (`portals`).
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -110,7 +110,7 @@ def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
 
 def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progress) -> ClosedSurface:
     """Return the resampled solid, corrected until it keeps known water and has no tunnel that nobody scanned."""
-    carving = NO_CARVING
+    carving = replace(NO_CARVING, sight=evidence.sight)
     for fault_voxels in (*FAULT_VOXELS, None):
         solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), surface, evidence, voxel)
         mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
@@ -146,6 +146,7 @@ def _carve(
         LEG_VOXELS * voxel,
         np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
         fault_voxels * voxel,
+        before.sight,
     )
 
 

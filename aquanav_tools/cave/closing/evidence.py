@@ -1,6 +1,7 @@
 """What is known to be water: where cameras and surveyors were, the legs they measured, a place the user names.
 
 A cavity must hold all of it: whoever closes a scan must neither wall in a camera nor seal a passage that was walked.
+Cameras also saw how far the water reaches; what they looked through is water too.
 """
 
 from __future__ import annotations
@@ -9,7 +10,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
+from aquanav_tools.cave.scan.sight import Sight
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Sim3
 
 LEG_STEP = 0.5
 """Legs are looked at every half voxel: a seal is at least a voxel thick."""
@@ -33,10 +35,13 @@ class Evidence:
     """(N, 3) points, m."""
     legs: Array = field(default_factory=_no_legs)
     """(M, 2, 3) straight lines that nothing blocks, m."""
+    sight: Sight | None = None
+    """What the cameras saw; None without photos."""
 
     def moved(self, offset: Array) -> Evidence:
         """Return the same with a (3,) offset added, m."""
-        return Evidence(self.inside + offset, self.legs + offset)
+        sight = None if self.sight is None else self.sight.moved(Sim3(1.0, np.eye(3), offset))
+        return Evidence(self.inside + offset, self.legs + offset, sight)
 
 
 NO_EVIDENCE = Evidence()

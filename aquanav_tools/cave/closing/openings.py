@@ -3,7 +3,7 @@
 A patch is either a hole in the wall, which stays filled, or the open end of a passage, which becomes a portal. It is an
 end when the vehicle could pass through it and when no passage goes by behind it. Just inside an end, the view sideways
 meets scanned wall about where the patch's rim is; just inside a hole in the side of a passage or chamber, water goes on
-beyond the patch to two opposite sides.
+beyond the patch to two opposite sides. Cameras tell more: through an end they look into the dark.
 """
 
 from __future__ import annotations
@@ -14,12 +14,23 @@ import numpy as np
 
 from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.portals import Opening, plane_axes
-from aquanav_tools.types import Array, IntArray, Mesh
+from aquanav_tools.cave.scan.sight import NO_WALL, Sight
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MAX_REACH = 1.4
 """Just inside an open end, water reaches at most this many times as far as the patch does, to one of any two opposite
 sides. Measured on about 130 damaged caves (500 openings): ends up to 1.25, most below 1.13; holes up to 2.4 m wide 1.65
 and more. Where half of the floor is missing up to an end, both come nearer: 1.27 and 1.58."""
+MAX_REACH_IN_VAIN = 1.6
+"""The same where cameras looked into a patch and saw no wall: then a ragged or swollen rim does not make it a hole."""
+MIN_SHARE_IN_VAIN = 0.8
+"""They did on at least this share of its area. Measured on the demo's photos: both ends 1.0, floor in the shadow of
+boulders 0.03 to 0.5."""
+MIN_CAMERAS_IN_VAIN = 3
+"""... that many of them."""
+NUM_SAMPLES_IN_VAIN = 200
+BEFORE_PATCH = 0.98
+"""Rays from a camera end at this share of the way to a patch: it is no obstacle to itself."""
 VIEW_DEPTH = 0.25
 """The view sideways is taken this many diameters inside the rim."""
 NUM_SIDES = 72
@@ -35,9 +46,15 @@ MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 
 
-def find_openings(closed: ClosedSurface, min_diameter: float) -> tuple[Opening, ...]:
-    """Return the patches of invented surface of at least `min_diameter` (m), largest first."""
-    view = _View(closed)
+def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | None = None) -> tuple[Opening, ...]:
+    """Return the patches of invented surface, largest first.
+
+    Args:
+        closed: the solid.
+        min_diameter: smaller ones are left out, m.
+        sight: what cameras saw, of scans from photos.
+    """
+    view = _View(closed, sight)
     openings = []
     for patch in _unobserved_patches(closed):
         whole = _measure(closed.mesh, patch)
@@ -66,11 +83,11 @@ def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
 class _View:
     """Looks around in the closed water."""
 
-    def __init__(self, closed: ClosedSurface) -> None:
+    def __init__(self, closed: ClosedSurface, sight: Sight | None = None) -> None:
         from embreex.mesh_construction import TriangleMesh
         from embreex.rtcore_scene import EmbreeScene
 
-        self._closed = closed
+        self._closed, self._sight = closed, sight
         self._middle = closed.mesh.vertices.mean(axis=0)  # Embree works in float32
         self._scene = EmbreeScene()
         self._triangles = TriangleMesh(self._scene, (closed.mesh.triangles - self._middle).astype(np.float32))
@@ -79,7 +96,32 @@ class _View:
         """Return whether the passage ends at a patch, and no passage goes by behind it."""
         if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
             return False
-        return self.reach(opening, patch) <= MAX_REACH
+        reach = self.reach(opening, patch)
+        return reach <= MAX_REACH or (reach <= MAX_REACH_IN_VAIN and self.share_in_vain(patch) >= MIN_SHARE_IN_VAIN)
+
+    def share_in_vain(self, patch: IntArray) -> float:
+        """Return the share of a patch's area into which several cameras looked without seeing wall; 0 without any."""
+        if self._sight is None:
+            return 0.0
+        part = Mesh(self._closed.mesh.vertices, self._closed.mesh.faces[patch])
+        every = np.cumsum(part.areas)
+        asked = np.searchsorted(every, every[-1] * (np.arange(NUM_SAMPLES_IN_VAIN) + 0.5) / NUM_SAMPLES_IN_VAIN)
+        points = part.triangles[asked].mean(axis=1)
+        in_vain = self._sight.look(points)[1] == NO_WALL
+        for camera, centre in enumerate(self._sight.centres):
+            asked = np.flatnonzero(in_vain[:, camera])
+            ways = BEFORE_PATCH * (points[asked] - centre)
+            in_vain[asked, camera] = self._is_clear(np.tile(centre, (len(ways), 1)), ways)
+        return float((in_vain.sum(axis=1) >= MIN_CAMERAS_IN_VAIN).mean())
+
+    def _is_clear(self, starts: Array, ways: Array) -> BoolArray:
+        """Return the (N,) flags of straight ways from (N, 3) starts that meet nothing."""
+        if not len(ways):
+            return np.zeros(0, dtype=bool)
+        lengths = np.linalg.norm(ways, axis=1, keepdims=True)
+        starts, directions = (starts - self._middle).astype(np.float32), (ways / lengths).astype(np.float32)
+        found = np.asarray(self._scene.run(starts, directions, query="DISTANCE"), dtype=np.float64)
+        return np.asarray(found >= lengths[:, 0])
 
     def reach(self, opening: Opening, patch: IntArray) -> float:
         """Return how many times as far as a patch the water behind it reaches to both of two opposite sides."""

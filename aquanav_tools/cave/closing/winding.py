@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.mesh.rasterise import band_distances
+from aquanav_tools.cave.scan.sight import Sight
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
@@ -40,6 +41,10 @@ UNSURE = 0.35
 """Winding numbers within this of the level are computed at every sample: a hole's middle passes there."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
+MIN_CAMERAS = 3
+"""Space that at least so many cameras looked through is water, whatever the surface says: a single one may be wrong."""
+SIGHT_VOXELS = 2.0
+"""... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise."""
 SMALLEST_VALUE = 1e-3
 """Marching cubes makes degenerate faces where a sample lies on the level; none comes nearer than this, voxels."""
 
@@ -57,6 +62,8 @@ class Carving:
     the scan it stays as it is, m."""
     fault_radius: float
     """Windows and pillars that are thinner than twice this disappear there, m."""
+    sight: Sight | None = None
+    """What cameras looked through becomes water; None without cameras."""
 
 
 NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
@@ -81,7 +88,7 @@ def water_surface(
     lattice = _Lattice(surface, voxel, CARVING_HALO if len(carving.faults) else HALO)
     winding = igl.FastWindingNumberBVH()
     winding.init(surface.vertices, surface.faces)
-    tiles = lattice.tiles_with_level(winding)
+    tiles = lattice.tiles_with_level(winding, carving.sight)
     pieces = []
     for done, (tile, triangles) in enumerate(lattice.triangles_by_tile(tiles)):
         pieces.append(_march(_tile_field(lattice, tile, triangles, winding, carving), tile * TILE))
@@ -112,7 +119,9 @@ class _Lattice:
         last = self.num_tiles - 1
         self._members, self._tile_ids = _cover(np.clip(low, 0, last), np.clip(high, 0, last), self.num_tiles)
 
-    def tiles_with_level(self, winding) -> IntArray:  # type: ignore[no-untyped-def]  # igl ships no types
+    def tiles_with_level(  # type: ignore[no-untyped-def]  # igl ships no types
+        self, winding, sight: Sight | None
+    ) -> IntArray:
         """Return the (T, 3) tiles with wall near them, and those through which the water's border may pass unseen."""
         near = np.unique(self._tile_ids)
         # Between two walls or across a hole the winding number changes over metres.
@@ -121,8 +130,12 @@ class _Lattice:
         values = np.empty(counts)
         y, z = np.meshgrid(np.arange(counts[1]), np.arange(counts[2]), indexing="ij")
         for x in range(counts[0]):
-            samples = np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
-            values[x] = winding.winding_number(self.origin + self.voxel * step * samples).reshape(y.shape)
+            samples = self.origin + self.voxel * step * np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
+            values[x] = winding.winding_number(samples).reshape(y.shape)
+            if sight is not None:
+                # Water that was looked through where the surface has rock ends somewhere near.
+                is_carved = _is_seen_through(sight, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
+                values[x][is_carved] = WATER_LEVEL
         unsure = np.argwhere(np.abs(values - WATER_LEVEL) < UNSURE)
         touched = [np.clip((unsure + shift) * step // TILE, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
         between = np.unique(np.ravel_multi_index(np.concatenate(touched).T, self.num_tiles))
@@ -165,6 +178,7 @@ def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
     magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
     field: Array = -np.sign(excess) * magnitude
     field = _without_faults(field, distance / voxel, origin, voxel, carving)
+    field = _with_sight(field, distance / voxel, origin, voxel, carving.sight)
     field = _with_legs(field, origin, voxel, carving)
     inner = slice(halo, -halo)
     smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
@@ -212,6 +226,23 @@ def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, 
     water = distance_transform_edt(~water) <= radius  # grown back
     smooth = np.where(water, -1.0, 1.0)
     return np.where(is_faulty, smooth, field)
+
+
+def _with_sight(field: Array, distance: Array, origin: Array, voxel: float, sight: Sight | None) -> Array:
+    """Return the field with water where cameras looked through it."""
+    rock = np.argwhere(field > 0.0)
+    if sight is None or not len(rock):
+        return field
+    carved = rock[_is_seen_through(sight, origin + voxel * rock, voxel)]
+    at = tuple(carved.T)
+    field[at] = -np.clip(distance[at], 1.0, BAND_VOXELS)
+    return field
+
+
+def _is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
+    """Return the (N,) flags of (N, 3) points that enough cameras looked through."""
+    seen: BoolArray = sight.num_through(points, SIGHT_VOXELS * voxel, MIN_CAMERAS) >= MIN_CAMERAS
+    return seen
 
 
 def _with_legs(field: Array, origin: Array, voxel: float, carving: Carving) -> Array:

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches
+from aquanav_tools.cave.scan.confirmed import is_supported, thin_confirmed
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_the_water
-from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_from_mesh
+from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
 from aquanav_tools.errors import InputError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
@@ -21,6 +22,8 @@ OUTLIER_RATIO = 3.0
 """A point is an outlier when its neighbours are this many times farther away than theirs are from them ..."""
 LONELY_RATIO = 8.0
 """... or farther than most of the cloud's by this factor: stray points in the open have only each other around."""
+SUPPORT_VOXELS = 1.5
+"""Points from photos support each other up to this distance, voxels."""
 MAX_DEPTH = 11
 """Of Poisson's octree; 2^11 cells along the longest side."""
 TRIM_VOXELS = 2.5
@@ -40,7 +43,8 @@ SQUARE_OFFSET = 2.0
 def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS) -> Surface:
     """Return the surface through the points of a cloud.
 
-    Normals that come with it are used as directions only; which side is water is found out by looking around.
+    Which side is water is known where the cloud comes from photos: the side they were taken from. Elsewhere normals
+    that come with it are used as directions only, and which side is water is found out by looking around.
 
     Args:
         cloud: scanned points.
@@ -50,21 +54,24 @@ def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS)
     Raises:
         InputError: too few points are left without outliers, or they lie on no surface.
     """
-    points, normals, spacing = _clean(cloud, voxel)
+    points, normals, spacing, num_outliers = _clean(cloud, voxel)
     if len(points) < 100:
         raise InputError(
             f"Only {len(points)} of {len(cloud.points)} points remain after removing outliers at {voxel:.3g} m. "
             "The cloud is too sparse for a surface, or the unit is wrong; check --unit or give a larger --voxel."
         )
     _check_lies_on_surface(points)
-    is_kept = ~_dark_points(points, normals, np.maximum(spacing, THINNING * voxel), lamps)
-    points, normals, spacing = points[is_kept], normals[is_kept], spacing[is_kept]
-    normals = normals * _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))[:, None]
-    fitted = _poisson(points, normals, voxel)
-    kept = _supported(fitted, points, spacing, voxel)
-    surface = surface_from_mesh(Mesh(fitted.vertices, fitted.faces[kept]), voxel, lamps)
-    dropped_share = 1.0 - len(points) / max(len(_thinned(cloud, voxel)[0]), 1)
-    return Surface(surface.mesh, points, dropped_share, surface.turned_share)
+    num_thinned = len(spacing) + num_outliers
+    if cloud.faces_water:
+        outward = -normals
+    else:
+        is_kept = ~_dark_points(points, normals, np.maximum(spacing, THINNING * voxel), lamps)
+        points, normals, spacing = points[is_kept], normals[is_kept], spacing[is_kept]
+        outward = normals * _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))[:, None]
+    fitted = _poisson(points, outward, voxel)
+    trimmed = Mesh(fitted.vertices, fitted.faces[_supported(fitted, points, spacing, voxel)])
+    surface = surface_facing_water(trimmed) if cloud.faces_water else surface_from_mesh(trimmed, voxel, lamps)
+    return Surface(surface.mesh, points, 1.0 - len(points) / num_thinned, surface.turned_share)
 
 
 def _check_lies_on_surface(points: Array) -> None:
@@ -88,31 +95,42 @@ def _check_lies_on_surface(points: Array) -> None:
         )
 
 
-def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array | None]:
+def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array]:
+    """Return the mean point of each cell and the mean of its normals, 0 where they are unknown."""
     open3d = load_open3d()
     result = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
     if cloud.normals is not None:
         result.normals = open3d.utility.Vector3dVector(cloud.normals)
     result = result.voxel_down_sample(THINNING * voxel)
-    return np.asarray(result.points), None if cloud.normals is None else np.asarray(result.normals)
+    points = np.asarray(result.points)
+    return points, np.zeros_like(points) if cloud.normals is None else np.asarray(result.normals)
 
 
-def _clean(cloud: PointCloud, voxel: float) -> tuple[Array, Array, Array]:
-    """Return the (N, 3) thinned points without outliers, their unit normals (either sign) and their (N,) spacing."""
+def _clean(cloud: PointCloud, voxel: float) -> tuple[Array, Array, Array, int]:
+    """Return the (N, 3) thinned points without outliers, their unit normals and (N,) spacing; how many were outliers.
+
+    Normals have either sign, but those of a cloud from photos keep theirs.
+    """
     from scipy.spatial import cKDTree
 
-    points, normals = _thinned(cloud, voxel)
+    votes = None
+    if cloud.faces_water:
+        points, normals, votes = thin_confirmed(cloud, THINNING * voxel)
+    else:
+        points, normals = _thinned(cloud, voxel)
     if len(points) <= NUM_NEIGHBOURS:
-        return points[:0], points[:0], np.zeros(0)
+        return points[:0], points[:0], np.zeros(0), len(points)
     distances, neighbours = cKDTree(points).query(points, k=NUM_NEIGHBOURS + 1)
     spread = distances[:, 1:].mean(axis=1)
     kept = spread < OUTLIER_RATIO * np.median(spread[neighbours[:, 1:]], axis=1)
     kept &= spread < LONELY_RATIO * np.median(spread)
-    points, spacing = points[kept], distances[kept, 1:5].mean(axis=1)
-    if normals is None or not (np.linalg.norm(normals, axis=1) > 0.5).all():
-        return points, _plane_normals(points), spacing
+    if votes is not None:
+        kept &= is_supported(votes, distances, neighbours, SUPPORT_VOXELS * voxel) & normals.any(axis=1)
+    points, spacing, num_outliers = points[kept], distances[kept, 1:5].mean(axis=1), int((~kept).sum())
+    if votes is None and not (np.linalg.norm(normals, axis=1) > 0.5).all():
+        return points, _plane_normals(points), spacing, num_outliers
     normals = normals[kept]
-    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), spacing
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True), spacing, num_outliers
 
 
 def _plane_normals(points: Array) -> Array:

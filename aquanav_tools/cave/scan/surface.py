@@ -75,6 +75,21 @@ def surface_from_mesh(mesh: Mesh, voxel: float, lamps: Array = NO_LAMPS) -> Surf
     return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)
 
 
+def surface_facing_water(mesh: Mesh) -> Surface:
+    """Return the walls of triangles that are known to face the water, welded and without strays.
+
+    Raises:
+        InputError: no triangle has an area.
+    """
+    clean = clean_mesh(mesh)
+    if not len(clean.faces):
+        raise InputError(
+            f"None of the {len(mesh.faces)} triangles fitted to the points has an area. Give a larger --voxel."
+        )
+    kept = _without_unused(_main_patches(Patches(clean, find_patches(clean).ids)).mesh)
+    return Surface(kept, kept.vertices, 1.0 - float(kept.areas.sum()) / float(clean.areas.sum()))
+
+
 def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
     """Return the surface without second layers of wall: what the closed surface passes by for good reason.
 

@@ -1,0 +1,141 @@
+"""What cameras saw: how far each looked along its pixels, and so which space is water.
+
+Between a camera and the wall that it saw lies water. Nothing is painted into a grid: a point is projected into every
+camera, and its distance compared with the one that was seen there. So memory is that of coarse depth maps, no gaps open
+between rays far from a camera, and whoever asks pays only for the places asked about.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.types import Array, IntArray, Sim3
+
+DepthImage = npt.NDArray[np.float32]
+
+NO_WALL = np.float32(0.0)
+"""Depth of a cell that looked and found no wall."""
+UNSURE = np.float32(1e-9)
+"""Depth of a cell that is neither sure of a wall nor of none: right before the lens, it claims no water."""
+OUTSIDE = np.float32(-1.0)
+"""Depth beside a photo, where maps of different sizes are padded."""
+MIN_WALL_SHARE = 0.5
+"""A cell shows wall when at least this share of its pixels do ..."""
+MAX_WALL_SHARE = 0.1
+"""... and none when at most this share do."""
+RELATIVE_MARGIN = 0.02
+"""Depth maps agree to a hundredth of the distance; twice that lies surely before the wall."""
+NEAREST = 1e-3
+"""What is nearer to a lens is not looked at, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """Coarse depth maps of C photos, with their cameras (undistorted, so pinholes)."""
+
+    poses: Array
+    """(C, 3, 4) `cam_from_world`, rotation and translation, m."""
+    pinholes: Array
+    """(C, 4) fx, fy, cx, cy of the maps, in their cells; cell centres lie at 0.5."""
+    depth: DepthImage
+    """(C, H, W) along the camera's axis, m, of wall that several photos agree on; or NO_WALL, UNSURE, OUTSIDE."""
+
+    @property
+    def centres(self) -> Array:
+        """(C, 3) where the cameras were, m."""
+        centres: Array = -np.einsum("cji,cj->ci", self.poses[:, :, :3], self.poses[:, :, 3])
+        return centres
+
+    def moved(self, b_from_a: Sim3) -> Sight:
+        """Return the same in another frame."""
+        turns = self.poses[:, :, :3] @ b_from_a.rotation.T
+        shifts = b_from_a.scale * self.poses[:, :, 3] - turns @ b_from_a.translation
+        depth = np.where(self.depth > UNSURE, np.float32(b_from_a.scale) * self.depth, self.depth)
+        return Sight(np.concatenate([turns, shifts[..., None]], axis=2), self.pinholes, depth)
+
+    def num_through(self, points: Array, margin: float, enough: int) -> IntArray:
+        """Return how many cameras looked through each of (N, 3) points, at wall behind it.
+
+        Args:
+            points: world, m.
+            margin: least distance to that wall along the camera's axis, m, beside RELATIVE_MARGIN of the distance.
+            enough: counting ends there.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        return _num_through(points, self.poses, self.pinholes, self.depth, margin, enough)
+
+    def look(self, points: Array) -> tuple[Array, DepthImage]:
+        """Return the (N, C) distances of (N, 3) points along each camera's axis, m, and the depths seen there.
+
+        Depth is that of the cell that a point falls in; OUTSIDE when it is not in the frame.
+        """
+        points = np.ascontiguousarray(points, dtype=np.float64)
+        return _look(points, self.poses, self.pinholes, self.depth)
+
+
+def coarse_depth(depth: DepthImage, step: int) -> DepthImage:
+    """Return an (H, W) depth map (0: no wall found) `step` times as coarse that claims no more water than it did.
+
+    A cell shows the nearest wall of its pixels.
+    """
+    height, width = depth.shape[0] // step, depth.shape[1] // step
+    cells = depth[: height * step, : width * step].reshape(height, step, width, step)
+    share = (cells > 0.0).mean(axis=(1, 3))
+    nearest = np.where(cells > 0.0, cells, np.inf).min(axis=(1, 3))
+    coarse = np.where(share >= MIN_WALL_SHARE, nearest, np.where(share <= MAX_WALL_SHARE, NO_WALL, UNSURE))
+    return coarse.astype(np.float32)
+
+
+def make_sight(poses: Array, pinholes: Array, maps: list[DepthImage]) -> Sight:
+    """Return the sight of cameras (see `Sight`), whose C maps may differ in size."""
+    height, width = np.max([one.shape for one in maps], axis=0)
+    depth = np.full((len(maps), height, width), OUTSIDE, dtype=np.float32)
+    for padded, one in zip(depth, maps, strict=True):
+        padded[: one.shape[0], : one.shape[1]] = one
+    return Sight(np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(pinholes, np.float64), depth)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _look_up(x, y, z, pose, pinhole, depth):  # type: ignore[no-untyped-def]
+    """Return a point's distance along a camera's axis, and the depth seen there."""
+    ahead = pose[2, 0] * x + pose[2, 1] * y + pose[2, 2] * z + pose[2, 3]
+    if ahead < NEAREST:
+        return ahead, OUTSIDE
+    right = pose[0, 0] * x + pose[0, 1] * y + pose[0, 2] * z + pose[0, 3]
+    u = pinhole[0] * right / ahead + pinhole[2]
+    if not 0.0 <= u < depth.shape[1]:
+        return ahead, OUTSIDE
+    down = pose[1, 0] * x + pose[1, 1] * y + pose[1, 2] * z + pose[1, 3]
+    v = pinhole[1] * down / ahead + pinhole[3]
+    if not 0.0 <= v < depth.shape[0]:
+        return ahead, OUTSIDE
+    return ahead, depth[int(v), int(u)]
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _num_through(points, poses, pinholes, depth, margin, enough):  # type: ignore[no-untyped-def]
+    count = np.zeros(len(points), np.int64)
+    for n in numba.prange(len(points)):
+        for camera in range(len(poses)):
+            x, y, z = points[n]
+            ahead, seen = _look_up(x, y, z, poses[camera], pinholes[camera], depth[camera])
+            if seen > 0.0 and seen > ahead * (1.0 + RELATIVE_MARGIN) + margin:
+                count[n] += 1
+                if count[n] >= enough:
+                    break
+    return count
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _look(points, poses, pinholes, depth):  # type: ignore[no-untyped-def]
+    ahead = np.empty((len(points), len(poses)))
+    seen = np.empty((len(points), len(poses)), np.float32)
+    for n in numba.prange(len(points)):
+        for camera in range(len(poses)):
+            x, y, z = points[n]
+            ahead[n, camera], seen[n, camera] = _look_up(x, y, z, poses[camera], pinholes[camera], depth[camera])
+    return ahead, seen

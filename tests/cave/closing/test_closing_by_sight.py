@@ -1,0 +1,103 @@
+"""Closing with what cameras saw: a passage that was looked through stays open, and an end is told from a hole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquanav_tools.cave.cavity import WALL, prove_watertight
+from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, find_openings
+from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.scan.sight import Sight, make_sight
+from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.errors import MeshError
+from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.trajectory import look
+from aquanav_tools.types import Mesh
+from tests.cave.open_caves import LENGTH, RADIUS, SECTIONS, straight, tube_volume, without_faces_near
+
+VOXEL = 0.1
+MIN_PORTAL = 0.8
+WIDTH, HEIGHT, FOCAL = 120, 90, 50.0
+
+
+def sight_of(wall: Mesh, places: np.ndarray, yaw_deg: float, pitch_deg: float = 0.0) -> Sight:
+    """What cameras at (N, 3) places in the true cave see; nothing where they look out of it."""
+    scene, rotation = RayScene(wall), look(np.radians(yaw_deg), np.radians(pitch_deg))
+    u, v = np.meshgrid((np.arange(WIDTH) + 0.5 - WIDTH / 2) / FOCAL, (np.arange(HEIGHT) + 0.5 - HEIGHT / 2) / FOCAL)
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1).reshape(-1, 3)
+    depths = [scene.cast(place, rays @ rotation)[0].reshape(HEIGHT, WIDTH) for place in places]
+    poses = np.array([np.column_stack([rotation, -rotation @ place]) for place in places])
+    pinholes = np.tile([FOCAL, FOCAL, WIDTH / 2, HEIGHT / 2], (len(places), 1))
+    return make_sight(poses, pinholes, [np.nan_to_num(depth).astype(np.float32) for depth in depths])
+
+
+def disc(x: float, inner: float, towards: float) -> Mesh:
+    """A disc, or a ring, across the tube, its normal along x."""
+    angle = np.linspace(0.0, 2.0 * np.pi, SECTIONS, endpoint=False)
+    rings = [np.column_stack([np.full(SECTIONS, x), r * np.cos(angle), r * np.sin(angle)]) for r in (inner, RADIUS)]
+    here, there = np.arange(SECTIONS), np.roll(np.arange(SECTIONS), -1)
+    faces = np.concatenate(
+        [np.stack([here, here + SECTIONS, there], 1), np.stack([there, here + SECTIONS, there + SECTIONS], 1)]
+    )
+    mesh = Mesh(np.concatenate(rings), faces)
+    return mesh if mesh.normals[0, 0] * towards > 0.0 else Mesh(mesh.vertices, faces[:, ::-1])
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
+def places(*xs: float) -> np.ndarray:
+    return np.array([[x, 0.0, 0.0] for x in xs])
+
+
+def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
+    # Two discs 0.4 m apart: to the scan alone, a plug of rock between two caves.
+    plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
+    with pytest.raises(MeshError, match="two separate caves"):
+        close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
+    evidence = Evidence(sight=sight_of(straight(), places(1.0, 2.0, 3.0, 4.0), 0.0))
+    closed = close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
+    cavity = cut_portals(closed, straight(), find_openings(closed, MIN_PORTAL, evidence.sight), VOXEL)
+    prove_watertight(cavity.mesh)
+    assert cavity.mesh.to_trimesh().euler_number == 2
+    assert len(cavity.portals) == 2
+    # Within two voxels of the wall behind it nothing is carved: a collar of at most the plug's length may stay there.
+    collar = tube_volume(0.4 + 2 * VOXEL) * (1.0 - (1.0 - 2.0 * VOXEL) ** 2)
+    assert tube_volume(LENGTH) - collar - 4 * VOXEL * tube_volume(1.0) < cavity.volume < 1.01 * tube_volume(LENGTH)
+
+
+def test_rock_that_one_camera_looked_through_stays_rock() -> None:
+    plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
+    evidence = Evidence(places(2.0), sight=sight_of(straight(), places(2.0), 0.0))
+    closed = close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
+    assert closed.mesh.vertices[:, 0].max() < 5.0 + VOXEL
+
+
+@pytest.mark.parametrize(("looks_out", "num_portals"), [(True, 2), (False, 1)])
+def test_an_end_with_a_swollen_rim_is_one_where_cameras_looked_into_the_dark(looks_out: bool, num_portals: int) -> None:
+    inner = RADIUS / 1.5
+    assert MAX_REACH < RADIUS / inner < MAX_REACH_IN_VAIN
+    scan = surface_from_mesh(joined(straight(), disc(LENGTH, inner, 1.0)), VOXEL).mesh
+    closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
+    sight = sight_of(straight(), places(6.0, 7.0, 8.0), 0.0 if looks_out else 180.0)
+    assert len(cut_portals(closed, scan, find_openings(closed, MIN_PORTAL, sight), VOXEL).portals) == num_portals
+    assert sum(opening.is_portal for opening in find_openings(closed, MIN_PORTAL)) == 1
+
+
+@pytest.mark.parametrize("pitch_deg", [-60.0, 0.0])
+def test_a_hole_in_the_wall_is_filled_and_unobserved_whether_anyone_looked_or_not(pitch_deg: float) -> None:
+    scan = surface_from_mesh(without_faces_near(straight(), np.array([5.0, 0.0, RADIUS]), 0.6), VOXEL).mesh
+    closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
+    sight = sight_of(scan, places(2.0, 2.5, 3.0, 3.5), 0.0, pitch_deg)
+    cavity = cut_portals(closed, scan, find_openings(closed, MIN_PORTAL, sight), VOXEL)
+    assert len(cavity.portals) == 2
+    unseen = (cavity.labels == WALL) & ~cavity.observed
+    middles = cavity.mesh.triangles[unseen].mean(axis=1)
+    assert np.linalg.norm(middles - [5.0, 0.0, RADIUS], axis=1).max() < 0.6 + VOXEL
+    assert 0.0 < cavity.mesh.areas[unseen].sum() < np.pi * 0.7**2
