@@ -11,12 +11,12 @@ import numpy as np
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.cave_tables import narrow_table, portal_table, station_table, statistics_table
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.outputs import footer, notices, photo_tables, stage_table
+from aquanav_tools.build.outputs import footer, notices
 from aquanav_tools.cave.measure.sections import cross_sections, station_spacing
 from aquanav_tools.cave.route.narrows import Narrow
 from aquanav_tools.cave.survey.write import write_svx
 from aquanav_tools.report.cave_map import CaveMap, Mark
-from aquanav_tools.report.html import Fact, Figure, Page
+from aquanav_tools.report.html import Fact, Figure, Page, Section
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
 from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
 from aquanav_tools.report.views import draw_views
@@ -101,9 +101,9 @@ def cave_page(
     narrows: Sequence[Narrow],
     figures: Sequence[Figure],
     journal: Journal,
-    facts: dict[str, Any],
+    sections: Sequence[Section] = (),
 ) -> Page:
-    """Return the report of a finished build; `facts` tells how the scan or the photos fared."""
+    """Return the report of a finished build; further sections tell how the photos fared and what the stages cost."""
     numbers = built.statistics
     summary = (
         f"{numbers.route_length:.1f} m of passage between {numbers.lowest:.1f} and {numbers.highest:.1f} m of height, "
@@ -120,9 +120,8 @@ def cave_page(
             narrow_table(narrows),
             portal_table(built),
             station_table(cave),
-            *photo_tables(facts),
-            stage_table(journal),
         ),
+        sections=tuple(sections),
         footer=footer(),
     )
 

@@ -18,7 +18,8 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
-from aquanav_tools.report.html import Figure, Notice, Page, Table
+from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
+from aquanav_tools.report.stage_bars import draw_stages
 from aquanav_tools.types import Mesh
 
 LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
@@ -82,57 +83,14 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
     }
 
 
-def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
-    """Return how the photos fared, from the first look to registration; nothing for a scan."""
-    if "registered" not in facts:
-        return _preflight_tables(facts)
-    plain = {name: value for name, value in facts.items() if not isinstance(value, list | dict)}
-    tables = [Table("Photos", ("fact", "value"), tuple((name.replace("_", " "), str(plain[name])) for name in plain))]
-    if facts.get("scale_sources"):
-        tables.append(scale_table(facts["scale_sources"]))
-    if facts["unregistered"]:
-        rows = tuple((photo["name"], photo["cause"], photo["sentence"]) for photo in facts["unregistered"])
-        tables.append(Table("Photos that did not register", ("photo", "cause", "why"), rows))
-    return (*tables, *_preflight_tables(facts))
-
-
-def _preflight_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
-    """Return the photos that were named before the work began, and what the work was expected to take."""
-    if "forecast" not in facts:
-        return ()
-    expected = facts["forecast"]
-    rows = [(name, f"{value:.0f} s") for name, value in expected["seconds"].items()]
-    rows += [("memory", f"{expected['memory_gb']:.1f} GB"), ("disk", f"{expected['disk_gb']:.1f} GB")]
-    tables = [Table(f"Forecast for the photo stages ({expected['cores']} cores)", ("what", "expected"), tuple(rows))]
-    named = [(photo["name"], "not used", photo["reason"]) for photo in facts["left_out"]]
-    named += [(photo["name"], photo["code"].replace("-", " "), photo["value"]) for photo in facts["preflight"]]
-    if named:
-        tables.append(Table("Photos with something wrong at first look", ("photo", "what", "evidence"), tuple(named)))
-    return tuple(tables)
-
-
-def scale_table(sources: list[dict[str, Any]]) -> Table:
-    """Return what each source of scale and up said alone, as `Georeference.statistics` lists them."""
-    rows = tuple(
-        (
-            one["source"],
-            str(one["items"]),
-            "-" if one["scale"] is None else f"{one['scale']:.4g} ± {one['scale_error_percent']:.2g} %",
-            f"± {one['up_error_deg']:.2g}",
-            "-" if one["rms_m"] is None else f"{one['rms_m']:.3f}",
-            "yes" if one["used"] else "no: it contradicts a better one",
-            ", ".join(one["left_out"][:5]) or "-",
-        )
-        for one in sources
-    )
-    columns = ("source", "items", "metres per unit", "up (degrees)", "misfit (m)", "used", "left out")
-    return Table("Scale and up, each source alone, with 95 % intervals", columns, rows)
-
-
 def failure_page(
-    options: BuildOptions, error: Exception, journal: Journal, facts: dict[str, Any], figures: tuple[Figure, ...] = ()
+    options: BuildOptions,
+    error: Exception,
+    journal: Journal,
+    figures: tuple[Figure, ...] = (),
+    sections: tuple[Section, ...] = (),
 ) -> Page:
-    """Return the report of a build that stopped, with what `draw_failure` drew."""
+    """Return the report of a build that stopped, with what `draw_failure` drew and what is known beside."""
     places = error.places if isinstance(error, MeshError) else ()
     rows = tuple((str(number), _row(np.array(where)), what) for number, (where, what) in enumerate(places, start=1))
     return Page(
@@ -140,11 +98,8 @@ def failure_page(
         summary=str(error),
         warnings=notices(journal),
         figures=figures,
-        tables=(
-            *((Table("Where", ("number", "position (m)", "what is there"), rows),) if rows else ()),
-            *photo_tables(facts),
-            stage_table(journal),
-        ),
+        tables=((Table("Where", ("number", "position (m)", "what is there"), rows),) if rows else ()),
+        sections=sections,
         footer=footer(),
     )
 
@@ -156,6 +111,15 @@ def draw_failure(surface: Mesh, error: Exception, path: Path) -> tuple[Figure, .
         return ()
     draw_faults(surface, np.array([where for where, _ in places]), [what for _, what in places], path)
     return (Figure(path, "The surface and the places to repair; they are numbered as in the table."),)
+
+
+def stage_section(journal: Journal, folder: Path) -> Section:
+    """Return what each stage cost, drawn into a folder."""
+    stages = journal.stages
+    path = folder / "stages.svg"
+    draw_stages([s.title for s in stages], [s.seconds for s in stages], [s.peak_memory_mb for s in stages], path)
+    caption = "Time and memory of each stage of the build. A stage that was taken up from an earlier run took less."
+    return Section("The build", "", (Figure(path, caption),), (stage_table(journal),))
 
 
 def stage_table(journal: Journal) -> Table:

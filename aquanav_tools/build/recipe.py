@@ -20,6 +20,7 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.output_folder import WORK_DIR, build_key, check_output, publish
 from aquanav_tools.build.photo_evidence import photo_evidence
 from aquanav_tools.build.photo_intake import Intake, take_in
+from aquanav_tools.build.photo_report import PhotoWork, partial_section, photo_section
 from aquanav_tools.build.photo_stages import (
     cameras_inside,
     check_is_cave,
@@ -31,11 +32,11 @@ from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
-from aquanav_tools.errors import AquanavError, InputError, MeshError
+from aquanav_tools.errors import AquanavError, InputError, MeshError, ResourceError
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.georeference.sources import KnownWorld, read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
-from aquanav_tools.report.html import Figure, write_page
+from aquanav_tools.report.html import Figure, Section, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording.cave import CaveModel, record_cave
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
@@ -139,9 +140,11 @@ def _build_cave_of(
     intake: Intake, world: KnownWorld, settings: ReconstructOptions, options: BuildOptions, journal: Journal
 ) -> BuildResult:
     photos, inputs, facts = intake.photos, intake.inputs, intake.facts
-    work_dir = options.output / WORK_DIR
+    work_dir, work = options.output / WORK_DIR, PhotoWork()
     try:
-        reconstruction = reconstruct(photos, work_dir, settings, world, journal.stage)
+        work.reconstruction = reconstruction = reconstruct(
+            photos, work_dir, settings, world, journal.stage, work.record
+        )
         facts |= reconstruction.statistics
         for caution in reconstruction.warnings:
             journal.warn(caution.code, caution.message)
@@ -150,15 +153,15 @@ def _build_cave_of(
             preview = preview_surface(reconstruction.cloud)
             facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
             is_inside = cameras_inside(reconstruction, preview)
-            reconstruction = in_metres(reconstruction, preview, options.scale, journal)
+            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal)
             facts |= reconstruction.statistics
             write_found(reconstruction, options.output)
         evidence = photo_evidence(reconstruction, is_inside)
         built = kept_scenario(reconstruction.cloud, options, journal, evidence, StageStore(work_dir))
     except AquanavError as error:
-        _report_failure(error, options, journal, inputs, facts)
+        _report_failure(error, options, journal, inputs, facts, work=work)
         raise
-    return _finish(built, reconstruction.cloud, options, journal, inputs, facts)
+    return _finish(built, reconstruction.cloud, options, journal, inputs, facts, work)
 
 
 def _photo_settings(options: BuildOptions) -> ReconstructOptions:
@@ -179,6 +182,7 @@ def _finish(
     journal: Journal,
     inputs: dict[str, str],
     facts: dict[str, Any],
+    work: PhotoWork | None = None,
 ) -> BuildResult:
     """Write everything into a partial folder first and move it into place, scenario.toml last."""
     folder = options.output
@@ -193,8 +197,14 @@ def _finish(
     with journal.stage("Drawing the cave"):
         cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
         drawings = write_drawings(cave, scenario, built.statistics.rose, partial / DRAWINGS_DIR)
+    sections: list[Section] = []
+    if work is not None:
+        with journal.stage("Drawing what the photos gave"):
+            section, found = photo_section(work, scenario, cave, facts, partial)
+            sections, facts = [section], {**facts, **found}
+    sections.append(outputs.stage_section(journal, partial / DRAWINGS_DIR))
     figures = (*drawings, Figure(partial / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, built.narrows, figures, journal, facts)
+    page = cave_page(built, cave, built.narrows, figures, journal, sections)
     facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave, built.narrows)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
@@ -220,6 +230,7 @@ def _report_failure(
     inputs: dict[str, str],
     facts: dict[str, Any],
     surface: Mesh | PointCloud | None = None,
+    work: PhotoWork | None = None,
 ) -> None:
     """Leave in the output folder what is known about a build that stopped."""
     (options.output / SETTINGS_FILE).unlink(missing_ok=True)
@@ -229,6 +240,14 @@ def _report_failure(
     figures: tuple[Figure, ...] = ()
     if isinstance(surface, Mesh):
         figures = outputs.draw_failure(surface, error, options.output / "faults.png")
-    write_page(outputs.failure_page(options, error, journal, facts, figures), options.output / "report.html")
+    sections: tuple[Section, ...] = ()
+    if not isinstance(error, ResourceError):  # on a full disk there is no room for drawings
+        drawings = options.output / DRAWINGS_DIR
+        shutil.rmtree(drawings, ignore_errors=True)
+        drawings.mkdir()
+        if work is not None:
+            sections = (partial_section(work, options.output.name, facts, drawings),)
+        sections = (*sections, outputs.stage_section(journal, drawings))
+    write_page(outputs.failure_page(options, error, journal, figures, sections), options.output / "report.html")
     kept = [name for name in ("cloud.ply", "report.html") if (options.output / name).exists()]
     error.args = (f"{error} Kept in {options.output}: {', '.join(kept)}.",)

@@ -171,7 +171,7 @@ def _observations(
 
 def read_dense_views(record: PhotoRecord) -> list[DenseView]:
     """Return the undistorted photos in the order of their ids; none before depth is measured."""
-    if record.dense_dir is None:
+    if record.dense_dir is None or not (record.dense_dir / "sparse").is_dir():
         return []
     model = load_pycolmap().Reconstruction(record.dense_dir / "sparse")
     views = []

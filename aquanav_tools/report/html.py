@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TEMPLATE = Path(__file__).with_name("page.html")
-MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg"}
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Notice:
 
 @dataclass(frozen=True)
 class Figure:
-    """A PNG or SVG with its caption."""
+    """A PNG, SVG or JPEG with its caption."""
 
     path: Path
     caption: str
@@ -44,7 +44,9 @@ class Figure:
 
     def __post_init__(self) -> None:
         if self.columns not in (1, 2, 3) or self.path.suffix not in MEDIA_TYPES:
-            raise ValueError(f"A figure is a PNG or SVG in 1 to 3 columns, not {self.path.name} in {self.columns}.")
+            raise ValueError(
+                f"A figure is a PNG, SVG or JPEG in 1 to 3 columns, not {self.path.name} in {self.columns}."
+            )
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,17 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Section:
+    """A further part of a report under a heading of its own."""
+
+    title: str
+    text: str = ""
+    """What to make of it, in a sentence or two."""
+    figures: tuple[Figure, ...] = ()
+    tables: tuple[Table, ...] = ()
+
+
+@dataclass(frozen=True)
 class Page:
     """A report, from the headline down to the small print."""
 
@@ -74,6 +87,8 @@ class Page:
     warnings: tuple[Notice, ...] = ()
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
+    sections: tuple[Section, ...] = ()
+    """Parts after the first; a page with some has links to them at its top."""
     footer: str = ""
     """What made the report, and from what."""
 

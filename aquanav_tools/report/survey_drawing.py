@@ -59,7 +59,7 @@ def draw_plan(cave: CaveMap, path: Path) -> None:
     """
     plan, _ = plan_and_section(cave.centreline)
     figure = _draw_view(cave, plan, "Plan, seen from above")
-    _draw_north(figure, plan)
+    draw_north(figure, plan)
     save_drawing(figure, path, DPI)
 
 
@@ -73,9 +73,7 @@ def draw_elevation(cave: CaveMap, path: Path) -> None:
 
 def draw_long_section(cave: CaveMap, path: Path) -> None:
     """Write the extended elevation: heights of floor, route and ceiling against the distance along the route."""
-    line = resample(cave.centreline, PROFILE_STEP)
-    along = arc_lengths(line)
-    floor, ceiling = floor_and_ceiling(cave.cavity.mesh, line)
+    line, along, floor, ceiling = profile(cave)
     low, high = np.array([0.0, np.nanmin(floor)]), np.array([along[-1], np.nanmax(ceiling)])
     scale = (WIDTH_IN - 2 * MARGIN_IN) / (high[0] - low[0])
     natural = (high[1] - low[1]) * min(scale, MAX_HEIGHT_IN / (high[1] - low[1]))
@@ -92,10 +90,16 @@ def draw_long_section(cave: CaveMap, path: Path) -> None:
     _draw_height_axis(axes, exaggeration, num_heights=2 + int(exaggeration * natural))
 
     def project(points: Array) -> Array:
-        return _unrolled(cave, points) * stretch
+        return unrolled(cave, points) * stretch
 
     _number_stations(_mark_places(figure, axes, cave, project), cave, project)
     save_drawing(figure, path, DPI)
+
+
+def profile(cave: CaveMap) -> tuple[Array, Array, Array, Array]:
+    """Return (N, 3) points of the route, their (N,) distance along it, and floor and ceiling there, m."""
+    line = resample(cave.centreline, PROFILE_STEP)
+    return line, arc_lengths(line), *floor_and_ceiling(cave.cavity.mesh, line)
 
 
 def _draw_view(cave: CaveMap, view: View, title: str) -> Any:
@@ -172,8 +176,8 @@ def _draw_key(figure: Any, cave: CaveMap, has_portals: bool) -> None:
     )  # fmt: skip
 
 
-def _draw_north(figure: Any, plan: View) -> None:
-    """Draw an arrow to the north (world y) in the upper right corner."""
+def draw_north(figure: Any, plan: View) -> None:
+    """Draw an arrow to the north (world y) in the upper right corner of a page WIDTH_IN wide."""
     size_in, height_in = 0.62, figure.get_size_inches()[1]
     axes = figure.add_axes(
         ((WIDTH_IN - MARGIN_IN - size_in) / WIDTH_IN, (height_in - 0.15 - size_in) / height_in, size_in / WIDTH_IN,
@@ -204,7 +208,7 @@ def _draw_height_axis(axes: Any, exaggeration: int, num_heights: int) -> None:
     axes.set_xlabel("distance along the route, m", color=MUTED, fontsize=9)
 
 
-def _unrolled(cave: CaveMap, points: Array) -> Array:
+def unrolled(cave: CaveMap, points: Array) -> Array:
     """Return the (N, 2) distance along the route and height of (N, 3) points."""
     return np.stack([cave.along(points), points[:, 2]], axis=1)
 

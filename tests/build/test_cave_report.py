@@ -46,7 +46,7 @@ def page(tube: Scenario, folder: Path) -> Page:
     built = SimpleNamespace(scenario=tube, statistics=statistics, fit=ScanFit(0.002, 0.02, 0.99), voxel=0.05)
     journal = Journal(silent)
     journal.warn("few-starts", "Only 3 starts.")
-    return cave_page(built, cave, (PASSABLE, TIGHT), figures, journal, {})  # type: ignore[arg-type]
+    return cave_page(built, cave, (PASSABLE, TIGHT), figures, journal)  # type: ignore[arg-type]
 
 
 def table_of(page: Page, title: str) -> list[tuple[str, ...]]:
@@ -117,7 +117,7 @@ def test_a_failure_shows_and_lists_the_places_of_its_error(tube: Scenario, tmp_p
     error = MeshError("The surface has 1 hole.", [((3.0, 2.0, 0.0), "hole, 0.42 m wide")])
     figures = draw_failure(tube.cavity.mesh, error, tmp_path / "faults.png")
     options = BuildOptions(tmp_path / "scan.stl", tmp_path / "out")
-    write_page(failure_page(options, error, Journal(silent), {}, figures), tmp_path / "report.html")
+    write_page(failure_page(options, error, Journal(silent), figures), tmp_path / "report.html")
     text = (tmp_path / "report.html").read_text()
     for part in ("The surface has 1 hole.", "3.00, 2.00, 0.00", "hole, 0.42 m wide", "data:image/png"):
         assert part in text

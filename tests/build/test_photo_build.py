@@ -136,7 +136,7 @@ def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: Phot
     assert result.returncode == 3
     assert "Traceback" not in result.stderr
     left = {path.name for path in (tmp_path / "out").iterdir()}
-    assert left == {"work", "report.html", "report.json", "build.json"}
+    assert left == {"work", "drawings", "report.html", "report.json", "build.json"}
     assert json.loads((tmp_path / "out" / "report.json").read_text())["error"] in result.stderr
 
 

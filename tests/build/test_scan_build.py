@@ -190,6 +190,7 @@ def test_a_scan_that_is_no_cave_ends_with_a_sentence_and_a_report(
         "report.json",
         "build.json",
         "faults.png",
+        "drawings",
     }
     assert re.search(message, json.loads((tmp_path / "out" / "report.json").read_text())["error"])
 

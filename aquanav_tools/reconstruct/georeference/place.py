@@ -193,6 +193,7 @@ def _figures(one: Weighed, is_used: bool) -> dict[str, Any]:
         "scale_error_percent": round(100 * one.alone.scale_error, 3) if has_scale else None,
         "up_error_deg": round(one.alone.up_error_deg, 3),
         "rms_m": round(one.rms, 4) if isinstance(one.clue, Anchors) else None,
+        "misfits_m": one.misfits.round(4).tolist() if isinstance(one.clue, Anchors) else [],
     }
 
 

@@ -37,6 +37,13 @@ class Weighed:
         """(N,) one over the variance of each item."""
         return np.full(len(self.clue.labels), self.sigma**-2)
 
+    @property
+    def misfits(self) -> Array:
+        """(N,) length of each item's residual, in their unit."""
+        ones = np.ones(len(self.clue.labels))
+        lengths: Array = np.linalg.norm(self.clue.residuals(self.alone.scale, self.alone.rotation, ones), axis=1)
+        return lengths
+
 
 def weigh(clue: Clue, prior: Ups) -> Weighed:
     """Return a source with its mistakes left out and the errors of the rest.

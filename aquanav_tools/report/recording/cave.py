@@ -66,10 +66,17 @@ def record_cave(cave: CaveModel, path: Path) -> None:
 
 
 def log_cave(stream: Any, cave: CaveModel) -> None:
-    """Log the cave with its inner side only, so that from outside one looks through the near wall into it."""
+    """Log the cave for all times, and which way is up."""
     import rerun as rr
 
     stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    log_surface(stream, cave, static=True)
+
+
+def log_surface(stream: Any, cave: CaveModel, static: bool) -> None:
+    """Log the cave with its inner side only, so that from outside one looks through the near wall into it."""
+    import rerun as rr
+
     surface = rr.Mesh3D(
         vertex_positions=cave.mesh.vertices.astype(np.float32),
         triangle_indices=cave.mesh.faces[:, ::-1].astype(np.uint32),  # turned round: the front is the water's side
@@ -77,7 +84,7 @@ def log_cave(stream: Any, cave: CaveModel) -> None:
         albedo_factor=ROCK,
         face_rendering=rr.components.MeshFaceRendering.Front,
     )
-    stream.log("cave", surface, static=True)
+    stream.log("cave", surface, static=static)
 
 
 def log_route(stream: Any, scenario: Scenario) -> None:

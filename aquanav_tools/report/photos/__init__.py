@@ -1,0 +1,1 @@
+"""How photos became a cave: drawings for the report of a build."""
