@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import PhotoScaleOptions
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
@@ -84,10 +85,7 @@ def in_metres(
 
 def write_found(reconstruction: Reconstruction, folder: Path) -> None:
     """Write cloud.ply, which viewers read, and cameras.json: name, centre and `cam_from_world` rotation of each."""
-    import trimesh
-
-    cloud = reconstruction.cloud
-    trimesh.PointCloud(cloud.points, colors=cloud.colours).export(folder / "cloud.ply")
+    write_cloud(reconstruction.cloud, folder / "cloud.ply")
     placed = zip(
         reconstruction.camera_names, reconstruction.camera_centres, reconstruction.camera_rotations, strict=True
     )
