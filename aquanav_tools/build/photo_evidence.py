@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.scan.sight import NO_WALL, OUTSIDE, Sight
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Array, BoolArray
 
 NUM_PLACES = 32
 """Places on a way from camera to camera at which is asked whether it leads through water."""
-NEAR_SHARE = 0.25
-"""Of a way, at both ends: nobody sees the water right around a camera."""
+MAX_LEGS = 3.0
+"""A way longer than this many typical ones is no way that was swum: photos are missing, or another dive began."""
 
 
 def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray) -> Evidence:
@@ -24,19 +25,20 @@ def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray) -> Evid
     centres, sight = reconstruction.camera_centres, reconstruction.sight
     if sight is None:
         return Evidence(centres[is_inside])
-    return Evidence(centres[is_inside], _legs(reconstruction, is_inside), sight)
+    return Evidence(centres[is_inside], _legs(reconstruction, is_inside, sight), sight)
 
 
-def _legs(reconstruction: Reconstruction, is_inside: BoolArray) -> Array:
-    """Return the (M, 2, 3) straight ways from photo to photo, in the order they were taken, that some photo shows free.
+def _legs(reconstruction: Reconstruction, is_inside: BoolArray, sight: Sight) -> Array:
+    """Return the (M, 2, 3) straight ways from photo to photo, in the order they were taken, that lead through water.
 
-    Between two dives, or where photos are missing, the straight way may lead through rock.
+    At every place some photo looks through it, or at it without finding wall: far down a passage there is only dark.
     """
-    assert reconstruction.sight is not None
     ends = reconstruction.camera_centres
     legs = np.stack([ends[:-1], ends[1:]], axis=1)[is_inside[:-1] & is_inside[1:]]
-    shares = np.linspace(NEAR_SHARE, 1.0 - NEAR_SHARE, NUM_PLACES)[:, None, None]
-    places = (1.0 - shares) * legs[:, 0] + shares * legs[:, 1]
-    is_free = reconstruction.sight.num_through(places.reshape(-1, 3), 0.0, 1).reshape(NUM_PLACES, -1) > 0
-    chosen: Array = legs[is_free.all(axis=0)]
+    lengths = np.linalg.norm(legs[:, 1] - legs[:, 0], axis=1)
+    legs = legs[lengths <= MAX_LEGS * np.median(lengths)] if len(legs) else legs
+    shares = ((np.arange(NUM_PLACES) + 0.5) / NUM_PLACES)[:, None, None]
+    ahead, seen = sight.look(((1.0 - shares) * legs[:, 0] + shares * legs[:, 1]).reshape(-1, 3))
+    is_free = ((seen > ahead) | (seen == NO_WALL)) & (seen != OUTSIDE)
+    chosen: Array = legs[is_free.any(axis=1).reshape(NUM_PLACES, -1).all(axis=0)]
     return chosen
