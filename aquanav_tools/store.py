@@ -27,7 +27,8 @@ process where the disk is full, instead of raising an error."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
-_LOCK_FILE = "lock"
+LOCK_FILE = "lock"
+"""In a folder that a build has begun to work in."""
 
 
 class StageStore:
@@ -92,7 +93,7 @@ def locked(folder: Path) -> Iterator[None]:
         InputError: another process holds it.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / _LOCK_FILE).open("a") as stream:
+    with (folder / LOCK_FILE).open("a") as stream:
         try:
             fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:

@@ -32,7 +32,9 @@ from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
+from aquanav_tools.store import StageStore
 from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
+from aquanav_tools.values import kept_value
 
 COLLISION_ERROR_SHARE = 0.05
 """The collision mesh may differ from the cavity by this share of the vehicle's radius."""
@@ -76,12 +78,23 @@ class BuiltCave:
         return self.closed.method
 
 
+@dataclass(frozen=True, eq=False)
+class _Closing:
+    """The cavity in a scan, and what it was made from."""
+
+    resolution: Resolution
+    surface: Surface
+    closed: ClosedSurface
+    cavity: Cavity
+
+
 def build_scenario(
     scan: Mesh | PointCloud,
     options: BuildOptions,
     journal: Journal,
     evidence: Evidence = NO_EVIDENCE,
     measured: Array | None = None,
+    store: StageStore | None = None,
 ) -> BuiltCave:
     """Return the scenario in a scan (world frame, metres, z up).
 
@@ -91,6 +104,7 @@ def build_scenario(
         journal: collects their cost and what is poor but usable.
         evidence: what is known to be water.
         measured: (N, 3) where the walls were measured, m; everywhere when not given.
+        store: keeps the closed cavity, the longest of the stages, for a later run with other routes or starts.
 
     Raises:
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
@@ -98,7 +112,8 @@ def build_scenario(
     vehicle = load_vehicle(options.vehicle)
     capsule = vehicle.capsule
     rng = np.random.default_rng(options.seed)
-    resolution, surface, closed, cavity = _close(scan, options, journal, capsule.radius, evidence)
+    closing = _closing(scan, options, journal, capsule.radius, evidence, store)
+    resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     if measured is not None:
         cavity = replace(cavity, observed=_near_points(cavity, measured, 2.0 * resolution.voxel))
     with journal.stage("Measuring distances"):
@@ -134,9 +149,27 @@ def build_scenario(
     return built
 
 
+def _closing(
+    scan: Mesh | PointCloud,
+    options: BuildOptions,
+    journal: Journal,
+    vehicle_radius: float,
+    evidence: Evidence,
+    store: StageStore | None,
+) -> _Closing:
+    """Return what `_close` returns, from the store where it is kept there."""
+    if store is None:
+        return _close(scan, options, journal, vehicle_radius, evidence)
+    inputs = (scan, evidence, options.closing, vehicle_radius, options.seed)
+    with store.open("closed", _close, *inputs) as folder:
+        return kept_value(
+            _Closing, folder / "closed.npz", lambda: _close(scan, options, journal, vehicle_radius, evidence)
+        )
+
+
 def _close(
     scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, evidence: Evidence
-) -> tuple[Resolution, Surface, ClosedSurface, Cavity]:
+) -> _Closing:
     """Return the cavity in a scan, and what it was made from; once more and coarser where noise asks for it."""
     given = np.array(options.closing.inside).reshape(-1, 3)
     evidence = replace(evidence, inside=np.concatenate([evidence.inside, given]))
@@ -151,7 +184,7 @@ def _close(
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
         resolution = replace(resolution, voxel=coarser, reason="the noise that a first, finer surface showed")
         surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
-    return resolution, surface, closed, cavity
+    return _Closing(resolution, surface, closed, cavity)
 
 
 def _close_at(

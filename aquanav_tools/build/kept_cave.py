@@ -45,7 +45,7 @@ def kept_scenario(
 
     def make() -> _Kept:
         told = len(journal.notices)
-        built = build_scenario(cloud, options, journal, evidence)
+        built = build_scenario(cloud, options, journal, evidence, store=store)
         return _Kept(built, tuple(journal.notices[told:]))
 
     with store.open("cave", build_scenario, cloud, evidence, settings, vehicle) as folder:

@@ -23,6 +23,7 @@ from aquanav_tools.reconstruct.images import MASKS_DIR
 from aquanav_tools.reconstruct.intake.decode import SUFFIXES
 from aquanav_tools.scenario.folder import SETTINGS_FILE
 from aquanav_tools.sim.vehicle import vehicle_path
+from aquanav_tools.store import LOCK_FILE
 
 WORK_DIR = "work"
 """Where photo stages keep what a later run can take up; safe to delete."""
@@ -118,7 +119,8 @@ def check_output(options: BuildOptions, key: str) -> None:
             f"{folder} already holds a scenario{changed}. Name another folder with -o, or add --overwrite."
         )
     others = sorted(path.name for path in folder.iterdir())
-    is_ours = "aquanav" in _read_record(folder) or others == [WORK_DIR]
+    is_begun = others == [WORK_DIR] or (folder / WORK_DIR / LOCK_FILE).exists()
+    is_ours = is_begun or "aquanav" in _read_record(folder)
     if others and not is_ours:
         raise InputError(
             f"The output folder {folder} holds other files ({', '.join(others[:3])}). Name a new or an empty folder."

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
+from aquanav_tools.reconstruct.earlier import NOTHING_EARLIER, Earlier
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.reconstruct.intake.camera import first_guess
 from aquanav_tools.reconstruct.intake.decode import opened
@@ -48,9 +49,16 @@ class FeatureOptions:
 
 
 def extract_features(
-    photos: PhotoSet, database: Path, options: FeatureOptions, progress: Progress = ignore_progress
+    photos: PhotoSet,
+    database: Path,
+    options: FeatureOptions,
+    progress: Progress = ignore_progress,
+    earlier: Earlier = NOTHING_EARLIER,
 ) -> None:
-    """Write the keypoints of all photos into the database; photos of one size and focal length share a camera."""
+    """Write the keypoints of all photos into the database; photos of one size and focal length share a camera.
+
+    Those of photos that an earlier run knew are taken from there.
+    """
     scratch = database.with_name("scratch")  # on the same disk, whose room is watched
     shutil.rmtree(scratch, ignore_errors=True)
     scratch.mkdir(parents=True)
@@ -60,7 +68,8 @@ def extract_features(
         for files in _chunks([photo.file for photo in group], _PHOTOS_AT_ONCE):
             _enter(photos, database, camera_id, files)
             left = _without_keypoints(database, files)
-            _write(database, _search(photos, left, options, scratch))
+            known = earlier.keypoints(left)
+            _write(database, known | _search(photos, [file for file in left if file not in known], options, scratch))
             done += len(files)
             progress(done, len(photos.photos))
     scratch.rmdir()

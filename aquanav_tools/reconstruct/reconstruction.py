@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.cave.scan.sight import Sight
-from aquanav_tools.provenance import file_hash
+from aquanav_tools.provenance import digest, file_hash
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, undistort
 from aquanav_tools.reconstruct.diagnosis import Caution
+from aquanav_tools.reconstruct.earlier import find_earlier
 from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.fusion import FusedDepth, FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.place import Georeference
@@ -118,9 +119,11 @@ def reconstruct(
     home = str(photos.folder.resolve())
     with store.stage("Preparing the photos", "prepared", prepare_photos, home, content, look) as (folder, progress):
         record.photos = photos = prepare_photos(photos, folder, progress)
+    keys = {photo.file: digest(one, look, options.features) for photo, one in zip(photos.photos, content, strict=True)}
     inputs: tuple[object, ...] = (content, look, options.features)
     with store.stage("Finding features", "features", extract_features, *inputs) as (features, progress):
-        extract_features(photos, features / DATABASE, options.features, progress)
+        known = find_earlier(features, DATABASE, keys, extract_features)
+        extract_features(photos, features / DATABASE, options.features, progress, known)
     inputs = (features.name, options.matching)
     with store.stage("Matching photos", "matches", match_features, *inputs) as (matches, progress):
         record.database = database = copied(features / DATABASE, matches / DATABASE)

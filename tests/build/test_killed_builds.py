@@ -27,6 +27,7 @@ from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from tests.disks import fill, small_disk
 
+pytestmark = pytest.mark.slow
 CAVE = CaveOptions(length=3.6, radius=1.0, winding=0.3, voxel=0.06)
 DIVE = DiveOptions(
     camera=CameraOptions(width=480, height=360),
@@ -144,19 +145,16 @@ def tube_dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 1.0, 10)).round(3))
 def test_photo_stages_killed_at_a_random_moment_end_the_same(share: float, dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(dive, share, tmp_path / "out")
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("share", np.sort(np.random.default_rng(1).uniform(0.3, 1.0, 10)).round(3))
 def test_cave_stages_killed_at_a_random_moment_end_the_same(share: float, tube_dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(tube_dive, share, tmp_path / "out")
 
 
-@pytest.mark.slow
 def test_a_changed_fusion_option_fuses_again_and_does_nothing_else(dive: Build) -> None:
     recipe, work = dive.photos.parent / "recipe.toml", dive.out / "work"
     before = {path.name: (path / "done.json").stat().st_mtime_ns for path in work.glob("*-*")}
@@ -171,7 +169,6 @@ def test_a_changed_fusion_option_fuses_again_and_does_nothing_else(dive: Build) 
     assert results(dive.out) == dive.results
 
 
-@pytest.mark.slow
 def test_a_disk_that_fills_up_stops_a_build_and_room_lets_it_end_the_same(dive: Build, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", 400) as disk:
         out = disk / "out"

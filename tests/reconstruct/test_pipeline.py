@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import signal
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -80,6 +83,38 @@ def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: 
     again = reconstruct(dive.photos, dive.workspace, SMALL_OPTIONS, world)
     np.testing.assert_array_equal(again.camera_centres, dive.result.camera_centres)
     np.testing.assert_array_equal(again.cloud.points, dive.result.cloud.points)
+
+
+KILLED = """
+import os, signal, sys
+from contextlib import contextmanager
+from pathlib import Path
+from aquanav_tools.reconstruct.images import read_photos
+from aquanav_tools.reconstruct.reconstruction import reconstruct
+from tests.reconstruct.conftest import SMALL_OPTIONS
+
+@contextmanager
+def stage(title):
+    def progress(done, total):
+        if title == sys.argv[3]:
+            os.kill(os.getpid(), signal.SIGKILL)
+    yield progress
+
+reconstruct(read_photos(Path(sys.argv[1])), Path(sys.argv[2]), SMALL_OPTIONS, stage=stage)
+"""
+
+
+def test_a_reconstruction_killed_in_two_stages_ends_the_same(dive: Dive, tmp_path: Path) -> None:
+    for kept in [*dive.workspace.glob("prepared-*"), *dive.workspace.glob("features-*")]:
+        shutil.copytree(kept, tmp_path / kept.name, symlinks=True)
+    for title in ("Matching photos", "Measuring depth"):
+        command = [sys.executable, "-c", KILLED, str(dive.photos.folder), str(tmp_path), title]
+        assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    world = read_world(ScaleSources(positions=dive.photos.folder / "positions.csv"), dive.photos)
+    again = reconstruct(dive.photos, tmp_path, SMALL_OPTIONS, world)
+    np.testing.assert_array_equal(again.camera_centres, dive.result.camera_centres)
+    np.testing.assert_array_equal(again.cloud.points, dive.result.cloud.points)
+    np.testing.assert_array_equal(again.cloud.colours, dive.result.cloud.colours)
 
 
 def test_a_killed_dense_step_loses_one_photo_and_ends_the_same_for_any_number_of_threads(dive: Dive) -> None:
