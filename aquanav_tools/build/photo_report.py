@@ -195,7 +195,7 @@ def _model_figures(
         draw_matches(names, matches, is_placed, folder / "matches.png")
         num_groups = int(np.count_nonzero(np.bincount(groups_of(matches)) > 1))
         hang = "All that match hang together." if num_groups == 1 else f"They fall into {num_groups} groups."
-        figures += (Figure(folder / "matches.png", f"Who matches whom. {hang}", columns=2),)
+        figures += (Figure(folder / "matches.png", f"Who matches whom. {hang}"),)
     if sparse is not None and record.photos is not None:
         numbers = {name: number for number, name in enumerate(record.photos.names, start=1)}
         quality = ModelQuality(

@@ -37,7 +37,7 @@ def unseen_table(patches: Sequence[UnseenPatch], photos: Sequence[int], cave: Ca
         for number, (patch, distance, count) in enumerate(zip(patches, along, photos, strict=True), start=1)
     )
     title = "Add photos here" + ("" if in_all == len(patches) else f": the largest {len(patches)} of {in_all} places")
-    columns = ("number", "wall", "along (m)", "stand at (m)", "look towards", "middle of the wall (m)", "why")
+    columns = ("number", "wall", "along (m)", "stand at (m)", "look towards", "wall's middle (m)", "why")
     return Table(title, columns, rows)
 
 
@@ -56,21 +56,37 @@ def _why(photos: int) -> str:
         return "in no photo"
     if photos == 1:
         return "in one photo; depth takes two"
-    return f"in {photos} photos, not measured: too far, dark, plain or oblique"
+    return f"in {photos} photos, but too far, dark, plain or oblique to measure"
 
 
 def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
     """Return how the photos fared, from the first look to registration."""
     if "registered" not in facts:
         return _preflight_tables(facts)
-    plain = {name: value for name, value in facts.items() if not isinstance(value, list | dict)}
-    tables = [Table("Photos", ("fact", "value"), tuple((name.replace("_", " "), str(plain[name])) for name in plain))]
+    tables = [_photo_table(facts)]
     if facts.get("scale_sources"):
         tables.append(scale_table(facts["scale_sources"]))
     if facts["unregistered"]:
         rows = tuple((photo["name"], photo["cause"], photo["sentence"]) for photo in facts["unregistered"])
         tables.append(Table("Photos that did not register", ("photo", "cause", "why"), rows))
     return (*tables, *_preflight_tables(facts))
+
+
+def _photo_table(facts: dict[str, Any]) -> Table:
+    """Return the counts and errors of a reconstruction, in words and units."""
+    names = {
+        "photos": ("Photos used", "{}"),
+        "registered": ("Photos that found their place", "{}"),
+        "sparse_points": ("Sparse points", "{}"),
+        "reprojection_error_px": ("Mean reprojection error", "{} px"),
+        "cloud_points": ("Points of the dense cloud", "{}"),
+        "scale_error_percent_95": ("Scale, 95 % interval", "± {} %"),
+        "up_error_deg_95": ("Up, 95 % cone", "± {}°"),
+        "camera_enclosure": ("Wall around the cameras", "{:.0%} of the view"),
+    }
+    found = {name: facts[name] for name in names if facts.get(name) is not None}
+    rows = tuple((names[name][0], names[name][1].format(value)) for name, value in found.items())
+    return Table("Photos", ("what", "value"), rows)
 
 
 def _preflight_tables(facts: dict[str, Any]) -> tuple[Table, ...]:

@@ -30,7 +30,7 @@ def test_page_says_everything_it_was_given(page: Page, tmp_path: Path) -> None:
     text = (tmp_path / "report.html").read_text()
     for part in ("It went well.", "27 m", "along the route", "few-starts", "Only 3 starts.", "A picture.", "made here"):
         assert part in text
-    assert text.count("<td>") == 4
+    assert text.count("<td") == 4
 
 
 def test_texts_are_escaped(page: Page, tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ HEAD_IN = 0.62
 TITLE_IN = 0.3
 FOOT_IN = 0.8
 MAX_VIEWS_IN = 8.0
-WEDGE_IN = 0.26
+WEDGE_IN = 0.34
 """Length of a camera's wedge that lies in the page; one that looks at the reader is shorter."""
 HALF_WIDTH = 0.42
 """Half a wedge's width over its length."""

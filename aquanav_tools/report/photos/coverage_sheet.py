@@ -36,6 +36,8 @@ COLOURS = np.array([
 GUESSED = np.array([0.45, 0.30, 0.62])
 """Wall that photos show but that nothing was measured of."""
 LID = np.array([0.80, 0.84, 0.86])
+FACING = -0.4
+"""Places are numbered in the views that show them at less than about 65 degrees."""
 LIGHT = np.array([-0.45, 0.55, 0.70])
 
 
@@ -101,7 +103,7 @@ def _draw_inside(
     )  # fmt: skip
     axes.set_axis_off()
     labels = Labels(figure, axes)
-    far = [(n, patch) for n, patch in enumerate(patches, start=1) if patch.outward @ view.towards < 0.3]
+    far = [(n, patch) for n, patch in enumerate(patches, start=1) if patch.outward @ view.towards < FACING]
     places = view.project(np.array([patch.centre for _, patch in far]).reshape(-1, 3))
     labels.keep_free(places, 4.0)
     for (number, _), place in zip(far, places, strict=True):

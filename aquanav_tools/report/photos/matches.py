@@ -12,7 +12,9 @@ from aquanav_tools.report.figures import BAD, INK, MUTED, PAPER, WATER, new_figu
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 DPI = 140
-SIZE_IN = (7.4, 8.6)
+SIZE_IN = (11.0, 6.6)
+MATRIX = (0.075, 0.095, 0.525, 0.875)
+"""Left, bottom, width and height on the page."""
 LINKED = 30
 """Matches that tie two photos: COLMAP wants as many to place one."""
 STRONG = 100
@@ -51,14 +53,15 @@ def draw_matches(names: Sequence[str], matches: IntArray, is_placed: BoolArray, 
         path: of the PNG.
     """
     figure = new_figure(*SIZE_IN)
-    axes = figure.add_axes((0.115, 0.315, 0.76, 0.654))
-    strip = figure.add_axes((0.085, 0.315, 0.018, 0.654), sharey=axes)
-    below = figure.add_axes((0.115, 0.105, 0.76, 0.155), sharex=axes)
+    axes = figure.add_axes(MATRIX)
+    left, bottom, _, height = MATRIX
+    strip = figure.add_axes((left - 0.018, bottom, 0.011, height), sharey=axes)
+    beside = figure.add_axes((0.695, 0.53, 0.29, 0.41), sharex=axes)
     groups = groups_of(matches)
     _draw_matrix(figure, axes, matches, is_placed)
     _draw_groups(strip, groups, is_placed)
-    _draw_neighbours(below, matches)
-    _number_photos(axes, below, strip, names)
+    _draw_neighbours(beside, matches)
+    _number_photos(axes, (axes, beside, strip), names)
     _explain(figure, groups, is_placed)
     save_figure(figure, path, DPI)
 
@@ -76,14 +79,14 @@ def _draw_matrix(figure: Any, axes: Any, matches: IntArray, is_placed: BoolArray
     for row in np.flatnonzero(~is_placed):
         axes.axhline(row, color=BAD, linewidth=max(0.4, 60.0 / count) if count > 60 else 1.0, alpha=0.35)
         axes.axvline(row, color=BAD, linewidth=max(0.4, 60.0 / count) if count > 60 else 1.0, alpha=0.35)
-    bar = figure.colorbar(picture, cax=figure.add_axes((0.893, 0.48, 0.018, 0.4895)))
+    bar = figure.colorbar(picture, cax=figure.add_axes((0.613, 0.23, 0.011, 0.71)))
     ticks = [n for n in (10, 30, 100, 300, 1000, 3000, 10000) if n <= most]
     bar.set_ticks(ticks, labels=[str(n) for n in ticks])
     bar.ax.minorticks_off()
     bar.outline.set_visible(False)
     bar.ax.tick_params(labelsize=9, colors=INK, length=3)
     bar.ax.axhline(LINKED, color=PAPER, linewidth=1.4)
-    figure.text(0.893, 0.455, "verified\nmatches,\nblank: none", color=MUTED, fontsize=9, va="top")
+    figure.text(0.613, 0.205, "verified\nmatches,\nblank: none", color=MUTED, fontsize=9, va="top")
 
 
 def _draw_groups(axes: Any, groups: IntArray, is_placed: BoolArray) -> None:
@@ -113,27 +116,27 @@ def _draw_neighbours(axes: Any, matches: IntArray) -> None:
     axes.spines[["left", "bottom"]].set_color(MUTED)
     axes.grid(axis="y", color=WATER, linewidth=0.8)
     axes.set_axisbelow(True)
-    axes.set_title(f"Photos that each one shares {STRONG} matches or more with", loc="left", fontsize=10, color=INK)
+    axes.set_title(f"Neighbours with {STRONG} matches or more", loc="left", fontsize=10.5, color=INK, fontweight="bold")
 
 
-def _number_photos(axes: Any, below: Any, strip: Any, names: Sequence[str]) -> None:
+def _number_photos(axes: Any, panels: Sequence[Any], names: Sequence[str]) -> None:
     every = next(n for n in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 5000) if len(names) / n <= MAX_TICKS)
     ticks = sorted({0, *range(every - 1, len(names), every)}) if every > 1 else list(range(len(names)))
-    for one in (axes, below, strip):
-        one.set_xlim(-0.5, len(names) - 0.5) if one is not strip else None
+    for one in panels:
         one.tick_params(colors=INK, labelsize=9, length=3)
     labels = [str(tick + 1) for tick in ticks]
     axes.set_yticks(ticks, labels)
     axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_xlim(-0.5, len(names) - 0.5)
     axes.set_xticks(ticks, labels)
-    below.set_xlabel(f"photo, from 1 ({names[0]}) to {len(names)} ({names[-1]})", color=MUTED, fontsize=9)
+    axes.set_xlabel(f"photo, from 1 ({names[0]}) to {len(names)} ({names[-1]})", color=MUTED, fontsize=9)
     axes.tick_params(axis="y", pad=16)
     for spine in axes.spines.values():
         spine.set_color("#dbe4e8")
 
 
 def _explain(figure: Any, groups: IntArray, is_placed: BoolArray) -> None:
-    """Say below which colour is which group."""
+    """Say which colour is which group."""
     from matplotlib.lines import Line2D
 
     sizes = np.bincount(groups)
@@ -149,6 +152,6 @@ def _explain(figure: Any, groups: IntArray, is_placed: BoolArray) -> None:
         label = f"{np.count_nonzero(~is_placed)} not in the model"
         entries.append(Line2D([], [], color=BAD, marker=">", linestyle="", markersize=6, label=label))
     figure.legend(
-        handles=entries, loc="lower left", bbox_to_anchor=(0.07, 0.0), ncols=min(len(entries), 3), frameon=False,
-        fontsize=9, labelcolor=INK, handletextpad=0.4, columnspacing=1.4,
+        handles=entries, loc="upper left", bbox_to_anchor=(0.685, 0.45), frameon=False, fontsize=10, labelcolor=INK,
+        handletextpad=0.4, labelspacing=0.7,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from PIL import Image
 from aquanav_tools.report.figures import BLUE
 from aquanav_tools.report.photos.depth_sheet import DepthExample, draw_depths, normal_colours
 from aquanav_tools.report.photos.histograms import Misfits, ModelQuality, ScaleSource, bin_counts, draw_quality
-from aquanav_tools.report.photos.matches import draw_matches, groups_of
+from aquanav_tools.report.photos.matches import MATRIX, draw_matches, groups_of
 from aquanav_tools.report.stage_bars import draw_stages
 from aquanav_tools.types import IntArray
 
@@ -36,8 +36,9 @@ def test_the_matrix_is_dark_where_photos_match_and_blank_elsewhere(tmp_path: Pat
     draw_matches([f"p{n}" for n in range(9)], matches, np.ones(9, bool), tmp_path / "matches.png")
     picture = np.asarray(Image.open(tmp_path / "matches.png").convert("L"), float)
     height, width = picture.shape
-    left, right = 0.115 * width, 0.875 * width  # where the axes are put
-    top, bottom = (1.0 - 0.969) * height, (1.0 - 0.315) * height
+    left, below, across, tall = MATRIX
+    left, right = left * width, (left + across) * width
+    top, bottom = (1.0 - below - tall) * height, (1.0 - below) * height
     rows = (top + (np.arange(9) + 0.5) / 9 * (bottom - top)).astype(int)
     columns = (left + (np.arange(9) + 0.5) / 9 * (right - left)).astype(int)
     shown = picture[np.ix_(rows, columns)]
