@@ -62,6 +62,17 @@ def test_a_step_with_damping_never_adds_energy(matrix: Array, rng: np.random.Gen
             assert energy(matrix, after) <= energy(matrix, state) * (1 + 1e-6)  # the error of Runge-Kutta
 
 
+@MATRICES
+def test_a_body_flung_at_any_speed_loses_energy(matrix: Array, rng: np.random.Generator) -> None:
+    # Up to 30 m/s and 30 rad/s about all axes, where a single Runge-Kutta step at dt = 0.02 would gain energy.
+    parameters = pack_parameters(matrix, LINEAR, QUADRATIC)
+    for speed in (1.0, 3.0, 10.0):
+        for _ in range(50):
+            state = random_state(rng)
+            state[7:] *= speed
+            assert energy(matrix, run(state, 50, parameters)) < energy(matrix, state)
+
+
 def test_thrust_and_weight_do_the_work_that_the_energy_shows(rng: np.random.Generator) -> None:
     # Without damping, energy changes by the wrench times the way: force along the path, moment along the turn.
     matrix, wrench, net_weight, dt = coupled_mass(), 0.3 * rng.normal(size=6), 1.5, 0.001
