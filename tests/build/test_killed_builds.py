@@ -13,27 +13,23 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
 from aquanav_tools.photograph.dive import photograph
-from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
+from aquanav_tools.photograph.options import CameraOptions
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from tests.disks import fill, small_disk
+from tests.reconstruct.scenes import SMALL_DIVE, small_cave
 
 pytestmark = pytest.mark.slow
-CAVE = CaveOptions(length=3.6, radius=1.0, winding=0.3, voxel=0.06)
-DIVE = DiveOptions(
-    camera=CameraOptions(width=480, height=360),
-    capture=CaptureOptions(photos=20, start_margin=0.5, end_margin=0.5),
-)
-RECIPE = 'quality = "draft"\n[photos.features]\nmax_features = 2000\n[photos.depth]\nwidth = 240\n'
+DIVE = replace(SMALL_DIVE, camera=CameraOptions(width=320, height=240))
+RECIPE = 'quality = "draft"\n[photos.features]\nmax_features = 1000\n[photos.depth]\nwidth = 160\n'
 BUILD = ["-c", "from aquanav_tools.cli.build_cave import main; main()"]
 BUILD_A_TUBE = ["-m", "tests.build.tube_build"]
 TIMED = {"build.json", "report.html", "report.json"}
@@ -127,7 +123,7 @@ def stages(out: Path) -> set[str]:
 @pytest.fixture(scope="module")
 def dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
     photos = tmp_path_factory.mktemp("dive") / "photos"
-    photograph(demo_cave(CAVE), photos, DIVE)
+    photograph(small_cave(), photos, DIVE)
     build = undisturbed(BUILD, photos, exit_code=4)
     assert {"cloud.ply", "cameras.json"} <= set(build.results)
     return build

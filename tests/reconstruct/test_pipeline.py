@@ -104,6 +104,7 @@ reconstruct(read_photos(Path(sys.argv[1])), Path(sys.argv[2]), SMALL_OPTIONS, st
 """
 
 
+@pytest.mark.slow
 def test_a_reconstruction_killed_in_two_stages_ends_the_same(dive: Dive, tmp_path: Path) -> None:
     for kept in [*dive.workspace.glob("prepared-*"), *dive.workspace.glob("features-*")]:
         shutil.copytree(kept, tmp_path / kept.name, symlinks=True)
