@@ -1,8 +1,16 @@
-"""Depth maps: undistort the photos, then find depth and normal of every pixel by PatchMatch on the CPU."""
+"""Depth maps: undistort the photos, then find depth and normal of every pixel by comparing it with other photos.
+
+PatchMatch from coarse to fine (dense/levels.py), then, where asked for, once more with what was found in the other
+photos as a second witness, as Xu and Tao, Multi-Scale Geometric Consistency Guided Multi-View Stereo (2019), have it.
+
+Memory does not grow with the number of photos: at a time, one photo with its sources and a few remembered ones are held
+(`memory_bytes`). The largest side of a photo is bounded by `width`.
+"""
 
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -12,44 +20,71 @@ import numpy.typing as npt
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.colmap import load_pycolmap
+from aquanav_tools.reconstruct.dense.engine import Device, Solve, solver
+from aquanav_tools.reconstruct.dense.levels import Level, Task, find_planes, make_agree
+from aquanav_tools.reconstruct.dense.masks import write_masks
+from aquanav_tools.reconstruct.dense.pictures import Picture, album
+from aquanav_tools.reconstruct.dense.state import WORST_COST, Planes
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.mapping import SparseModel
 from aquanav_tools.reconstruct.views import View, rank_sources, read_views
-from aquanav_tools.types import Progress, ignore_progress
+from aquanav_tools.types import Array, Progress, ignore_progress
 
 FloatImage = npt.NDArray[np.float32]
 DepthQuality = Literal["draft", "standard", "high"]
+_COARSEST = 60
+"""Width of the smallest copies at least, px: smaller ones show nothing of the rock."""
+_AGREEMENT = 0.3
+"""What disagreeing with another photo's depth costs, where unlikeness costs up to 2."""
+_SURE = 1.0
+"""Cost up to which a depth is held against others."""
+_REMEMBERED = 8
+"""Photos held beyond those that one is compared with."""
 
 
 @dataclass(frozen=True)
 class DepthOptions:
-    """The dense step. The defaults are the fast setting: about 2 s per photo on two cores."""
+    """The dense step. The defaults are the standard quality."""
 
     width: int = 480
-    """Photos are shrunk to this width (their larger side), px; 640 is finer and takes 4 times as long with the rest."""
-    sources: int = 6
+    """Photos are shrunk to this width (their larger side), px; 960 is finer and takes 4 times as long."""
+    sources: int = 8
     """Photos each one is compared with."""
     radius: int = 3
     """Half the width of the window that is compared, px."""
-    iterations: int = 2
-    """Rounds of spreading and varying planes."""
+    iterations: int = 1
+    """Rounds of spreading and varying planes at full size; smaller copies, where they cost little, get more."""
+    agreement: bool = False
+    """Go over every photo once more with the depth of the others as a second witness: fewer wrong points, half as much
+    time again."""
     seed: int = 0
     """Of the random planes; the same seed gives the same depth."""
+    device: Device = "auto"
+    """Where to compute: auto takes a CUDA graphics card where numba can use one, else the processor. Results differ by
+    rounding."""
 
     def __post_init__(self) -> None:
-        if self.width < 64 or self.radius < 1 or self.iterations < 1:
-            raise ValueError(f"DepthOptions needs width >= 64, radius >= 1 and iterations >= 1, got {self}.")
-        if self.sources < 2:
-            raise ValueError(f"sources = {self.sources} is below 2: each pixel needs two photos that confirm it.")
+        if self.width < 64 or not 1 <= self.radius <= 7 or self.iterations < 1:
+            raise ValueError(f"DepthOptions needs width >= 64, radius from 1 to 7 and iterations >= 1, got {self}.")
+        if not 2 <= self.sources <= 255:
+            raise ValueError(f"sources = {self.sources} is not from 2 to 255: two photos must confirm each pixel.")
 
     @classmethod
     def at(cls, quality: DepthQuality) -> DepthOptions:
         """Return the settings of a quality: a draft to look at, the standard, or what more time buys."""
         if quality == "draft":
-            return cls(width=320, sources=4)
+            return cls(width=320, sources=6)
         if quality == "high":
-            return cls(width=640, sources=8, radius=5, iterations=3)
+            return cls(width=960, agreement=True)
         return cls()
+
+    @property
+    def levels(self) -> list[Level]:
+        """The search from small copies of the photos to their full size."""
+        halvings = min(2, int(np.log2(self.width / _COARSEST)))
+        coarse = [Level(h, 3 if h == halvings else 2, 3, 0.5 ** (1 + halvings - h), self.radius) for h in (2, 1)]
+        full = Level(0, self.iterations, 2 if halvings else 3, 0.1 if halvings else 0.5, self.radius)
+        return coarse[2 - halvings :] + [full]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +92,15 @@ class DepthMap:
     """What PatchMatch found for one photo."""
 
     depth: FloatImage
-    """(H, W) along the camera's axis, m."""
+    """(H, W) along the camera's axis, m; 0 where nothing can be found: masked, black or without any texture."""
     normals: FloatImage
-    """(H, W, 3) unit, camera frame, towards the camera."""
+    """(H, W, 3) unit, camera frame, towards the camera; 0 where there is no depth."""
     cost: FloatImage
-    """(H, W) 1 - NCC, in [0, 2]; small is sure."""
+    """(H, W) 1 - NCC, in [0, 2]; small is sure. 2 where there is no depth."""
 
 
 def undistort(photos: PhotoSet, sparse: SparseModel, folder: Path, options: DepthOptions) -> None:
-    """Write COLMAP's dense workspace: shrunk pinhole photos and the model that fits them. Kept when it is complete."""
+    """Write COLMAP's dense workspace: shrunk pinhole photos, their masks, and the model. Kept when it is complete."""
     if folder.is_dir():
         return
     pycolmap = load_pycolmap()
@@ -76,6 +111,7 @@ def undistort(photos: PhotoSet, sparse: SparseModel, folder: Path, options: Dept
     sparse.model.write(model_dir)
     shrink = pycolmap.UndistortCameraOptions(max_image_size=options.width)
     pycolmap.undistort_images(unfinished, model_dir, photos.folder, undistort_options=shrink)
+    write_masks(sparse.model, pycolmap.Reconstruction(unfinished / "sparse"), photos.masks_dir, unfinished)
     unfinished.rename(folder)
 
 
@@ -86,23 +122,17 @@ def estimate_depth(folder: Path, options: DepthOptions, progress: Progress = ign
 
     Raises:
         ReconstructionError: no photo has two others to be compared with.
+        ResourceError: a graphics card is asked for, and cannot be used.
     """
     views = read_views(load_pycolmap().Reconstruction(folder / "sparse"))
-    chosen = [(view, ranked) for view, ranked in zip(views, rank_sources(views, options.sources), strict=True)]
-    chosen = [(view, ranked) for view, ranked in chosen if len(ranked) >= 2]
-    if not chosen:
+    sources = {view: [views[j] for j in ranked] for view, ranked in _ranked(views, options) if len(ranked) >= 2}
+    if not sources:
         raise ReconstructionError(
             f"None of the {len(views)} registered photos shares rock with two others at a useful angle, so no depth "
             "can be found. The camera turned on the spot or moved too far. Take photos from places side by side."
         )
-    paths = []
-    for index, (view, ranked) in enumerate(chosen):
-        path = depth_path(folder, view.name)
-        if not path.is_file():
-            _save(path, _depth_of(view, [views[source] for source in ranked], folder / "images", options))
-        paths.append(path)
-        progress(index + 1, len(chosen))
-    return paths
+    _Estimation(folder, options, sources, progress).run()
+    return [depth_path(folder, view.name) for view in sources]
 
 
 def depth_path(folder: Path, name: str) -> Path:
@@ -116,8 +146,77 @@ def load_depth(path: Path) -> DepthMap:
         return DepthMap(stored["depth"], stored["normals"].astype(np.float32), stored["cost"].astype(np.float32))
 
 
+def memory_bytes(width: int, height: int, options: DepthOptions) -> int:
+    """Return how much memory the arrays of the dense step take at most, for undistorted photos of a size."""
+    held = (options.sources + 1 + _REMEMBERED) * 10  # per pixel: grey, mask, packed grey, and all three in small
+    searched = options.sources * (8 if options.agreement else 4) + 100  # sources, maps, planes, and what is saved
+    return width * height * (held + searched)
+
+
+def _ranked(views: list[View], options: DepthOptions) -> list[tuple[View, list[int]]]:
+    return list(zip(views, rank_sources(views, options.sources), strict=True))
+
+
+class _Estimation:
+    """The work on all photos of a workspace; what exists is kept."""
+
+    def __init__(
+        self, folder: Path, options: DepthOptions, sources: dict[View, list[View]], progress: Progress
+    ) -> None:
+        self._folder, self._options, self._sources, self._progress = folder, options, sources, progress
+        self._picture: Callable[[View], Picture] = album(folder, options.sources + 1 + _REMEMBERED)
+        self._solve: Solve = solver(options.device)
+
+    def run(self) -> None:
+        """Find depth for every photo, first alone; then, where asked for, in agreement."""
+        left = [view for view in self._sources if not depth_path(self._folder, view.name).is_file()]
+        if not self._options.agreement:
+            self._pass(left, self._folder, self._find, 0, len(self._sources))
+            return
+        alone = self._folder / "alone"
+        needed = {view for one in left for view in (one, *self._sources[one]) if view in self._sources}
+        first = [view for view in self._sources if view in needed]
+        self._pass(first, alone, self._find, 0, 2 * len(self._sources))
+        self._pass(left, self._folder, self._agree, len(self._sources), 2 * len(self._sources))
+        shutil.rmtree(alone, ignore_errors=True)
+
+    def _pass(self, views: list[View], folder: Path, work: Callable[[View], DepthMap], done: int, total: int) -> None:
+        done += len(self._sources) - len(views)
+        self._progress(done, total)
+        for index, view in enumerate(views):
+            path = depth_path(folder, view.name)
+            if not path.is_file():
+                _save(path, work(view))
+            self._progress(done + index + 1, total)
+
+    def _task(self, view: View) -> Task:
+        others = [self._picture(other) for other in self._sources[view]]
+        rng = np.random.default_rng([self._options.seed, view.image_id])
+        return Task(self._picture(view), others, *view.depth_range(), int(rng.integers(1 << 30)))
+
+    def _find(self, view: View) -> DepthMap:
+        planes = find_planes(self._task(view), view.points, self._options.levels, self._solve)
+        return depth_map(planes, view.matrix)
+
+    def _agree(self, view: View) -> DepthMap:
+        alone = self._folder / "alone"
+        own = load_depth(depth_path(alone, view.name))
+        maps = [_inverse(depth_path(alone, other.name), (other.height, other.width)) for other in self._sources[view]]
+        level = Level(0, 1, 2, 0.1, self._options.radius, _AGREEMENT)
+        start = planes_of(own, view.matrix)
+        return depth_map(make_agree(self._task(view), start, maps, level, self._solve), view.matrix)
+
+
+def _inverse(path: Path, size: tuple[int, int]) -> FloatImage:
+    """Return the (H, W) inverse depth that a photo's map is sure of, 1/m, else 0."""
+    if not path.is_file():
+        return np.zeros(size, np.float32)
+    found = load_depth(path)
+    return np.divide(1.0, found.depth, out=np.zeros_like(found.depth), where=(found.cost < _SURE) & (found.depth > 0))
+
+
 def _save(path: Path, result: DepthMap) -> None:
-    path.parent.mkdir(exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     unfinished = path.with_suffix(".unfinished")
     with unfinished.open("wb") as stream:
         np.savez(
@@ -129,70 +228,32 @@ def _save(path: Path, result: DepthMap) -> None:
     unfinished.rename(path)
 
 
-def _depth_of(view: View, others: list[View], images_dir: Path, options: DepthOptions) -> DepthMap:
-    from aquanav_tools.reconstruct.patchmatch import Reference, Search, match_patches
-
-    rng = np.random.default_rng([options.seed, view.image_id])
-    reference = Reference(view.grey(images_dir), _inverse_intrinsics(view))
-    depth, normals = guess_planes(view, rng)
-    nearest, farthest = view.depth_range()
-    seed = int(rng.integers(1 << 30))
-    search = Search(options.radius, 2, min(2, len(others)), nearest, farthest, seed)
-    cost = match_patches(reference, _sources(view, others, images_dir), depth, normals, search, options.iterations)
-    return DepthMap(depth, normals, cost)
-
-
-def _inverse_intrinsics(view: View) -> npt.NDArray[np.float32]:
-    fx, fy, cx, cy = view.matrix[0, 0], view.matrix[1, 1], view.matrix[0, 2], view.matrix[1, 2]
-    return np.array([1.0 / fx, 1.0 / fy, -cx / fx, -cy / fy], np.float32)
+def depth_map(planes: Planes, matrix: Array) -> DepthMap:
+    """Return planes as depth and normals; a pixel that could be compared with nothing has neither."""
+    is_found = planes.cost < WORST_COST
+    depth = np.divide(1.0, planes.inverse, out=np.zeros_like(planes.inverse), where=is_found)
+    x, y = _rays(matrix, planes.inverse.shape)
+    # n . (ray z) = 1 on the plane, so n = (f_x dw/du, f_y dw/dv, w less what the first two give), turned round.
+    n0, n1 = np.float32(matrix[0, 0]) * planes.slopes[..., 0], np.float32(matrix[1, 1]) * planes.slopes[..., 1]
+    normals = -np.stack([n0, n1, planes.inverse - n0 * x - n1 * y], axis=-1)
+    normals *= (is_found / np.sqrt(np.einsum("ijk,ijk->ij", normals, normals)))[..., None]
+    return DepthMap(depth, normals.astype(np.float32), planes.cost)
 
 
-def _sources(view: View, others: list[View], images_dir: Path):  # type: ignore[no-untyped-def]  # numba's room
-    from aquanav_tools.reconstruct.patchmatch import Sources
-
-    greys = [other.grey(images_dir) for other in others]
-    sizes = np.array([grey.shape for grey in greys], np.int64)
-    images = np.zeros((len(greys), *sizes.max(axis=0)), np.float32)
-    for image, grey in zip(images, greys, strict=True):
-        image[: grey.shape[0], : grey.shape[1]] = grey
-    from_view = [other.rotation @ view.rotation.T for other in others]
-    inverse = np.linalg.inv(view.matrix)
-    turns = [other.matrix @ turn @ inverse for other, turn in zip(others, from_view, strict=True)]
-    shifts = [
-        other.matrix @ (other.translation - turn @ view.translation)
-        for other, turn in zip(others, from_view, strict=True)
-    ]
-    return Sources(images, sizes, np.array(turns, np.float32).reshape(-1, 9), np.array(shifts, np.float32))
+def planes_of(found: DepthMap, matrix: Array) -> tuple[FloatImage, FloatImage]:
+    """Return the (H, W) inverse depth and (H, W, 2) slopes of a depth map; any plane where it has none."""
+    x, y = _rays(matrix, found.depth.shape)
+    n = found.normals
+    facing = n[..., 0] * x + n[..., 1] * y + n[..., 2]
+    is_found = (found.depth > 0) & (facing < 0)
+    inverse = np.divide(1.0, found.depth, out=np.zeros_like(found.depth), where=is_found)
+    scale = np.divide(inverse, facing, out=np.zeros_like(facing), where=is_found)
+    focal = np.array([matrix[0, 0], matrix[1, 1]], np.float32)
+    return inverse, n[..., :2] / focal * scale[..., None]
 
 
-def guess_planes(view: View, rng: np.random.Generator) -> tuple[FloatImage, FloatImage]:
-    """Return (H, W) depth and (H, W, 3) normals to start from.
-
-    Most pixels lie on the triangulation of the sparse points, with some noise; the rest are random.
-    """
-    from scipy.spatial import Delaunay
-
-    nearest, farthest = view.depth_range()
-    height, width = view.height, view.width
-    inverse = rng.uniform(1.0 / farthest, 1.0 / nearest, height * width)
-    depth = 1.0 / inverse
-    normals = np.column_stack([rng.uniform(-0.8, 0.8, (height * width, 2)), np.full(height * width, -0.7)])
-    pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1).reshape(-1, 2)
-    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(view.matrix).T
-    projected = view.points @ view.matrix.T
-    mesh = Delaunay(projected[:, :2] / projected[:, 2:])
-    triangle = mesh.find_simplex(pixels)
-    corners = view.points[mesh.simplices]
-    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-12
-    offset = np.einsum("ij,ij->i", across, corners[:, 0])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        on_plane = offset[triangle] / np.einsum("ij,ij->i", across[triangle], rays)
-    is_used = (triangle >= 0) & (on_plane > nearest) & (on_plane < farthest) & (rng.random(len(pixels)) < 0.8)
-    depth[is_used] = on_plane[is_used] * (1.0 + rng.normal(0.0, 0.02, is_used.sum()))
-    normals[is_used] = across[triangle[is_used]]
-    normals += rng.normal(0.0, 0.1, normals.shape)
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    normals[np.einsum("ij,ij->i", normals, rays) > 0.0] *= -1.0
-    depth = np.clip(depth, 1.001 * nearest, 0.999 * farthest)
-    return depth.reshape(height, width).astype(np.float32), normals.reshape(height, width, 3).astype(np.float32)
+def _rays(matrix: Array, size: tuple[int, ...]) -> tuple[FloatImage, FloatImage]:
+    """Return the x of every column's rays, and the (H, 1) y of every row's, at depth 1."""
+    x = (np.arange(size[1]) + 0.5 - matrix[0, 2]) / matrix[0, 0]
+    y = (np.arange(size[0]) + 0.5 - matrix[1, 2]) / matrix[1, 1]
+    return x.astype(np.float32), y.astype(np.float32)[:, None]

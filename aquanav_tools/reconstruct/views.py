@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aquanav_tools.types import Array, IntArray
 
 BEST_ANGLE_DEG = 10.0
 """Angle between two rays at which depth is both precise and matchable (measured)."""
 WORST_ANGLE_DEG = 45.0
+_CANDIDATES = 5
+"""Times the sources asked for: views that share most points are often too close."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,13 +48,6 @@ class View:
         low, high = np.percentile(self.points[:, 2], [1.0, 99.0])
         return 0.5 * float(low), 1.5 * float(high)
 
-    def grey(self, images_dir: Path) -> npt.NDArray[np.float32]:
-        """Return the (H, W) photo in grey values in [0, 1]."""
-        import cv2
-
-        grey: Any = cv2.imread(str(images_dir / self.name), cv2.IMREAD_GRAYSCALE)
-        return grey.astype(np.float32) / np.float32(255.0)
-
 
 def read_views(model: Any) -> list[View]:
     """Return the views of an undistorted pycolmap reconstruction that see at least 4 sparse points."""
@@ -78,14 +71,30 @@ def rank_sources(views: list[View], num_sources: int) -> list[list[int]]:
     """Return for every view the indices of its best sources, the best first.
 
     Two views suit each other by the number of points they share, each weighted by the angle between its rays (best
-    at BEST_ANGLE_DEG, worthless from WORST_ANGLE_DEG) and by how equal its distances are.
+    at BEST_ANGLE_DEG, worthless from WORST_ANGLE_DEG) and by how equal its distances are. Only the views that share
+    most points with one are looked at closer, so that many photos take no more time each than few.
     """
-    scores = np.zeros((len(views), len(views)))
-    for i, first in enumerate(views):
-        for j in range(i + 1, len(views)):
-            scores[i, j] = scores[j, i] = _suitability(first, views[j])
-    order = np.argsort(-scores, axis=1, kind="stable")
-    return [[int(j) for j in order[i, :num_sources] if scores[i, j] > 0.0] for i in range(len(views))]
+    shared = _shared_points(views)
+    ranked = []
+    for index, view in enumerate(views):
+        candidates = np.argsort(-shared[index], kind="stable")[: _CANDIDATES * num_sources]
+        scores = {int(j): _suitability(view, views[j]) for j in candidates if shared[index, j] > 0}
+        order = sorted(scores, key=lambda j: (-scores[j], j))
+        ranked.append([j for j in order if scores[j] > 0.0][:num_sources])
+    return ranked
+
+
+def _shared_points(views: list[View]) -> IntArray:
+    """Return (V, V) how many points two views share; none with itself."""
+    from scipy.sparse import csr_array
+
+    ids = np.concatenate([view.point_ids for view in views])
+    rows = np.repeat(np.arange(len(views)), [len(view.point_ids) for view in views])
+    _, columns = np.unique(ids, return_inverse=True)
+    sees = csr_array((np.ones(len(ids), np.int64), (rows, columns)))
+    shared: IntArray = (sees @ sees.T).toarray()
+    np.fill_diagonal(shared, 0)
+    return shared
 
 
 def _suitability(first: View, second: View) -> float:

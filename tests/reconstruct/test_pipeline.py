@@ -78,7 +78,7 @@ def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: 
 
     for name in ("match_image_pairs", "incremental_mapping", "undistort_images"):
         monkeypatch.setattr(pycolmap, name, refuse)
-    monkeypatch.setattr("aquanav_tools.reconstruct.depth._depth_of", refuse)
+    monkeypatch.setattr("aquanav_tools.reconstruct.depth._Estimation._find", refuse)
     world = read_world(ScaleSources(positions=dive.photos.folder / "positions.csv"), dive.photos)
     again = reconstruct(dive.photos, dive.workspace, SMALL_OPTIONS, world)
     np.testing.assert_array_equal(again.camera_centres, dive.result.camera_centres)

@@ -21,7 +21,7 @@ _PAIR_S = 0.15
 """At 4096 keypoints per photo; it grows with their square."""
 _MAPPING_S = 0.15
 _DEPTH_S = 3.0
-"""At 480 px and 6 sources; it grows with the pixels and the sources."""
+"""At 480 px and 8 sources; it grows with the pixels and the sources."""
 _FUSION_S = 0.17
 _BASE_GB = 0.7
 """Libraries, database and fusion."""
@@ -66,7 +66,7 @@ def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions,
         "features": sum(sift_px) / 1e6 * _FEATURES_S_PER_MP / cores,
         "matching": pairs * _PAIR_S * keypoints**2 / cores,
         "cameras": count * _MAPPING_S,
-        "depth": sum(depth_px) / (480 * 360) * _DEPTH_S * depth.sources / 6 / cores,
+        "depth": sum(depth_px) / (480 * 360) * _DEPTH_S * depth.sources / 8 / cores,
         "fusion": sum(depth_px) / (480 * 360) * _FUSION_S,
     }
     memory = _BASE_GB + sift_bytes(sizes, min(sift_threads(sizes, free_memory()), count)) / 1e9
