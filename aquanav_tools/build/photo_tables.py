@@ -56,7 +56,7 @@ def _why(photos: int) -> str:
         return "in no photo"
     if photos == 1:
         return "in one photo; depth takes two"
-    return f"in {photos} photos, but too far, dark, plain or oblique to measure"
+    return f"in {photos} photos, not measured: far, dark, plain, oblique or open water"
 
 
 def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
