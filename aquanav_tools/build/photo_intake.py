@@ -59,7 +59,7 @@ def take_in(options: BuildOptions, settings: ReconstructOptions, work_dir: Path,
         journal.warn(caution.code, caution.message)
         journal.announce(f"Look ({caution.code}): {caution.message}")
     expected = forecast(found.photos, settings.features, settings.matching, settings.depth)
-    journal.announce(f"{len(found.photos.photos)} photos. {expected}")
+    journal.announce(f"{len(found.photos.photos)} photos, {options.quality} quality. {expected}")
     check_memory(expected, free_memory())
     check_disk(expected, shutil.disk_usage(_existing(work_dir)).free, work_dir)
     facts["forecast"] = dataclasses.asdict(expected)

@@ -26,7 +26,7 @@ def test_the_shipped_scan_recipe_explains_the_defaults() -> None:
 def test_the_shipped_photo_recipe_tells_what_each_quality_chooses(quality: str) -> None:
     text = shipped_path("pipelines/build", "photos").read_text()
     chosen = re.findall(r"^# (\w+) = (\S+) # \(draft (\S+), high (\S+)\)", text, re.MULTILINE)
-    assert len(chosen) == 7
+    assert len(chosen) == 6
     for name, *values in chosen:
         value = dict(zip(("standard", "draft", "high"), values, strict=True))[quality]
         text = re.sub(rf"^# {name} = ", f"{name} = {value} # ", text, flags=re.MULTILINE)
