@@ -122,7 +122,8 @@ def test_a_video_is_built_from_its_frames(name: str) -> None:
 def test_a_build_names_bad_photos_before_the_work_and_in_its_report(photos: PhotoSet, tmp_path: Path) -> None:
     (photos.folder / "cut.jpg").write_text("no photo")
     result = run(photos.folder, "-o", tmp_path / "out", "--housing", "flat-port")
-    assert result.stderr.index("cut.jpg (the file holds no picture") < result.stderr.index("4 photos, standard quality. On")
+    told = result.stderr
+    assert told.index("cut.jpg (the file holds no picture") < told.index("4 photos, standard quality. On")
     assert "the focal length grows by 33%" in result.stderr
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert [one["name"] for one in report["left_out"]] == ["cut.jpg"]
