@@ -14,6 +14,7 @@ from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_regist
 from aquanav_tools.reconstruct.growth import keep_order, read_order
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
+from aquanav_tools.reconstruct.joining import join
 from aquanav_tools.reconstruct.refinement import refine_optical_centres
 from aquanav_tools.types import Array, Progress, ignore_progress
 
@@ -98,7 +99,7 @@ def map_photos(
 
 
 def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
-    """Write the models: those of the mapper, then the largest with what can be added to it by fewer matches."""
+    """Write the models: those of the mapper, then the largest with others joined and what fewer matches can add."""
     mapped, snapshots = folder.with_name(folder.name + ".unfinished"), folder.with_name(folder.name + ".snapshots")
     shutil.rmtree(mapped, ignore_errors=True)
     mapped.mkdir(parents=True)
@@ -106,17 +107,32 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
     pipeline = _pipeline(photos, options)
     if len(photos.photos) >= _SNAPSHOTS_FROM:
         pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
-    _run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
+    run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
     models = _by_size(mapped)
     if models and _size(models[0])[0] < len(photos.photos):
+        join_models(models, photos, database, _pipeline(photos, options))
         completed = mapped / "completed"
         completed.mkdir()
-        _run_mapper(photos, database, completed, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
+        run_mapper(photos, database, completed, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
         _replace_if_larger(models[0], completed)
     if models:
         _refine(models[0])
     mapped.rename(folder)
     shutil.rmtree(snapshots)
+
+
+def join_models(paths: list[Path], photos: PhotoSet, database: Path, pipeline: Any) -> None:
+    """Write the first model on disk joined with those of the others that can be, and remove these."""
+    kept = load_pycolmap().Reconstruction(paths[0])
+    for path in paths[1:]:
+        other = load_pycolmap().Reconstruction(path)
+        joined = join(kept, other, database, photos.folder, pipeline)
+        if joined is None or joined.num_reg_images() < kept.num_reg_images():
+            continue
+        kept = joined
+        kept.write(paths[0])
+        keep_order({int(paths[0].name): kept}, paths[0].parent, paths[0])
+        shutil.rmtree(path)
 
 
 def last_snapshot(folder: Path) -> Path | None:
@@ -164,9 +180,19 @@ def _lenient(pipeline: Any) -> Any:
     return pipeline
 
 
-def _run_mapper(
+def run_mapper(
     photos: PhotoSet, database: Path, folder: Path, pipeline: Any, start: Path | None, progress: Progress
 ) -> None:
+    """Write models to `folder`, which is there and empty, each into a folder called by its number.
+
+    Args:
+        photos: Of the database.
+        database: With their verified matches.
+        folder: For the models.
+        pipeline: pycolmap.IncrementalPipelineOptions.
+        start: Model to go on with.
+        progress: Called for every photo placed.
+    """
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(pipeline.random_seed)
     total, done = len(photos.photos), 0
@@ -185,6 +211,9 @@ def _run_mapper(
         initial_image_pair_callback=report,
         next_image_callback=report,
     )
+    for number, model in models.items():  # COLMAP puts one that it went on with into the folder itself
+        (folder / str(number)).mkdir(exist_ok=True)
+        model.write(folder / str(number))
     keep_order(models, folder, start)
 
 

@@ -1,8 +1,7 @@
 """Matches between photos, kept in COLMAP's database beside their keypoints.
 
 Small sets are compared completely. Of larger ones, first neighbours in time and photos that look alike; then those that
-share neighbours; then, while groups do not hang together, everything between them. Photos that hang on few matches get
-more from the neighbours they have, sought along the lines that the first matches allow.
+share neighbours; then, while groups do not hang together, what looks most alike between them.
 
 A killed run goes on where it was, to the same matches: the pairs of a round rest on what earlier rounds found, so they
 are written down before the first of them is matched; and matches of a pair do not depend on the pairs matched with it.
@@ -11,15 +10,18 @@ are written down before the first of them is matched; and matches of a pair do n
 from __future__ import annotations
 
 import itertools
-import tempfile
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.nearest import Float32Array, best_matches
 from aquanav_tools.reconstruct.pairs import (
     Counts,
     Pair,
@@ -30,29 +32,36 @@ from aquanav_tools.reconstruct.pairs import (
     near_pairs,
 )
 from aquanav_tools.store import write_whole
-from aquanav_tools.types import Progress, ignore_progress
+from aquanav_tools.types import Array, BoolArray, Progress, ignore_progress
 
-_PAIRS_AT_ONCE = 256
-"""Few enough that a killed run loses seconds; many, as every call builds the search trees of its photos anew."""
+_PAIRS_AT_ONCE = 128
+"""Few enough that a killed run loses seconds."""
 _BLOCK = 16
-"""Photos whose pairs are taken together, so that the trees of a call are few."""
-_STRONG_MATCHES = 100
-"""That make a pair strong: COLMAP wants as many of the pair it starts with."""
-_STRONG_NEIGHBOURS = 4
-"""Of a photo that hangs well. Others are matched once more: that takes ten times as long, and finds twice as much."""
-_GUIDED_RATIO = 0.9
-"""Lowe's ratio where the epipolar line limits the choice; 0.8, COLMAP's own, where nothing does."""
+"""Photos whose pairs are taken together, so that few are held in memory at a time."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Described:
+    """A photo as matching sees it."""
+
+    image_id: int
+    camera: Any
+    """pycolmap.Camera."""
+    places: Array
+    """(K, 2) of its keypoints, px."""
+    descriptors: Float32Array
+    """(K, 128) unit vectors."""
 
 
 @dataclass(frozen=True)
 class MatchOptions:
     """Which photos are compared."""
 
-    exhaustive_up_to: int = 150
+    exhaustive_up_to: int = 40
     """Compare every photo with every other one in sets up to this size."""
     overlap: int = 5
     """In larger sets, photos compared with each one's next neighbours, and with those 2, 4, 8, ... further on."""
-    alike: int = 20
+    alike: int = 15
     """And with those that look most like it, wherever they come in the sequence: loops and other dives."""
     seed: int = 0
     """Of the robust geometric check."""
@@ -72,7 +81,7 @@ def match_features(
     names = [photo.file for photo in photos.photos]
     expected = expected_pairs(len(names), options)
     done = _num_compared(database)
-    for number, (find, is_guided) in enumerate(_rounds(database, names, options)):
+    for number, find in enumerate(_rounds(database, names, options)):
         plan = database.with_name(f"round-{number}.txt")
         if not plan.exists():
             _write_pairs(plan, _named(names, find()))
@@ -80,7 +89,7 @@ def match_features(
         for start in range(0, len(left), _PAIRS_AT_ONCE):
             chunk = left[start : start + _PAIRS_AT_ONCE]
             _forget(database, chunk)
-            _match(database, chunk, options, is_guided)
+            _match(database, chunk, options)
             _write_pairs(plan, left[start + len(chunk) :])
             done = min(done + len(chunk), expected)
             progress(done, expected)
@@ -95,56 +104,59 @@ def expected_pairs(count: int, options: MatchOptions) -> int:
     return min(every, len(near_pairs(count, options.overlap)) + count * options.alike)
 
 
-def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> list[tuple[Callable[[], set[Pair]], bool]]:
-    """Return what finds the pairs of each round, to be called when those before are matched, and if it is guided."""
+def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> list[Callable[[], set[Pair]]]:
+    """Return what finds the pairs of each round, to be called when those before are matched."""
     count = len(names)
+    if count <= options.exhaustive_up_to:
+        return [lambda: set(itertools.combinations(range(count), 2))]
+
+    def likeness() -> Counts:
+        return count_likeness(database, names)
 
     def new(pairs: set[Pair]) -> set[Pair]:
         return _unmatched(database, names, pairs)
 
-    def verified() -> Counts:
-        return verified_matches(database, names)
+    def verified() -> BoolArray:
+        return verified_matches(database, names) > 0
 
-    weak: tuple[Callable[[], set[Pair]], bool] = (lambda: weak_pairs(verified()), True)
-    if count <= options.exhaustive_up_to:
-        return [(lambda: set(itertools.combinations(range(count), 2)), False), weak]
     return [
-        (
-            lambda: near_pairs(count, options.overlap) | alike_pairs(count_likeness(database, names), options.alike),
-            False,
-        ),
-        (lambda: new(friends_of_friends(verified() > 0, options.alike)), False),
-        (lambda: new(bridging_pairs(verified() > 0)), False),
-        weak,
+        lambda: near_pairs(count, options.overlap) | alike_pairs(likeness(), options.alike),
+        lambda: new(friends_of_friends(verified(), options.alike // 2)),
+        lambda: new(bridging_pairs(verified(), likeness(), 2 * options.alike)),
     ]
 
 
-def weak_pairs(matches: Counts) -> set[Pair]:
-    """Return the pairs with some matches of photos that have too few strong neighbours; (N, N) matches."""
-    is_weak = np.count_nonzero(matches >= _STRONG_MATCHES, axis=1) < _STRONG_NEIGHBOURS
-    rows, columns = np.nonzero(np.triu(matches > 0) & (is_weak[:, None] | is_weak))
-    return set(zip(rows.tolist(), columns.tolist(), strict=True))
-
-
-def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions, is_guided: bool = False) -> None:
+def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions) -> None:
+    """Write the matches of pairs, and those of them that fit one rigid scene."""
     pycolmap = load_pycolmap()
-    matching = pycolmap.FeatureMatchingOptions()
-    if is_guided:
-        matching.guided_matching = True
-        matching.sift.max_ratio = _GUIDED_RATIO
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = options.seed
-    with tempfile.TemporaryDirectory() as folder:
-        pairing = pycolmap.ImportedPairingOptions()
-        pairing.match_list_path = Path(folder) / "pairs.txt"
-        _write_pairs(Path(pairing.match_list_path), pairs)
-        pycolmap.match_image_pairs(
-            database,
-            matching_options=matching,
-            pairing_options=pairing,
-            verification_options=verification,
-            device=pycolmap.Device.cpu,
-        )
+    with pycolmap.Database.open(database) as store, ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        photos = {name: _read_described(store, name) for name in sorted({name for pair in pairs for name in pair})}
+
+        def compare(pair: tuple[str, str]) -> tuple[Any, Any]:
+            here, there = (photos[name] for name in pair)
+            matches = best_matches(here.descriptors, there.descriptors)
+            if len(matches) < verification.min_num_inliers:
+                return matches, pycolmap.TwoViewGeometry()
+            return matches, pycolmap.estimate_two_view_geometry(
+                here.camera, here.places, there.camera, there.places, matches, verification
+            )
+
+        found = list(threads.map(compare, pairs))
+        with pycolmap.DatabaseTransaction(store):
+            for pair, (matches, geometry) in zip(pairs, found, strict=True):
+                ids = [photos[name].image_id for name in pair]
+                store.write_matches(*ids, matches)
+                store.write_two_view_geometry(*ids, geometry)
+
+
+def _read_described(store: Any, name: str) -> _Described:
+    image = store.read_image_with_name(name)
+    descriptors = np.asarray(store.read_descriptors(image.image_id).data).astype(np.float32)
+    descriptors /= np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1.0)
+    places = np.asarray(store.read_keypoints(image.image_id))[:, :2].astype(np.float64)
+    return _Described(image.image_id, store.read_camera(image.camera_id), places, descriptors)
 
 
 def _forget(database: Path, pairs: list[tuple[str, str]]) -> None:

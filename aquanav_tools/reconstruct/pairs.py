@@ -7,9 +7,9 @@ of the work and need no vocabulary (preemptive matching; Wu, Towards Linear-Time
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.types import BoolArray
 
 Counts = npt.NDArray[np.int64]
+Words = npt.NDArray[np.float32]
 Pair = tuple[int, int]
 """Two photos, by their places in the sequence, the earlier one first."""
 
@@ -55,23 +56,50 @@ def friends_of_friends(verified: BoolArray, most: int) -> set[Pair]:
     return alike_pairs(shared, most)
 
 
-def bridging_pairs(verified: BoolArray) -> set[Pair]:
-    """Return all pairs between photos that do not hang together yet, by way of any others."""
+def bridging_pairs(verified: BoolArray, likeness: Counts, most: int) -> set[Pair]:
+    """Return pairs between groups that do not hang together yet: of each photo, with those it resembles most.
+
+    Args:
+        verified: (N, N) symmetric; which photos overlap as far as known.
+        likeness: (N, N).
+        most: of pairs per photo.
+    """
     from scipy.sparse.csgraph import connected_components
 
     _, labels = connected_components(verified, directed=False)
-    return {(i, j) for i, j in itertools.combinations(range(len(labels)), 2) if labels[i] != labels[j]}
+    return alike_pairs(np.where(labels[:, None] == labels, 0, likeness + 1), most)
 
 
 def count_likeness(database: Path, names: Sequence[str]) -> Counts:
     """Return (N, N) how many of the coarsest keypoints of two photos are each other's clearly best match."""
-    words = _coarsest(database, names)
-    count = len(words)
-    likeness = np.zeros((count, count), np.int64)
-    for i in range(count):
+    with load_pycolmap().Database.open(database) as store:
+        ids = [store.read_image_with_name(name).image_id for name in names]
+        return likeness_of([coarsest(store.read_keypoints(i), store.read_descriptors(i)) for i in ids])
+
+
+def likeness_of(words: Sequence[Words]) -> Counts:
+    """Return the same of photos given by what `coarsest` returns of them."""
+    likeness = np.zeros((len(words), len(words)), np.int64)
+    for i in range(len(words)):
         for j in range(i):
             likeness[i, j] = likeness[j, i] = _mutual(words[i] @ words[j].T)
     return likeness
+
+
+def coarsest(keypoints: Any, descriptors: Any) -> Words:
+    """Return (K, 128) unit descriptors of a photo's largest keypoints; zeros where it has fewer.
+
+    Args:
+        keypoints: (L, 4 or 6) as COLMAP keeps them.
+        descriptors: pycolmap.FeatureDescriptors.
+    """
+    words = np.zeros((_COARSEST, 128), np.float32)
+    rows = np.asarray(keypoints)
+    if len(rows):
+        largest = np.argsort(-np.hypot(rows[:, 2], rows[:, 3]), kind="stable")[:_COARSEST]
+        chosen = np.asarray(descriptors.data)[largest].astype(np.float32)
+        words[: len(chosen)] = chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1.0)
+    return words
 
 
 def _mutual(cosines: npt.NDArray[np.float32]) -> int:
@@ -84,18 +112,3 @@ def _mutual(cosines: npt.NDArray[np.float32]) -> int:
     rest[np.arange(len(rest)), best[is_mutual]] = -1.0
     second = rest.max(axis=1, initial=-1.0)
     return int(np.count_nonzero(1.0 - first[is_mutual] < _MAX_RATIO**2 * (1.0 - second)))
-
-
-def _coarsest(database: Path, names: Sequence[str]) -> npt.NDArray[np.float32]:
-    """Return (N, K, 128) unit descriptors of the largest keypoints of each photo; zeros where it has fewer."""
-    words = np.zeros((len(names), _COARSEST, 128), np.float32)
-    with load_pycolmap().Database.open(database) as store:
-        for row, name in enumerate(names):
-            image_id = store.read_image_with_name(name).image_id
-            keypoints = np.asarray(store.read_keypoints(image_id))
-            if not len(keypoints):
-                continue
-            largest = np.argsort(-np.hypot(keypoints[:, 2], keypoints[:, 3]), kind="stable")[:_COARSEST]
-            chosen = np.asarray(store.read_descriptors(image_id).data)[largest].astype(np.float32)
-            words[row, : len(chosen)] = chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1.0)
-    return words

@@ -44,9 +44,9 @@ class ReconstructOptions:
         """Return the settings of a quality."""
         depth = DepthOptions.at(quality)
         if quality == "draft":
-            return cls(FeatureOptions(max_features=3072), MatchOptions(exhaustive_up_to=40, alike=10), depth=depth)
+            return cls(FeatureOptions(max_features=3072), MatchOptions(alike=10), depth=depth)
         if quality == "high":
-            return cls(FeatureOptions(max_features=8192), MatchOptions(alike=40), depth=depth)
+            return cls(FeatureOptions(max_features=8192), MatchOptions(exhaustive_up_to=150, alike=40), depth=depth)
         return cls(depth=depth)
 
 

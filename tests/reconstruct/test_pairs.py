@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.reconstruct.mapping import last_snapshot
-from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs, weak_pairs
+from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
 from aquanav_tools.reconstruct.pairs import alike_pairs, bridging_pairs, friends_of_friends, near_pairs
 
 
@@ -30,17 +30,13 @@ def test_photos_that_share_two_neighbours_are_compared_with_each_other() -> None
     assert friends_of_friends(verified, most=5) == {(0, 3), (1, 2)}
 
 
-def test_photos_of_separate_groups_are_all_compared_and_others_not_again() -> None:
+def test_photos_of_separate_groups_are_compared_with_those_they_resemble_most_of_the_other_group() -> None:
     verified = np.zeros((4, 4), bool)
     verified[0, 1] = verified[1, 0] = verified[2, 3] = verified[3, 2] = True
-    assert bridging_pairs(verified) == {(0, 2), (0, 3), (1, 2), (1, 3)}
-
-
-def test_only_photos_without_strong_neighbours_are_matched_once_more() -> None:
-    matches = np.full((6, 6), 200) - np.diag([200] * 6)
-    assert weak_pairs(matches) == set()
-    matches[5, :] = matches[:, 5] = [30, 0, 0, 0, 0, 0]
-    assert weak_pairs(matches) == {(0, 5)}
+    likeness = np.array([[0, 9, 1, 5], [9, 0, 0, 2], [1, 0, 0, 9], [5, 2, 9, 0]])
+    assert bridging_pairs(verified, likeness, most=1) == {(0, 2), (0, 3), (1, 3)}
+    assert bridging_pairs(verified, likeness, most=9) == {(0, 2), (0, 3), (1, 2), (1, 3)}
+    assert bridging_pairs(np.ones((4, 4), bool), likeness, most=9) == set()
 
 
 def test_a_small_set_is_compared_completely_and_a_long_one_in_proportion_to_its_length() -> None:

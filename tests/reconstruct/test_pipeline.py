@@ -76,7 +76,7 @@ def test_a_second_run_takes_up_what_the_first_one_kept(dive: Dive, monkeypatch: 
     def refuse(*args: object, **kwargs: object) -> None:
         raise AssertionError("done again")
 
-    for name in ("match_image_pairs", "incremental_mapping", "undistort_images"):
+    for name in ("estimate_two_view_geometry", "incremental_mapping", "undistort_images"):
         monkeypatch.setattr(pycolmap, name, refuse)
     monkeypatch.setattr("aquanav_tools.reconstruct.depth._Estimation._find", refuse)
     world = read_world(ScaleSources(positions=dive.photos.folder / "positions.csv"), dive.photos)

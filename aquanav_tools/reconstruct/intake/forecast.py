@@ -16,7 +16,7 @@ from aquanav_tools.store import MIN_FREE
 
 # All rates: two cores of a cloud server that others used too, pycolmap 4.2, demo dive (65 photos, 960 x 720 px) and
 # fountain-P11 at three sizes. An idle desktop takes half of the time.
-_FEATURES_S_PER_MP = 1.5
+_FEATURES_S_PER_MP = 2.5
 _PAIR_S = 0.15
 """At 4096 keypoints per photo; it grows with their square."""
 _MAPPING_S = 0.15
