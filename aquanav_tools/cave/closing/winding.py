@@ -133,8 +133,9 @@ class _Lattice:
             samples = self.origin + self.voxel * step * np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
             values[x] = winding.winding_number(samples).reshape(y.shape)
             if sight is not None:
+                cameras = sight.near(samples[0], samples[-1])
                 # Water that was looked through where the surface has rock ends somewhere near.
-                is_carved = _is_seen_through(sight, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
+                is_carved = _is_seen_through(cameras, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
                 values[x][is_carved] = WATER_LEVEL
         unsure = np.argwhere(np.abs(values - WATER_LEVEL) < UNSURE)
         touched = [np.clip((unsure + shift) * step // TILE, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
@@ -233,6 +234,7 @@ def _with_sight(field: Array, distance: Array, origin: Array, voxel: float, sigh
     rock = np.argwhere(field > 0.0)
     if sight is None or not len(rock):
         return field
+    sight = sight.near(origin, origin + voxel * np.array(field.shape))
     carved = rock[_is_seen_through(sight, origin + voxel * rock, voxel)]
     at = tuple(carved.T)
     field[at] = -np.clip(distance[at], 1.0, BAND_VOXELS)

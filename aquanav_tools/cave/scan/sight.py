@@ -57,6 +57,16 @@ class Sight:
         depth = np.where(self.depth > UNSURE, np.float32(b_from_a.scale) * self.depth, self.depth)
         return Sight(np.concatenate([turns, shifts[..., None]], axis=2), self.pinholes, depth)
 
+    def near(self, low: Array, high: Array) -> Sight:
+        """Return the sight of the cameras that may have seen something in the box from (3,) low to (3,) high, m."""
+        fx, fy, cx, cy = self.pinholes.T
+        across, down = np.maximum(cx, self.depth.shape[2] - cx) / fx, np.maximum(cy, self.depth.shape[1] - cy) / fy
+        reach = self.depth.max(axis=(1, 2), initial=0.0) * np.sqrt(1.0 + across**2 + down**2)
+        centres = self.centres
+        distance = np.linalg.norm(np.maximum(np.maximum(low - centres, centres - high), 0.0), axis=1)
+        is_near = distance <= reach
+        return Sight(self.poses[is_near], self.pinholes[is_near], self.depth[is_near])
+
     def num_through(self, points: Array, margin: float, enough: int) -> IntArray:
         """Return how many cameras looked through each of (N, 3) points, at wall behind it.
 

@@ -53,6 +53,23 @@ def test_counting_ends_when_it_is_enough() -> None:
     assert sphere_sight().num_through(np.array([[1.0, 0.0, 0.0]]), 0.05, 2).tolist() == [2]
 
 
+def test_only_cameras_that_reach_a_box_are_asked_about_it(rng: np.random.Generator) -> None:
+    sight, far = sphere_sight(), np.array([0.0, 0.0, 50.0])
+    apart = sight.moved(Sim3(1.0, np.eye(3), far))
+    both = make_sight(
+        np.concatenate([sight.poses, apart.poses]),
+        np.concatenate([sight.pinholes, apart.pinholes]),
+        [*sight.depth, *apart.depth],
+    )
+    low, high = np.array([0.0, -1.0, -1.0]), np.array([2.0, 1.0, 1.0])
+    points = rng.uniform(low, high, (500, 3))
+    assert len(both.near(low, high).poses) == 3
+    assert len(both.near(low + 20.0, high + 20.0).poses) == 0
+    counts = both.num_through(points, 0.05, 10)
+    np.testing.assert_array_equal(both.near(low, high).num_through(points, 0.05, 10), counts)
+    assert not both.near(low + 20.0, high + 20.0).num_through(points, 0.05, 10).any()
+
+
 def test_a_moved_sight_sees_the_same(rng: np.random.Generator) -> None:
     points = rng.uniform(-2.5, 2.5, (2000, 3))
     turn = rotation_matrix(np.array([0.5, -0.5, 0.5, 0.5]))
