@@ -17,7 +17,7 @@ from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.closing.openings import find_openings
-from aquanav_tools.cave.closing.portals import Cut, cut_portals
+from aquanav_tools.cave.closing.portals import NO_CAMERAS, Cut, cut_portals
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.narrows import Narrow, find_narrows
@@ -218,7 +218,8 @@ def _close_at(
         surface = without_gaps(surface, closed.mesh, voxel)
         openings = find_openings(closed, min_portal, evidence.sight)
         cuts = tuple(_cut(plane) for plane in options.closing.cut)
-        cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts)
+        cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
+        cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts, cameras)
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(cavity, float(closed.is_scan.mean()))
     return surface, closed, cavity

@@ -36,11 +36,11 @@ class FusionOptions:
     """Pixels with a larger matching cost (1 - NCC) are dropped first."""
     min_photos: int = 2
     """Photos that must agree on a point, its own included."""
-    max_reprojection_px: float = 2.0
+    max_reprojection_px: float = 3.0
     """Largest offset between their pixels."""
-    max_depth_error: float = 0.015
+    max_depth_error: float = 0.02
     """Largest relative difference of their depths."""
-    max_normal_deg: float = 40.0
+    max_normal_deg: float = 60.0
     """Largest angle between their normals."""
     step: int = 2
     """Every so many-th pixel along rows and columns may become a point; the others only confirm."""

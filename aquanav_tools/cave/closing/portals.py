@@ -27,6 +27,9 @@ FLAT_LID = 1e-3
 """An end whose rim is flat to this share of a voxel needs no cut: its lid is the portal."""
 CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
 """Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
+CAMERA_VOXELS = 2.0
+"""A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
+NO_CAMERAS = np.zeros((0, 3))
 SLIT = 1e-3
 """Thickness of the slit that a user's cut makes before one side is dropped, m."""
 
@@ -67,7 +70,12 @@ class Opening:
 
 
 def cut_portals(
-    closed: ClosedSurface, surface: Mesh, openings: tuple[Opening, ...], voxel: float, cuts: tuple[Cut, ...] = ()
+    closed: ClosedSurface,
+    surface: Mesh,
+    openings: tuple[Opening, ...],
+    voxel: float,
+    cuts: tuple[Cut, ...] = (),
+    cameras: Array = NO_CAMERAS,
 ) -> Cavity:
     """Return the cavity with every open end cut flat just inside its rim, and where the user wants it, and labelled.
 
@@ -77,10 +85,12 @@ def cut_portals(
         openings: from `find_openings`.
         voxel: resolution of the scan, m.
         cuts: the user's own.
+        cameras: (N, 3) places in the water that an end's cut leaves in it, m, however ragged its rim.
 
     Raises:
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
+    openings = tuple(_beyond_cameras(opening, closed.mesh, cameras, voxel) for opening in openings)
     for step in CUT_STEPS:
         mesh, lids = _cut_all(closed, openings, cuts, voxel, step * voxel)
         if not len(self_intersections(mesh)):
@@ -97,6 +107,25 @@ def cut_portals(
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
     observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) -> Opening:
+    """Return an opening whose cut passes outside of the cameras before it: they were in the water that is kept."""
+    import igl
+
+    is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
+    if is_flat or not opening.is_portal or not len(cameras):
+        return opening
+    offsets = cameras - opening.centre
+    ahead = offsets @ opening.normal
+    is_cut = (ahead > opening.innermost - CAMERA_VOXELS * voxel) & (np.linalg.norm(offsets, axis=1) < opening.radius)
+    is_cut[is_cut] = igl.fast_winding_number(mesh.vertices, mesh.faces, cameras[is_cut]) > 0.5
+    if not is_cut.any():
+        return opening
+    farthest = float(ahead[is_cut].max())
+    # Half-way to the top of the patch at most: beyond it there is no water to cut through.
+    moved = min(farthest + CAMERA_VOXELS * voxel, 0.5 * (farthest + opening.outermost))
+    return replace(opening, innermost=max(opening.innermost, moved))
 
 
 def _cut_all(

@@ -29,7 +29,7 @@ BAND_VOXELS = 2
 HALO = 4
 """Samples around a tile that smoothing may look at; a multiple of COARSE_STEP."""
 CARVING_HALO = 8
-"""The same where faults are carved, which looks farther."""
+"""The same where something is carved, which looks farther."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles that the water's border crosses away from any wall."""
 NEAR_ACCURACY, HOLE_ACCURACY = 1.3, 2.0
@@ -45,6 +45,10 @@ MIN_CAMERAS = 3
 """Space that at least so many cameras looked through is water, whatever the surface says: a single one may be wrong."""
 SIGHT_VOXELS = 2.0
 """... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise."""
+SIGHT_SMOOTHING = 1.5
+"""Standard deviation of the filter that takes slivers and pits from such water, voxels ..."""
+MIN_CARVED = 0.1
+"""... and changes nothing where less than this share of the surroundings was carved."""
 SMALLEST_VALUE = 1e-3
 """Marching cubes makes degenerate faces where a sample lies on the level; none comes nearer than this, voxels."""
 
@@ -85,7 +89,8 @@ def water_surface(
     """
     import igl
 
-    lattice = _Lattice(surface, voxel, CARVING_HALO if len(carving.faults) else HALO)
+    is_carved = len(carving.faults) > 0 or carving.sight is not None
+    lattice = _Lattice(surface, voxel, CARVING_HALO if is_carved else HALO)
     winding = igl.FastWindingNumberBVH()
     winding.init(surface.vertices, surface.faces)
     tiles = lattice.tiles_with_level(winding, carving.sight)
@@ -178,8 +183,8 @@ def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
     excess = _winding_in_tile(winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
     magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
     field: Array = -np.sign(excess) * magnitude
+    field = _with_sight(field, origin, voxel, carving.sight)
     field = _without_faults(field, distance / voxel, origin, voxel, carving)
-    field = _with_sight(field, distance / voxel, origin, voxel, carving.sight)
     field = _with_legs(field, origin, voxel, carving)
     inner = slice(halo, -halo)
     smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
@@ -229,16 +234,23 @@ def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, 
     return np.where(is_faulty, smooth, field)
 
 
-def _with_sight(field: Array, distance: Array, origin: Array, voxel: float, sight: Sight | None) -> Array:
-    """Return the field with water where cameras looked through it."""
+def _with_sight(field: Array, origin: Array, voxel: float, sight: Sight | None) -> Array:
+    """Return the field with water where cameras looked through it, its border as smooth as noise allows."""
+    from scipy.ndimage import gaussian_filter
+
     rock = np.argwhere(field > 0.0)
     if sight is None or not len(rock):
         return field
     sight = sight.near(origin, origin + voxel * np.array(field.shape))
-    carved = rock[_is_seen_through(sight, origin + voxel * rock, voxel)]
-    at = tuple(carved.T)
-    field[at] = -np.clip(distance[at], 1.0, BAND_VOXELS)
-    return field
+    carved = np.zeros(field.shape, dtype=np.float32)
+    carved[tuple(rock[_is_seen_through(sight, origin + voxel * rock, voxel)].T)] = 1.0
+    if not carved.any():
+        return field
+    wet = np.where(field < 0.0, np.float32(1.0), carved)
+    wet, beside = (gaussian_filter(mask, SIGHT_SMOOTHING, truncate=3.0) for mask in (wet, carved))
+    # Across a flat border the smooth mask falls by 1 / (sigma * sqrt(2 pi)) per voxel.
+    level = np.clip((0.5 - wet) * SIGHT_SMOOTHING * np.sqrt(2.0 * np.pi), -BAND_VOXELS, BAND_VOXELS)
+    return np.where(beside > MIN_CARVED, np.minimum(field, level), field)
 
 
 def _is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:

@@ -28,7 +28,7 @@ MIN_WALL_SHARE = 0.5
 MAX_WALL_SHARE = 0.1
 """... and none when at most this share do."""
 RELATIVE_MARGIN = 0.02
-"""Depth maps agree to a hundredth of the distance; twice that lies surely before the wall."""
+"""Depths that photos agree on differ by no more than this share; what lies farther before the wall is water."""
 NEAREST = 1e-3
 """What is nearer to a lens is not looked at, m."""
 
