@@ -75,7 +75,7 @@ class DepthOptions:
         if quality == "draft":
             return cls(width=320, sources=6)
         if quality == "high":
-            return cls(width=960, agreement=True)
+            return cls(width=640, agreement=True)  # 960 px take twice the time of 640 and find no more (measured)
         return cls()
 
     @property
