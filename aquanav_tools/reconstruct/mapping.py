@@ -15,6 +15,7 @@ from aquanav_tools.reconstruct.growth import keep_order, read_order
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.reconstruct.joining import join
+from aquanav_tools.reconstruct.misplaced import misplaced_photos
 from aquanav_tools.reconstruct.refinement import refine_optical_centres
 from aquanav_tools.types import Array, Progress, ignore_progress
 
@@ -109,16 +110,33 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
         pipeline.snapshot_path, pipeline.snapshot_frames_freq = snapshots, _SNAPSHOT_PHOTOS
     run_mapper(photos, database, mapped, pipeline, last_snapshot(snapshots), progress)
     models = _by_size(mapped)
-    if models and _size(models[0])[0] < len(photos.photos):
-        join_models(models, photos, database, _pipeline(photos, options))
-        completed = mapped / "completed"
-        completed.mkdir()
-        run_mapper(photos, database, completed, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
-        _replace_if_larger(models[0], completed)
     if models:
+        _take_out_misplaced(models[0], photos, database)
+        if _size(models[0])[0] < len(photos.photos):
+            _complete(models, mapped / "completed", photos, database, options)
+            _take_out_misplaced(models[0], photos, database)
         _refine(models[0])
     mapped.rename(folder)
     shutil.rmtree(snapshots)
+
+
+def _complete(models: list[Path], scratch: Path, photos: PhotoSet, database: Path, options: MappingOptions) -> None:
+    """Join the first model on disk with others, and place what fewer matches can."""
+    join_models(models, photos, database, _pipeline(photos, options))
+    scratch.mkdir()
+    run_mapper(photos, database, scratch, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
+    _replace_if_larger(models[0], scratch)
+
+
+def _take_out_misplaced(path: Path, photos: PhotoSet, database: Path) -> None:
+    """Take photos that contradict their own matches out of a model on disk."""
+    model = load_pycolmap().Reconstruction(path)
+    misplaced = misplaced_photos(model, database, _tolerance_px(photos))
+    for image_id in misplaced:
+        model.deregister_frame(model.images[image_id].frame_id)
+    if misplaced:
+        model.write(path)
+        keep_order({int(path.name): model}, path.parent, path)
 
 
 def join_models(paths: list[Path], photos: PhotoSet, database: Path, pipeline: Any) -> None:
