@@ -11,6 +11,7 @@ import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
+from aquanav_tools.reconstruct.evidence import gather_evidence
 from aquanav_tools.reconstruct.growth import keep_order, read_order
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
@@ -94,8 +95,8 @@ def map_photos(
     groups = [
         sorted((name_of(model.image(i).name) for i in model.reg_image_ids()), key=natural_key) for model in models
     ]
-    diagnoses = diagnose(photos, database, groups)
-    cautions = check_registration(len(photos.photos), groups, diagnoses, options.min_share)
+    diagnoses = diagnose(gather_evidence(photos, database, models, 3.0 * _tolerance_px(photos)), groups)
+    cautions = check_registration(photos.names, groups, diagnoses, options.min_share)
     return SparseModel(models[0], diagnoses, cautions, tuple(name_of(file) for file in read_order(paths[0])))
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.reconstruct.diagnosis import DARK_BELOW, Caution
+from aquanav_tools.reconstruct.diagnosis import BLURRED_BELOW, DARK_BELOW, Caution
 from aquanav_tools.reconstruct.images import MAX_NAMED, MIN_PHOTOS, LeftOut, Photo, PhotoSet, list_left_out
 from aquanav_tools.reconstruct.intake.decode import GreyImage
 from aquanav_tools.reconstruct.intake.exif import is_action_camera
@@ -17,8 +17,6 @@ from aquanav_tools.reconstruct.intake.refraction import describe_housing
 from aquanav_tools.reconstruct.intake.sharpness import sharpness
 from aquanav_tools.types import Progress, ignore_progress
 
-BLURRED_BELOW = 0.6
-"""Sharpness relative to the median of the set: blur of 5 px in a small copy halves it (measured on real photos)."""
 CLIPPED_FROM = 250
 """Grey value from which a pixel counts as burnt out."""
 MAX_CLIPPED = 0.2
