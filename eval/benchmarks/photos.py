@@ -4,11 +4,12 @@
     python eval/benchmarks/photos.py --fresh            # all, from the beginning
     python eval/benchmarks/photos.py --only clear       # sets whose name contains it
     python eval/benchmarks/photos.py --photos 24 --only clear   # fewer photos, to try it
-    python eval/benchmarks/photos.py --no-peer          # without COLMAP, where Debian's package colmap is missing
+    python eval/benchmarks/photos.py --peer real        # COLMAP beside the real sets only; `none` does without it
 
 Every set is rendered by `aquanav render` (or read from the data folder), then built by the command aquanav-build-cave
-in a process of its own. Photos, builds and one JSON line per finished set are kept in out/photos. Give it an idle
-machine: about 15 minutes per set on two cores, as long again for COLMAP.
+in a process of its own; COLMAP (Debian's package colmap) follows when all are built. Photos, builds and the figures of
+each finished set are kept in out/photos. Give it an idle machine: about 10 minutes per set on two cores, longer for
+COLMAP.
 """
 
 from __future__ import annotations
@@ -18,11 +19,13 @@ import json
 import os
 import shutil
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
 
+from aquanav_tools.store import write_whole
 from eval.child import run_child
 from eval.corpus.run import outcome, sentence
 from eval.photos.sets import CASES, PhotoSetCase
@@ -31,6 +34,7 @@ from eval.photos.table import print_table, write_table
 ROOT = Path(__file__).parents[2]
 DATA_DIR = Path(os.environ.get("AQUANAV_DATA", ROOT.parent / "shared" / "data"))
 RENDER = "from aquanav_tools.cli.info import main; main()"
+Run = Callable[[PhotoSetCase, argparse.Namespace], dict[str, Any]]
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 
 
@@ -41,7 +45,7 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--photos", type=int, default=0, help="photos per rendered set, when not its own number")
     parser.add_argument("--quality", default="standard", help="draft, standard or high")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
-    parser.add_argument("--no-peer", action="store_true", help="without COLMAP's command line")
+    parser.add_argument("--peer", choices=("all", "real", "none"), default="all", help="sets that COLMAP gets too")
     parser.add_argument("--timeout", type=float, default=7200.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real photos; skipped when absent")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "photos", help="where photos and builds go")
@@ -51,35 +55,47 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> None:
     """Run what is not done yet and print the table."""
     arguments = parse_arguments()
-    if not arguments.no_peer and shutil.which("colmap") is None:
-        sys.exit("There is no command colmap here. Install Debian's package colmap, or add --no-peer.")
-    arguments.output.mkdir(parents=True, exist_ok=True)
-    store = arguments.output / "results.jsonl"
-    if arguments.fresh:
-        store.unlink(missing_ok=True)
+    if arguments.peer != "none" and shutil.which("colmap") is None:
+        sys.exit("There is no command colmap here. Install Debian's package colmap, or add --peer none.")
     cases = [case for case in CASES if arguments.only in case.name]
     missing = [case.name for case in cases if case.folder and not (arguments.data / case.folder).is_dir()]
     if missing:
         print(f"Skipped, since {arguments.data} lacks them: {', '.join(missing)}.")
-    done = _read(store)
+    cases = [case for case in cases if case.name not in missing]
+    with_peer = [case for case in cases if arguments.peer == "all" or (arguments.peer == "real" and case.folder)]
+    if arguments.fresh:
+        for case in cases:
+            for step in ("build", "peer"):
+                _kept(case, step, arguments).unlink(missing_ok=True)
     for case in cases:
-        if case.name in done or case.name in missing:
-            continue
-        result = run_case(case, arguments)
-        done[case.name] = result
-        with store.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(result) + "\n")
+        result = once(run_case, case, "build", arguments)
         print(f"{case.name}: {result['outcome']}, {result.get('registered', 0)} of {result['photos']}", flush=True)
-    results = [done[case.name] for case in cases if case.name in done]
+    for case in with_peer:
+        result = once(run_peer, case, "peer", arguments)
+        print(f"{case.name}: COLMAP {result['outcome']}, {result.get('registered', 0)} registered", flush=True)
+    results = [once(run_case, case, "build", arguments) for case in cases]
+    for case, result in zip(cases, results, strict=True):
+        if case in with_peer:
+            result["peer"] = once(run_peer, case, "peer", arguments)
     print_table(results)
     if not arguments.only and not arguments.photos and not missing:
         write_table(results, ROOT / "eval" / "results")
 
 
+def once(run: Run, case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the figures of one step of a set, from an earlier run where there was one."""
+    kept = _kept(case, step, arguments)
+    if not kept.exists():
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(kept, json.dumps(run(case, arguments), indent=1))
+    figures: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+    return figures
+
+
 def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of one set."""
     folder = arguments.output / case.name
-    photos = render(case, folder / "photos", arguments) if case.condition else link(case, folder / "photos", arguments)
+    photos = photos_of(case, arguments)
     build = folder / "cave"
     shutil.rmtree(build, ignore_errors=True)
     flags = ["--quality", arguments.quality]
@@ -93,11 +109,14 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])
     record = build / "build.json"
     stages = json.loads(record.read_text(encoding="utf-8"))["stages"] if record.exists() else []
-    result["stages"] = {stage["title"]: stage["seconds"] for stage in stages}
-    result |= judge(case, build, photos, arguments.data)
-    if not arguments.no_peer:
-        result["peer"] = run_peer(case, photos, folder / "colmap", arguments)
-    return result
+    result["stages"] = {stage["title"]: {key: stage[key] for key in ("seconds", "cpu_seconds")} for stage in stages}
+    return result | judge(case, build, photos, arguments.data)
+
+
+def photos_of(case: PhotoSetCase, arguments: argparse.Namespace) -> Path:
+    """Return the folder of a set's photos, made where it is missing."""
+    photos = arguments.output / case.name / "photos"
+    return render(case, photos, arguments) if case.condition else link(case, photos, arguments)
 
 
 def render(case: PhotoSetCase, photos: Path, arguments: argparse.Namespace) -> Path:
@@ -132,13 +151,14 @@ def judge(case: PhotoSetCase, build: Path, photos: Path, data: Path) -> dict[str
     return judge_cameras(read_cameras(build), case.reference(data / case.folder))
 
 
-def run_peer(case: PhotoSetCase, photos: Path, folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
+def run_peer(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any]:
     """Return what COLMAP's command line makes of the same photos."""
     from eval.photos.judge import judge_cameras
     from eval.photos.peer import run_colmap
     from eval.photos.score import read_true_cameras
 
-    result = run_colmap(photos, folder, arguments.timeout)
+    photos = photos_of(case, arguments)
+    result = run_colmap(photos, arguments.output / case.name / "colmap", arguments.timeout)
     if case.condition:
         truth = read_true_cameras(photos)
         centres = dict(zip(truth.names, truth.centres, strict=True))
@@ -148,11 +168,9 @@ def run_peer(case: PhotoSetCase, photos: Path, folder: Path, arguments: argparse
     return result | {"is_metric": case.is_metric} | judge_cameras(cameras, centres)
 
 
-def _read(store: Path) -> dict[str, dict[str, Any]]:
-    if not store.is_file():
-        return {}
-    rows = [json.loads(line) for line in store.read_text(encoding="utf-8").splitlines()]
-    return {row["name"]: row for row in rows}
+def _kept(case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> Path:
+    path: Path = arguments.output / case.name / f"{step}.json"
+    return path
 
 
 if __name__ == "__main__":

@@ -9,7 +9,7 @@ from typing import Any
 
 CAMERAS = (
     "set", "photos", "registered", "centres off, mean / max (mm)", "rotations off (deg)",
-    "COLMAP registered", "centres off, mean / max (mm)", "ours (s)", "COLMAP (s)",
+    "COLMAP registered", "centres off, mean / max (mm)", "CPU time, ours (s)", "COLMAP (s)",
 )  # fmt: skip
 MODELS = (
     "set", "cloud F at 5 / 10 cm", "surface F at 5 / 10 cm", "invented wall", "volume off by", "of the whole cave",
@@ -56,9 +56,9 @@ def markdown(results: list[dict[str, Any]]) -> str:
         "",
         *_table(MODELS, [_model_row(result) for result in results if "cloud" in result or "volume" in result]),
         "",
-        "## Seconds per stage",
+        "## Seconds per stage, on the clock / of CPU",
         "",
-        *_table(("set", *STAGES, "all other", "whole", "CPU"), [_time_row(result) for result in results]),
+        *_table(("set", *STAGES, "all other", "whole"), [_time_row(result) for result in results]),
     ]
     stopped = [result for result in results if result["outcome"] != "proven"]
     if stopped:
@@ -69,9 +69,7 @@ def markdown(results: list[dict[str, Any]]) -> str:
 
 def _camera_row(result: dict[str, Any]) -> tuple[str, ...]:
     peer = result.get("peer", {})
-    ours = sum(
-        result["stages"].get(title, 0.0) for name in ("features", "matching", "cameras") for title in STAGES[name]
-    )
+    ours = sum(_times(result, title)[1] for name in ("features", "matching", "cameras") for title in STAGES[name])
     return (
         result["name"],
         str(result["photos"]),
@@ -81,7 +79,7 @@ def _camera_row(result: dict[str, Any]) -> tuple[str, ...]:
         str(peer.get("registered", "")),
         _errors(peer),
         f"{ours:.0f}",
-        f"{sum(peer['seconds'].values()):.0f}" if peer else "",
+        f"{peer['cpu_seconds']:.0f}" if peer else "",
     )
 
 
@@ -117,10 +115,16 @@ def _f_scores(score: dict[str, float] | None) -> str:
 
 
 def _time_row(result: dict[str, Any]) -> tuple[str, ...]:
-    stages = dict(result["stages"])
-    named = [sum(stages.pop(title, 0.0) for title in titles) for titles in STAGES.values()]
-    seconds = [*named, sum(stages.values()), result["seconds"], result["cpu_seconds"]]
-    return (result["name"], *(f"{value:.0f}" for value in seconds))
+    named = [_times(result, *titles) for titles in STAGES.values()]
+    whole = (result["seconds"], result["cpu_seconds"])
+    rest = tuple(all_in_all - sum(part) for all_in_all, part in zip(whole, zip(*named, strict=True), strict=True))
+    return (result["name"], *(f"{wall:.0f} / {cpu:.0f}" for wall, cpu in (*named, rest, whole)))
+
+
+def _times(result: dict[str, Any], *titles: str) -> tuple[float, float]:
+    """Return wall and CPU time of stages, s; 0 where a build did not come so far."""
+    stages = [result["stages"][title] for title in titles if title in result["stages"]]
+    return sum(stage["seconds"] for stage in stages), sum(stage["cpu_seconds"] for stage in stages)
 
 
 def _table(columns: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
