@@ -21,7 +21,7 @@ import numpy as np
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import PhotoSet
-from aquanav_tools.reconstruct.nearest import Float32Array, best_matches
+from aquanav_tools.reconstruct.nearest import Descriptors, best_matches, products_in_one_thread
 from aquanav_tools.reconstruct.pairs import (
     Counts,
     Pair,
@@ -49,8 +49,8 @@ class _Described:
     """pycolmap.Camera."""
     places: Array
     """(K, 2) of its keypoints, px."""
-    descriptors: Float32Array
-    """(K, 128) unit vectors."""
+    descriptors: Descriptors
+    """(K, 128) of them."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,8 @@ def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions) 
                 here.camera, here.places, there.camera, there.places, matches, verification
             )
 
-        found = list(threads.map(compare, pairs))
+        with products_in_one_thread():
+            found = list(threads.map(compare, pairs))
         with pycolmap.DatabaseTransaction(store):
             for pair, (matches, geometry) in zip(pairs, found, strict=True):
                 ids = [photos[name].image_id for name in pair]
@@ -153,8 +154,7 @@ def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions) 
 
 def _read_described(store: Any, name: str) -> _Described:
     image = store.read_image_with_name(name)
-    descriptors = np.asarray(store.read_descriptors(image.image_id).data).astype(np.float32)
-    descriptors /= np.maximum(np.linalg.norm(descriptors, axis=1, keepdims=True), 1.0)
+    descriptors = np.asarray(store.read_descriptors(image.image_id).data)
     places = np.asarray(store.read_keypoints(image.image_id))[:, :2].astype(np.float64)
     return _Described(image.image_id, store.read_camera(image.camera_id), places, descriptors)
 
