@@ -187,7 +187,7 @@ def _measure(mesh: Mesh, patch: IntArray) -> Opening:
     innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
     radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
     outermost = float(((corners.reshape(-1, 3) - centre) @ normal).max())
-    return Opening(centre, normal, area, radius, innermost, outermost, is_portal=False)
+    return Opening(centre, normal, area, radius, innermost, outermost, False, patch)
 
 
 def _rim(faces: IntArray) -> IntArray:

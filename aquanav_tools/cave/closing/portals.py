@@ -13,9 +13,10 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
+from aquanav_tools.cave.closing.dents import carve_dents
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, IntArray, Mesh
 
 logger = logging.getLogger(__name__)
 
@@ -62,6 +63,8 @@ class Opening:
     """How far it bulges out of the plane through its centre, along the normal, m."""
     is_portal: bool
     """Whether it is the open end of a passage, not a hole in a wall."""
+    faces: IntArray
+    """(N,) of the closed mesh: the patch."""
 
     @property
     def diameter(self) -> float:
@@ -91,8 +94,9 @@ def cut_portals(
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
     openings = tuple(_beyond_cameras(opening, closed.mesh, cameras, voxel) for opening in openings)
+    solid = _without_dents(closed.mesh, openings, voxel)
     for step in CUT_STEPS:
-        mesh, lids = _cut_all(closed, openings, cuts, voxel, step * voxel)
+        mesh, lids = _cut_all(solid, openings, cuts, voxel, step * voxel)
         if not len(self_intersections(mesh)):
             break
     prove_watertight(mesh)
@@ -128,11 +132,23 @@ def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) 
     return replace(opening, innermost=max(opening.innermost, moved))
 
 
+def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float) -> Any:
+    """Return the solid of a closed mesh whose open ends reach out to their cuts everywhere.
+
+    All before the first cut: what is carved for one end may lie beyond the cut of another.
+    """
+    solid = to_manifold(mesh)
+    for opening in openings:
+        if opening.is_portal:
+            on_plane = opening.centre + opening.innermost * opening.normal
+            solid = carve_dents(solid, mesh, opening.faces, on_plane, opening.normal, voxel)
+    return solid
+
+
 def _cut_all(
-    closed: ClosedSurface, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+    solid: Any, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
 ) -> tuple[Mesh, list[Opening]]:
-    """Return the closed mesh after all cuts, as it will be stored, and the lids they leave."""
-    solid = to_manifold(closed.mesh)
+    """Return the mesh of the solid after all cuts, as it will be stored, and the lids they leave."""
     lids = []
     for cut in cuts:
         solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
@@ -173,7 +189,7 @@ def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
     edge = np.asarray(section.exterior.coords)
     centre = np.asarray(section.centroid.coords[0]) @ axes + cut.point
     radius = float(np.linalg.norm(edge @ axes + cut.point - centre, axis=1).max()) + voxel
-    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, 0.0, is_portal=True)
+    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, 0.0, True, np.zeros(0, dtype=np.int64))
 
 
 def _holds(solid: Any, point: Array) -> bool:
