@@ -12,16 +12,20 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import IDLE, ActionModel, Command
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
-from aquanav_tools.envs.observation import ObservationModel
-from aquanav_tools.envs.reward import Decision, load_weights, reward_terms
+from aquanav_tools.envs.observation import ObservationModel, Reading
+from aquanav_tools.envs.progress import progress_measure
+from aquanav_tools.envs.reward import Decision, RewardWeights, load_weights, reward_terms
 from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
+from aquanav_tools.sim.spheres import SphereSensor, find_ends
 from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.task import TaskOptions, task_options
+from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
@@ -46,30 +50,32 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     ahead.
 
     ## Observation
-    `observation="full"`: Box(-1, 1, (43,)); "paper": its first 31 values. `observation.layout(preset)` has the slices.
+    `observation="full"`: Box(-1, 1, (44,)); "paper": its first 31 values; "original": the 120 floats that
+    ONNX policies of the original take. `envs.observation` has their tables, `envs.observation.layout(preset)` the slices.
 
     | index | name     | meaning                                      | scale                   |
     |-------|----------|----------------------------------------------|-------------------------|
     | 0-27  | rays     | distance to the wall along each ray          | the ray's length        |
     | 28-30 | goal     | distance, azimuth (left +), elevation (up +) | d / (d + 10 m), pi, pi/2 |
-    | 31-33 | velocity | over ground, body frame                      | 2 m/s                   |
-    | 34-36 | rates    | rate of turn, body frame                     | pi rad/s                |
-    | 37-38 | tilt     | sine of how far nose and left side point up  | 1                       |
-    | 39    | trim     | state of the ballast                         | 1                       |
-    | 40-42 | command  | the last ballast, steer and thrust           | 1                       |
+    | 31-33 | velocity | over ground, body frame                      | v / (abs(v) + 1 m/s)    |
+    | 34-36 | rates    | rate of turn, body frame                     | w / (abs(w) + pi/2 rad/s) |
+    | 37    | depth    | below the entrance                           | d / (abs(d) + 10 m)     |
+    | 38-39 | tilt     | sine of how far nose and left side point up  | 1                       |
+    | 40    | trim     | state of the ballast                         | 1                       |
+    | 41-43 | command  | the last ballast, steer and thrust           | 1                       |
 
     ## Reward
     The sum of these terms, each in `info["reward/<name>"]`:
 
-    | name      | dense              | safety             | sparse | unit                                   |
-    |-----------|--------------------|--------------------|--------|----------------------------------------|
-    | progress  | 10                 | 10                 | 0      | per metre gained along the guide       |
-    | time      | -0.01              | -0.01              | 0      | per physics step                       |
-    | contact   | -0.01              | -0.01              | 0      | per physics step in contact            |
-    | proximity | 0                  | -0.02              | 0      | per physics step and share of ray lost |
-    | goal      | 500                | 500                | 10     | once                                   |
-    | collision | 0                  | 0                  | -10    | when it ends the episode               |
-    | timeout   | 0                  | 0                  | -1     | when time runs out                     |
+    | name      | dense | safe  | sparse | unit                                                         |
+    |-----------|-------|-------|--------|--------------------------------------------------------------|
+    | progress  | 10    | 10    | 0      | per metre gained along the way to the goal, by `progress`    |
+    | time      | -0.01 | -0.01 | 0      | per physics step                                             |
+    | contact   | -0.01 | -0.01 | 0      | per physics step in contact                                  |
+    | proximity | 0     | -0.02 | 0      | per physics step and share of ray lost                       |
+    | goal      | 500   | 500   | 10     | once                                                         |
+    | collision | -1000 | -1000 | -10    | when it ends the episode                                     |
+    | timeout   | 0     | 0     | -1     | when time runs out                                           |
 
     ## Episode
     It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`.
@@ -92,51 +98,59 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         *,
         observation: str = "full",
         action: str = "multidiscrete",
-        reward: str = "dense",
-        on_collision: str = "continue",
         vehicle: str | Path | Vehicle | None = None,
         current: tuple[float, float, float] | None = None,
         max_decisions: int | None = None,
+        **task: Any,
     ) -> None:
         """Load a scenario and prepare its physics.
 
         Args:
             scenario: A scenario folder, or a scenario in memory.
-            observation: "paper" or "full".
+            observation: "paper", "full" or "original".
             action: "multidiscrete", "discrete" or "continuous".
-            reward: "dense", "safety" or "sparse".
-            on_collision: "continue" or "end".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
             current: Uniform velocity of the water in the world, m/s; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
+            task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision.
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
-        self.vehicle = _load_vehicle(vehicle, self.scenario)
-        settings = self.scenario.settings
         if not self.scenario.starts:
             raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        self._weights = load_weights(reward)
-        self._rules = _episode_rules(self.scenario, on_collision, self._weights.ends_on_collision, max_decisions)
+        self.vehicle = _load_vehicle(vehicle, self.scenario)
+        self.task = task_options(task)
+        settings = self.scenario.settings
+        self._weights = load_weights(self.task.reward)
+        self._rules = _episode_rules(self.scenario, self.task, self._weights, max_decisions)
         self._current = _check_current(settings.water.current if current is None else current)
-        self._action_model = ActionModel(action)
-        pattern = original_pattern()
-        self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
-        self._observation_model = ObservationModel(
-            observation, pattern.lengths, np.array(settings.goal.position, dtype=np.float64)
-        )
-        self.action_space = self._action_model.space
-        self.observation_space = self._observation_model.space
+        self._measure = progress_measure(self.task.progress, self.scenario, self.vehicle.capsule)
+        self._prepare_interface(observation, action)
         self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
-        self._sensor = RangeSensor(self.scenario.cavity.mesh, pattern)
         self._world = BulletWorld(self.scenario, self.vehicle)
         self._episode = Episode(self._rules)
         self._start_index = 0
         self._gate = 0
         self._remaining = self.scenario.guide.length
+
+    def _prepare_interface(self, observation: str, action: str) -> None:
+        """Choose the spaces, and the sensor: rays, or the spheres of the original."""
+        scenario, pattern = self.scenario, original_pattern()
+        goal = np.array(scenario.settings.goal.position, dtype=np.float64)
+        entrance = scenario.guide.centres[0]
+        self._action_model = ActionModel(action)
+        self._observation_model = ObservationModel(observation, pattern.lengths, goal, entrance)
+        self.action_space = self._action_model.space
+        self.observation_space = self._observation_model.space
+        self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
+        self._sensor: RangeSensor | SphereSensor = (
+            SphereSensor(scenario.field, find_ends(scenario.cavity, entrance, goal), pattern)
+            if self._observation_model.is_original
+            else RangeSensor(scenario.cavity.mesh, pattern)
+        )
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": index of one of the scenario's starts}."""
@@ -145,16 +159,18 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._episode = Episode(self._rules)
         self._world.reset(self.scenario.starts[self._start_index].pose)
         self._actuators.reset()
-        self._gate = self.scenario.guide.locate(self._world.state[:3], self.scenario.field)
-        self._remaining = self.scenario.guide.remaining(self._world.state[:3], self._gate)
-        rays = self._sensor.sense(self._world.state)
+        state = self._world.state
+        self._gate = self.scenario.guide.locate(state[:3], self.scenario.field)
+        self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
+        self._measure.begin(state, self._remaining)
+        rays = self._sensor.sense(state)
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
-        return self._observe(rays, IDLE), self._info(rays, False, terms)
+        return self._observe(rays, state, IDLE), self._info(rays, False, terms)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
         command = self._action_model.command(action)
-        touched = self._world.step(self._actuators.apply(*command), self._current)
+        touched, before = self._advance(command)
         rays = self._sensor.sense(self._world.state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
@@ -162,22 +178,38 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         terms = reward_terms(self._weights, Decision(gained, len(touched), sum(touched), cut_off, outcome))
         terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
         info = self._info(rays, any(touched), terms)
-        return self._observe(rays, command), sum(terms.values()), terminated, truncated, info
+        return self._observe(rays, before, command), sum(terms.values()), terminated, truncated, info
 
     def close(self) -> None:
         """Free the physics client."""
         self._world.close()
 
+    def _advance(self, command: Command) -> tuple[list[bool], Array]:
+        """Hold a command for a decision; return for each physics step whether it touched, and an older state.
+
+        The state is that before the last step where the observation asks for it.
+        """
+        commands, current = self._actuators.apply(*command), self._water_velocity()
+        if not self._observation_model.is_original:
+            return self._world.step(commands, current), self._world.state
+        touched = self._world.step(commands[:-1], current)
+        before = self._world.state.copy()
+        return touched + self._world.step(commands[-1:], current), before
+
+    def _water_velocity(self) -> Array:
+        """Return the (3,) velocity of the water where the vehicle is, world frame, m/s."""
+        return self._current
+
     def _update_progress(self) -> float:
         """Follow the vehicle along the guide and return the metres gained."""
-        position = self._world.state[:3]
-        self._gate = self.scenario.guide.track(position, self._gate)
-        remaining = self.scenario.guide.remaining(position, self._gate)
-        gained, self._remaining = self._remaining - remaining, remaining
-        return gained
+        state = self._world.state
+        self._gate = self.scenario.guide.track(state[:3], self._gate)
+        self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
+        return self._measure.gained(state, self._remaining)
 
-    def _observe(self, rays: Observation, command: Command) -> Observation:
-        return self._observation_model.observe(self._world.state, rays, self._actuators.trim, command)
+    def _observe(self, rays: Observation, before: Array, command: Command) -> Observation:
+        tags, trim = self._sensor.tags, self._actuators.trim
+        return self._observation_model.observe(Reading(self._world.state, before, rays, tags, trim, command))
 
     def _info(self, rays: Observation, is_touched: bool, terms: dict[str, float]) -> Info:
         state = self._world.state.copy()
@@ -185,7 +217,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "position": state[:3],
             "orientation": state[3:7],
             "velocity": state[7:13],
-            "current": self._current.copy(),
+            "current": self._water_velocity().copy(),
             "rays": rays,
             "clearance": self._world.clearance(),
             "collision": is_touched,
@@ -222,15 +254,18 @@ def _load_vehicle(vehicle: str | Path | Vehicle | None, scenario: Scenario) -> V
     return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
 
 
-def _episode_rules(scenario: Scenario, on_collision: str, reward_ends: bool, max_decisions: int | None) -> EpisodeRules:
-    check_choice("collision rule", on_collision, COLLISION_RULES)
+def _episode_rules(
+    scenario: Scenario, task: TaskOptions, weights: RewardWeights, max_decisions: int | None
+) -> EpisodeRules:
+    check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = scenario.settings.limits.decisions if max_decisions is None else max_decisions
     if limit < 1:
         raise InputError(f"max_decisions must be at least 1, got {limit}.")
-    return EpisodeRules(scenario.settings.goal.tolerance, limit, reward_ends or on_collision == "end")
+    ends_on_collision = weights.ends_on_collision or task.on_collision == "end"
+    return EpisodeRules(scenario.settings.goal.tolerance, limit, ends_on_collision)
 
 
-def _check_current(current: tuple[float, float, float]) -> npt.NDArray[np.float64]:
+def _check_current(current: tuple[float, float, float]) -> Array:
     array = np.array(current, dtype=np.float64)
     if array.shape != (3,) or not np.all(np.abs(array) <= MAX_CURRENT):
         raise InputError(f"A current must be 3 numbers within +-{MAX_CURRENT:g} m/s, got {current!r}.")

@@ -1,22 +1,36 @@
-"""What the agent sees: range rays, the way to the goal, and (in the full preset) the vehicle's own motion.
+"""What the agent sees: three presets, each filled by one compiled function of plain arrays.
 
-| slice    | values | meaning                                               | scaled by                        |
-|----------|--------|-------------------------------------------------------|----------------------------------|
-| rays     | 28     | distance to the wall along each ray                   | the ray's length, to [0, 1]      |
-| goal     | 3      | distance, azimuth (left +), elevation (up +)          | d / (d + 10 m), pi, pi / 2       |
-| velocity | 3      | velocity over ground, body frame                      | 2 m/s                            |
-| rates    | 3      | rate of turn, body frame                              | pi rad/s                         |
-| tilt     | 2      | sine of the angle by which nose and left side point up | 1                               |
-| trim     | 1      | state of the ballast                                  | 1                                |
-| command  | 3      | the last command: ballast, steer, thrust              | 1                                |
+"full", and "paper", which is its first 31 values:
 
-The preset "paper" has the first two rows: 31 values, as the paper has it. "full" has all 43: what a real vehicle reads
-from its Doppler log, gyroscope and accelerometers, and what its own software knows. Neither has the guide's panels
-or progress, which a vehicle in an unknown cave cannot know. The goal's angles refer to the horizontal heading, so that
-a tilt does not change them.
+| slice    | values | meaning                                                | scaled by                      |
+|----------|--------|--------------------------------------------------------|--------------------------------|
+| rays     | 28     | distance to the wall along each ray                    | the ray's length, to [0, 1]    |
+| goal     | 3      | distance, azimuth (left +), elevation (up +)           | soft at 10 m, pi, pi / 2       |
+| velocity | 3      | velocity over ground, body frame                       | soft at 1 m/s                  |
+| rates    | 3      | rate of turn, body frame                               | soft at pi / 2 rad/s           |
+| depth    | 1      | how far below the entrance                             | soft at 10 m                   |
+| tilt     | 2      | sine of the angle by which nose and left side point up | 1                              |
+| trim     | 1      | state of the ballast                                   | 1                              |
+| command  | 3      | the last command: ballast, steer, thrust               | 1                              |
+
+Soft at s is x / (|x| + s): one half at s, never beyond 1, so that a boat at 12 m/s fits as well. "full" is what a real
+vehicle reads from its Doppler log, gyroscope, pressure sensor and accelerometers, and what its own software knows. It
+has neither the guide's panels nor progress, which a vehicle in an unknown cave cannot know. The goal's angles refer to
+the horizontal heading, so that a tilt does not change them.
+
+"original", as the ONNX policies of the original benchmark take it, in its units and its engine's axes (left-handed,
+y up: its x, y, z are our y, z, -x):
+
+| slice   | values | meaning                                                                                   |
+|---------|--------|-------------------------------------------------------------------------------------------|
+| sensors | 112    | per ray: met the wall, met the wall behind the start, met nothing (0 or 1), share of its length |
+| angles  | 2      | to the goal, degrees: heading (right +), elevation (up +), both of one physics step ago  |
+| motion  | 6      | unit velocity and unit rate of turn, world frame; zeros at rest                           |
 """
 
 from __future__ import annotations
+
+from typing import Any, NamedTuple
 
 import numba
 import numpy as np
@@ -26,22 +40,44 @@ from gymnasium import spaces
 from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.spheres import NOTHING, START_WALL, WALL
 from aquanav_tools.types import Array
 
 DISTANCE_SCALE = 10.0
-"""Distance to the goal that reads 0.5, m; chosen for caves of 10 to 200 m."""
-SPEED_SCALE = 2.0
-"""Twice the vehicle's speed, m/s."""
-RATE_SCALE = float(np.pi)
-"""About twice the vehicle's rate of turn, rad/s."""
+"""Distance that reads 0.5, m; chosen for caves of 10 to 200 m."""
+SPEED_SCALE = 1.0
+"""Speed that reads 0.5, m/s: about a small underwater vehicle's."""
+RATE_SCALE = float(0.5 * np.pi)
+"""Rate of turn that reads 0.5, rad/s."""
+MIN_MOTION = 1e-5
+"""The original's engine gives no direction to a vector below this length."""
+NUM_RAYS = 28
 
-_ROWS = {"rays": 28, "goal": 3, "velocity": 3, "rates": 3, "tilt": 2, "trim": 1, "command": 3}
-PRESETS = {"paper": ("rays", "goal"), "full": tuple(_ROWS)}
-"""Names of the slices in each preset; every preset is the beginning of "full"."""
+_ROWS = {"rays": NUM_RAYS, "goal": 3, "velocity": 3, "rates": 3, "depth": 1, "tilt": 2, "trim": 1, "command": 3}
+_ORIGINAL_ROWS = {"sensors": 4 * NUM_RAYS, "angles": 2, "motion": 6}
+PRESETS = {"paper": ("rays", "goal"), "full": tuple(_ROWS), "original": tuple(_ORIGINAL_ROWS)}
+"""Names of the slices in each preset; "paper" is the beginning of "full"."""
+
+
+class Reading(NamedTuple):
+    """What an observation is made of."""
+
+    state: Array
+    """(13,) or more: position, quaternion, velocity over ground in the body frame."""
+    before: Array
+    """The state one physics step earlier."""
+    rays: npt.NDArray[np.float32]
+    """(28,) distances, m."""
+    tags: npt.NDArray[np.int64]
+    """(28,) what the rays met, as in `sim.spheres`; only "original" looks."""
+    trim: float
+    """State of the ballast in [-1, 1]."""
+    command: Command
+    """The last one."""
 
 
 def layout(preset: str) -> dict[str, slice]:
-    """Return where each row of the table stands in the observation of a preset.
+    """Return where each row of the tables stands in the observation of a preset.
 
     Raises:
         InputError: there is no such preset.
@@ -49,56 +85,114 @@ def layout(preset: str) -> dict[str, slice]:
     check_choice("observation preset", preset, PRESETS)
     slices, first = {}, 0
     for name in PRESETS[preset]:
-        slices[name] = slice(first, first + _ROWS[name])
-        first += _ROWS[name]
+        size = (_ROWS | _ORIGINAL_ROWS)[name]
+        slices[name] = slice(first, first + size)
+        first += size
     return slices
+
+
+def soft(value: Any, scale: float) -> Any:
+    """Return value / (|value| + scale), in (-1, 1)."""
+    return value / (abs(value) + scale)
+
+
+def unsoft(share: Any, scale: float) -> Any:
+    """Return the value that `soft` makes a share of."""
+    return scale * share / (1.0 - abs(share))
 
 
 class ObservationModel:
     """Computes the observation of one preset."""
 
-    def __init__(self, preset: str, ray_lengths: Array, goal: Array) -> None:
+    def __init__(self, preset: str, ray_lengths: Array, goal: Array, entrance: Array) -> None:
+        """Prepare the preset for rays of (28,) lengths, a (3,) goal and a (3,) entrance, m."""
         size = max(part.stop for part in layout(preset).values())
-        self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+        self.is_original = preset == "original"
+        self.space: spaces.Space[Any] = (
+            _original_space() if self.is_original else spaces.Box(-1.0, 1.0, (size,), np.float32)
+        )
         self._size = size
-        self._buffer = np.zeros(sum(_ROWS.values()), dtype=np.float32)
+        self._buffer = np.zeros(max(size, sum(_ROWS.values())), dtype=np.float32)
         self._ray_lengths = ray_lengths
         self._goal = goal
+        self._entrance_height = float(entrance[2])
 
-    def observe(
-        self, state: Array, rays: npt.NDArray[np.float32], trim: float, command: Command
-    ) -> npt.NDArray[np.float32]:
-        """Return the observation.
-
-        Args:
-            state: (13,) position, quaternion, velocity over ground in the body frame.
-            rays: (28,) distances, m.
-            trim: State of the ballast in [-1, 1].
-            command: The last command.
-        """
-        _fill(self._buffer, state, rays, self._ray_lengths, self._goal, trim, *command)
+    def observe(self, reading: Reading) -> npt.NDArray[np.float32]:
+        """Return the observation."""
+        state, before, rays, tags, trim, command = reading
+        if self.is_original:
+            fill_original(self._buffer, state, before, rays, tags, self._ray_lengths, self._goal)
+        else:
+            fill_full(self._buffer, state, rays, self._ray_lengths, self._goal, self._entrance_height, trim, *command)
         return self._buffer[: self._size].copy()
 
 
+def _original_space() -> spaces.Box:
+    high = np.concatenate([np.ones(4 * NUM_RAYS), [180.0, 90.0], np.ones(6)]).astype(np.float32)
+    low = np.concatenate([np.zeros(4 * NUM_RAYS), -high[4 * NUM_RAYS :]]).astype(np.float32)
+    return spaces.Box(low, high, dtype=np.float32)
+
+
 @numba.njit(cache=True)
-def _fill(out, state, rays, ray_lengths, goal, trim, ballast, steer, thrust):  # type: ignore[no-untyped-def]
-    """Write the full observation."""
+def fill_full(out, state, rays, ray_lengths, goal, entrance_height, trim, ballast, steer, thrust):  # type: ignore[no-untyped-def]
+    """Write one vehicle's observation "full" into (44,) `out`; the first 31 are "paper"."""
     for n in range(28):
         out[n] = rays[n] / ray_lengths[n]
     rotation = rotation_rows(state)
     east, north, up = goal[0] - state[0], goal[1] - state[1], goal[2] - state[2]
     flat = np.sqrt(east * east + north * north)
-    distance = np.sqrt(flat * flat + up * up)
     azimuth = np.arctan2(north, east) - np.arctan2(rotation[1][0], rotation[0][0])
     azimuth -= 2.0 * np.pi * np.round(azimuth / (2.0 * np.pi))
-    out[28] = distance / (distance + DISTANCE_SCALE)
+    out[28] = _soft(np.sqrt(flat * flat + up * up), DISTANCE_SCALE)
     out[29] = azimuth / np.pi
     out[30] = np.arctan2(up, flat) / (0.5 * np.pi)
     for axis in range(3):
-        out[31 + axis] = state[7 + axis] / SPEED_SCALE
-        out[34 + axis] = state[10 + axis] / RATE_SCALE
-    out[37], out[38] = rotation[2][0], rotation[2][1]
-    out[39] = trim
-    out[40], out[41], out[42] = ballast, steer, thrust
-    for n in range(28, 43):
+        out[31 + axis] = _soft(state[7 + axis], SPEED_SCALE)
+        out[34 + axis] = _soft(state[10 + axis], RATE_SCALE)
+    out[37] = _soft(entrance_height - state[2], DISTANCE_SCALE)
+    out[38], out[39] = rotation[2][0], rotation[2][1]
+    out[40] = trim
+    out[41], out[42], out[43] = ballast, steer, thrust
+    for n in range(28, 44):
         out[n] = min(max(out[n], -1.0), 1.0)
+
+
+@numba.njit(cache=True)
+def fill_original(out, state, before, rays, tags, ray_lengths, goal):  # type: ignore[no-untyped-def]
+    """Write one vehicle's observation "original" into (120,) `out`."""
+    for n in range(28):
+        out[4 * n] = tags[n] == WALL
+        out[4 * n + 1] = tags[n] == START_WALL
+        out[4 * n + 2] = tags[n] == NOTHING
+        out[4 * n + 3] = rays[n] / ray_lengths[n]
+    out[112], out[113] = _angles_to(goal, before)
+    rotation = rotation_rows(state)
+    for first, sign in ((7, 1.0), (10, -1.0)):  # rates of turn change their sign in a left-handed frame
+        x, y, z = state[first], state[first + 1], state[first + 2]
+        length = np.sqrt(x * x + y * y + z * z)
+        scale = sign / length if length > MIN_MOTION else 0.0
+        at = 114 + first - 7
+        for k, axis, turned in ((0, 1, 1.0), (1, 2, 1.0), (2, 0, -1.0)):
+            row = rotation[axis]
+            out[at + k] = turned * scale * (row[0] * x + row[1] * y + row[2] * z)
+
+
+@numba.njit(cache=True)
+def _angles_to(goal, state):  # type: ignore[no-untyped-def]
+    """Return the original's heading and elevation to the goal, degrees; 0 where they are not defined."""
+    rotation = rotation_rows(state)
+    east, north, up = goal[0] - state[0], goal[1] - state[1], goal[2] - state[2]
+    flat = np.sqrt(east * east + north * north)
+    distance = np.sqrt(flat * flat + up * up)
+    heading, elevation = 0.0, 0.0
+    if flat > 0.0:
+        ahead = (east * rotation[0][0] + north * rotation[1][0]) / flat
+        right = east * rotation[1][0] - north * rotation[0][0]
+        heading = np.degrees(np.arccos(min(max(ahead, -1.0), 1.0))) * np.sign(right)
+    if distance > 0.0:
+        above = (east * rotation[0][2] + north * rotation[1][2] + up * rotation[2][2]) / distance
+        elevation = np.degrees(np.arcsin(min(max(above, -1.0), 1.0)))
+    return heading, elevation
+
+
+_soft = numba.njit(cache=True)(soft)

@@ -35,11 +35,12 @@ class RewardWeights:
     """Whether the first contact ends the episode, whatever the environment's own rule."""
 
 
-DENSE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, goal=500.0)
-SAFETY = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, proximity=-0.02, goal=500.0)
+DENSE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, goal=500.0, collision=-1000.0)
+SAFE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, proximity=-0.02, goal=500.0, collision=-1000.0)
 SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collision=True)
-REWARDS = {"dense": DENSE, "safety": SAFETY, "sparse": SPARSE}
-"""dense and safety: the original's code; sparse: the paper's text."""
+REWARDS = {"dense": DENSE, "safe": SAFE, "sparse": SPARSE}
+"""dense and safe: the original's code, -1000 being its "fast restart"; with them returns are near the 1200 that the
+paper reports. sparse: the paper's text."""
 
 
 class Decision(NamedTuple):

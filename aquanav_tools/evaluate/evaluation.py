@@ -22,6 +22,7 @@ from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
 RESULTS = "results.json"
@@ -48,13 +49,7 @@ def evaluate(options: EvaluateOptions, progress: Progress) -> Evaluation:
     """
     policy = load_policy(options.policy)
     scenario = read_scenario(options.scenario)
-    env = CaveEnv(
-        scenario,
-        observation=policy.observation,
-        action=policy.action,
-        reward=options.reward,
-        on_collision=options.on_collision,
-    )
+    env = CaveEnv(scenario, observation=policy.observation, action=policy.action, **choices_of(options))
     _clear_output(options.output)
     started, clock = datetime.now(timezone.utc), time.perf_counter()
     try:
@@ -120,8 +115,7 @@ def _provenance(policy: LoadedPolicy, scenario: Scenario, options: EvaluateOptio
             "seed": options.seed,
             "observation": policy.observation,
             "action": policy.action,
-            "reward": options.reward,
-            "on_collision": options.on_collision,
+            **choices_of(options),
             "dt": limits.dt,
             "substeps": limits.substeps,
             "max_decisions": limits.decisions,

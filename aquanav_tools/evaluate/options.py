@@ -9,12 +9,13 @@ from typing import Annotated, Literal
 import tyro
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.task import TaskOptions
 
 MAX_EPISODES = 100_000
 
 
 @dataclass(frozen=True)
-class EvaluateOptions:
+class EvaluateOptions(TaskOptions):
     """How a policy is evaluated. Each field is an option of aquanav-eval."""
 
     policy: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
@@ -31,10 +32,6 @@ class EvaluateOptions:
     """Which episodes get a rerun recording; failures are those without collision-free success."""
     max_recordings: int = 50
     """Recordings stop at this number; each takes about 1 MB."""
-    reward: Literal["dense", "sparse", "safety"] = "dense"
-    """Reward that is reported; it does not change what a policy does."""
-    on_collision: Literal["continue", "end"] = "continue"
-    """Whether the first contact with a wall ends the episode. The sparse reward always ends it."""
 
     def __post_init__(self) -> None:
         if not 1 <= self.episodes <= MAX_EPISODES:

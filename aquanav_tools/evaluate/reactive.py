@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.observation import RATE_SCALE, SPEED_SCALE, layout
+from aquanav_tools.envs.observation import RATE_SCALE, SPEED_SCALE, layout, unsoft
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, BoolArray
 
@@ -64,9 +64,9 @@ class ReactivePolicy:
         read = {name: observation[part].astype(np.float64) for name, part in self._parts.items()}
         distances = read["rays"] * self._lengths
         level = distances[self._fans].min(axis=0)
-        velocity = read["velocity"] * SPEED_SCALE
+        velocity = unsoft(read["velocity"], SPEED_SCALE)
         heading = self._choose_heading(level, read["goal"][1] * np.pi)
-        steer = _steer(heading, read["rates"][2] * RATE_SCALE)
+        steer = _steer(heading, unsoft(read["rates"][2], RATE_SCALE))
         thrust = _thrust(heading, level[np.abs(self._azimuths) < STEEP].min(), velocity[0])
         roof, floor = distances[self._roof].min(), distances[self._floor].min()
         ballast = _ballast(roof, floor, read["goal"][2], velocity[2], read["trim"][0])

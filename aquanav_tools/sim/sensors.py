@@ -18,6 +18,8 @@ from aquanav_tools.types import Array, Mesh
 
 SCALE = 0.25
 """The original's vehicle is drawn at a quarter of its size, and its rays with it."""
+SPHERE_RADIUS = 0.5
+"""The original casts spheres of this radius, before scaling, m; their scale is that of the whole ray to its reach."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,11 @@ class Fan:
     """Horizontal extent before scaling, m."""
     rise: float
     """Vertical extent before scaling, m."""
+
+    @property
+    def num_rays(self) -> int:
+        """On both sides, and the one straight ahead."""
+        return 2 * self.num_per_side + 1
 
 
 FANS = (Fan(4, 15.0, 4.0), Fan(4, 15.0, -4.0), Fan(2, 7.0, -8.0), Fan(2, 7.0, 8.0))
@@ -44,13 +51,16 @@ class RayPattern:
     """(R, 3) unit vectors, body frame."""
     lengths: Array
     """(R,) m."""
+    radii: Array
+    """(R,) of the spheres that the original casts along the rays, m."""
 
 
 def original_pattern() -> RayPattern:
     """Return the original's 28 rays."""
     ends = np.concatenate([_fan_ends(fan) for fan in FANS])
     lengths = np.linalg.norm(ends, axis=1)
-    return RayPattern(ends / lengths[:, None], lengths)
+    reaches = np.repeat([fan.reach for fan in FANS], [fan.num_rays for fan in FANS])
+    return RayPattern(ends / lengths[:, None], lengths, SPHERE_RADIUS * lengths / reaches)
 
 
 def _fan_ends(fan: Fan) -> Array:
@@ -76,6 +86,8 @@ class RangeSensor:
         mesh_construction.TriangleMesh(self._scene, vertices, mesh.faces.astype(np.int32))
         self._directions = np.ascontiguousarray(pattern.directions)
         self._lengths: npt.NDArray[np.float32] = pattern.lengths.astype(np.float32)
+        self.tags = np.zeros(len(pattern.lengths), dtype=np.int64)
+        """(R,) rays do not tell what they meet: always 0."""
         self._origins = np.empty((len(pattern.lengths), 3), dtype=np.float32)
         self._rays = np.empty_like(self._origins)
 

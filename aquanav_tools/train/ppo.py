@@ -21,6 +21,7 @@ from tqdm import tqdm
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import CurvePoint, LearningCurve, SummaryWrapper
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import TrainSettings
@@ -55,13 +56,7 @@ def train(
 def _make_envs(scenario: Scenario, settings: TrainSettings) -> VecEnv:
     def make_env() -> SummaryWrapper:
         return SummaryWrapper(
-            CaveEnv(
-                scenario,
-                observation=settings.observation,
-                action=settings.action,
-                reward=settings.reward,
-                on_collision=settings.on_collision,
-            )
+            CaveEnv(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
         )
 
     envs = DummyVecEnv([make_env] * settings.num_envs)

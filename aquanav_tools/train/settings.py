@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
+
+from aquanav_tools.task import TaskOptions
 
 
 @dataclass(frozen=True)
-class TrainSettings:
+class TrainSettings(TaskOptions):
     """PPO on one scenario. The defaults are the original benchmark's first lesson, with fewer steps."""
 
     steps: int = 300_000
     """Decisions to learn from, over all environments."""
-    observation: Literal["paper", "full"] = "full"
-    """What the agent sees: the paper's 31 values, or those and the vehicle's own motion."""
+    observation: Literal["paper", "full", "original"] = "full"
+    """What the agent sees: the paper's 31 values, those and the vehicle's own motion, or the 120 of the original's
+    code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safety", "sparse"] = "safety"
-    """What it is paid for."""
-    on_collision: Literal["continue", "end"] = "continue"
-    """What the first contact with a wall does to the episode."""
+    reward: Literal["dense", "safe", "sparse"] = field(default="safe", kw_only=True)
+    """What is paid for: progress; progress away from walls; the outcome alone."""
     num_envs: int = 8
     """Environments that take turns in one process."""
     hidden: tuple[int, ...] = (128, 128, 128)

@@ -4,19 +4,21 @@ import numpy as np
 import pytest
 
 from aquanav_tools.envs.action import IDLE, Command
-from aquanav_tools.envs.observation import ObservationModel, layout
+from aquanav_tools.envs.observation import ObservationModel, Reading, layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, rotation_matrix
 
 LENGTHS = original_pattern().lengths
 RAYS = (0.5 * LENGTHS).astype(np.float32)
+UNTOUCHED = np.zeros(28, dtype=np.int64)
+ENTRANCE = np.array([0.0, 0.0, 4.0])
 
 
 def observe(state: Array, goal: Array, **changes: object) -> dict[str, Array]:
     values: dict[str, object] = {"rays": RAYS, "trim": 0.0, "command": IDLE, **changes}
-    model = ObservationModel("full", LENGTHS, np.asarray(goal, dtype=np.float64))
-    obs = model.observe(state, **values)  # type: ignore[arg-type]
+    model = ObservationModel("full", LENGTHS, np.asarray(goal, dtype=np.float64), ENTRANCE)
+    obs = model.observe(Reading(state, state, tags=UNTOUCHED, **values))  # type: ignore[arg-type]
     assert model.space.contains(obs)
     return {name: obs[part].astype(np.float64) for name, part in layout("full").items()}
 
@@ -39,7 +41,7 @@ def test_paper_has_31_values_and_full_begins_with_them() -> None:
 def test_slices_of_the_layout_cover_the_observation_once() -> None:
     stops = [0, *(part.stop for part in layout("full").values())]
     assert [part.start for part in layout("full").values()] == stops[:-1]
-    assert stops[-1] == ObservationModel("full", LENGTHS, np.zeros(3)).space.shape[0]  # type: ignore[index]
+    assert stops[-1] == ObservationModel("full", LENGTHS, np.zeros(3), ENTRANCE).space.shape[0]  # type: ignore[index]
 
 
 def test_rays_read_as_shares_of_their_lengths() -> None:
@@ -77,10 +79,17 @@ def test_motion_and_controls_are_passed_on_scaled() -> None:
     velocity = np.array([1.0, -0.5, 0.2, 0.1, -0.2, 1.5])
     state = state_at(np.zeros(3), yaw_then_pitch(2.0, 0.1), velocity)
     seen = observe(state, np.ones(3), trim=-0.4, command=Command(1.0, 0.0, -1.0))
-    np.testing.assert_allclose(seen["velocity"], velocity[:3] / 2, atol=1e-7)
-    np.testing.assert_allclose(seen["rates"], velocity[3:] / np.pi, atol=1e-7)
+    np.testing.assert_allclose(seen["velocity"], velocity[:3] / (1 + abs(velocity[:3])), atol=1e-7)
+    np.testing.assert_allclose(seen["rates"], velocity[3:] / (np.pi / 2 + abs(velocity[3:])), atol=1e-7)
     np.testing.assert_allclose(seen["trim"], -0.4, atol=1e-7)
     np.testing.assert_array_equal(seen["command"], [1, 0, -1])
+
+
+def test_depth_counts_from_the_entrance_downwards() -> None:
+    seen = [
+        observe(state_at(np.array([0, 0, z]), yaw_then_pitch(0, 0)), np.ones(3))["depth"] for z in (4.0, -6.0, 14.0)
+    ]
+    np.testing.assert_allclose(np.ravel(seen), [0.0, 0.5, -0.5], atol=1e-7)
 
 
 def test_wild_states_stay_inside_the_space() -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from aquanav_tools.envs.reward import DENSE, SAFETY, SPARSE, Decision, load_weights, reward_terms
+from aquanav_tools.envs.reward import DENSE, SAFE, SPARSE, Decision, load_weights, reward_terms
 from aquanav_tools.errors import InputError
 
 QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
@@ -24,8 +24,8 @@ def test_dense_pays_500_at_the_goal() -> None:
     assert total(DENSE, outcome="success") == pytest.approx(500 - 0.05)
 
 
-def test_safety_charges_rays_that_are_cut_off() -> None:
-    assert total(SAFETY, cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.56)  # -0.56 per step when all are at zero
+def test_safe_charges_rays_that_are_cut_off() -> None:
+    assert total(SAFE, cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.56)  # -0.56 per step when all are at zero
 
 
 @pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])

@@ -49,7 +49,7 @@ def test_random_policy_repeats_with_its_seed() -> None:
     draws = []
     for seed in (1, 1, 2):
         policy.reset(seed)
-        draws.append([policy.act(np.zeros(43, dtype=np.float32)).tolist() for _ in range(20)])
+        draws.append([policy.act(np.zeros(44, dtype=np.float32)).tolist() for _ in range(20)])
     assert draws[0] == draws[1] != draws[2]
     assert set(np.unique(draws)) == {0, 1, 2}
 
@@ -59,7 +59,7 @@ def test_unknown_baseline_gets_the_closest_name() -> None:
         load_policy("baseline:reactiv")
 
 
-@pytest.mark.parametrize(("size", "preset"), [(43, "full"), (31, "paper")])
+@pytest.mark.parametrize(("size", "preset"), [(44, "full"), (31, "paper")])
 @pytest.mark.parametrize("form", ["multidiscrete", "discrete", "continuous"])
 def test_presets_follow_from_the_policys_spaces(size: int, preset: str, form: str, tmp_path: Path) -> None:
     save(make_model(action=form, num_observations=size), tmp_path)
@@ -72,7 +72,7 @@ def test_policy_for_other_spaces_is_told_what_would_fit(tmp_path: Path) -> None:
     save(make_model(action=spaces.Discrete(9), num_observations=12), tmp_path)
     with pytest.raises(InputError) as caught:
         load_policy(str(tmp_path / "policy.zip"))
-    for part in ("Box of 12 values", "Discrete(9)", "full (43 values)", "paper (31 values)", "discrete (Discrete(27))"):
+    for part in ("Box of 12 values", "Discrete(9)", "full (44 values)", "paper (31 values)", "discrete (Discrete(27))"):
         assert part in str(caught.value)
 
 

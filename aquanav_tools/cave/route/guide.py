@@ -105,7 +105,7 @@ class Guide:
         A panel counts as crossed where its outline is: within its radius of its centre. A vehicle that has left its
         gate sideways, through a loop or around a pillar, is found again where it passes through a panel's outline.
         """
-        corners, ends = self._outlines
+        corners, ends = self.outlines
         arrays = self.centres, self.normals, self._reach, corners, ends
         return int(_track(np.asarray(position, dtype=np.float64), gate, *arrays))
 
@@ -123,7 +123,7 @@ class Guide:
         return np.array([np.argmin(np.linalg.norm(self.centreline - centre, axis=1)) for centre in self.centres])
 
     @cached_property
-    def _outlines(self) -> tuple[Array, IntArray]:
+    def outlines(self) -> tuple[Array, IntArray]:
         """(K, 2) corners of all outlines in their panels' planes, m, and the (P,) ends of each in them."""
         flat = [(panel.polygon - panel.centre) @ _plane(panel.normal).T for panel in self.panels]
         return np.concatenate(flat), np.cumsum([len(outline) for outline in flat])
@@ -137,11 +137,12 @@ class Guide:
 
 def _plane(normal: Array) -> Array:
     """Return two unit vectors across a normal."""
-    return np.stack(_across(np.asarray(normal, dtype=np.float64)))
+    return np.stack(across(np.asarray(normal, dtype=np.float64)))
 
 
 @numba.njit(cache=True)
-def _across(normal):  # type: ignore[no-untyped-def]
+def across(normal):  # type: ignore[no-untyped-def]
+    """Return two unit vectors across a normal and each other."""
     helper = np.zeros(3)
     helper[np.argmin(np.abs(normal))] = 1.0
     first = np.cross(normal, helper)
@@ -174,15 +175,15 @@ def _found_again(position, gate, centres, normals, corners, ends):  # type: igno
         along = (offset * normals[panel]).sum()
         if abs(along) > CATCH:
             continue
-        first, second = _across(normals[panel])
+        first, second = across(normals[panel])
         start = ends[panel - 1] if panel > 0 else 0
-        if _is_inside((offset * first).sum(), (offset * second).sum(), corners[start : ends[panel]]):
+        if is_inside((offset * first).sum(), (offset * second).sum(), corners[start : ends[panel]]):
             return min(max(panel if along >= 0.0 else panel - 1, 0), len(centres) - 2)
     return gate
 
 
 @numba.njit(cache=True)
-def _is_inside(u, v, outline):  # type: ignore[no-untyped-def]
+def is_inside(u, v, outline):  # type: ignore[no-untyped-def]
     """Return whether a point of the plane is inside a closed polygon (even-odd rule)."""
     is_inside = False
     for n in range(len(outline)):
