@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -15,6 +17,8 @@ Options = TypeVar("Options")
 DEBUG_FLAG = "--debug"
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+UNREAD = 1
+"""Exit code when nobody reads the output to its end, as Python has it."""
 
 
 def run_command(
@@ -37,15 +41,21 @@ def run_command(
         arguments: The command line without the program's name; None reads sys.argv.
 
     Raises:
-        SystemExit: the user asked for help (0), the options do not parse (2), an AquanavError (its exit code), or
-            Ctrl-C (130). Other exceptions are our mistakes and keep their traceback.
+        SystemExit: the user asked for help (0), the options do not parse (2), an AquanavError (its exit code), Ctrl-C
+            (130), or what reads the output stopped early, like `head` (1). Other exceptions are our mistakes and keep
+            their traceback.
     """
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     is_debug = DEBUG_FLAG in arguments
     arguments = [argument for argument in arguments if argument != DEBUG_FLAG]
     try:
-        default = defaults(arguments) if defaults else None
-        function(_parse(options_type, prog, description, default, arguments))
+        with _flushed_output():
+            default = defaults(arguments) if defaults else None
+            function(_parse(options_type, prog, description, default, arguments))
+    except BrokenPipeError:
+        # Python flushes once more at its end, and would complain then: docs.python.org, signal, "Note on SIGPIPE".
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(UNREAD)
     except AquanavError as error:
         if is_debug:
             raise
@@ -62,6 +72,15 @@ def file_after(flag: str, arguments: Sequence[str]) -> Path | None:
     parser.add_argument(flag, type=Path, dest="path")
     path: Path | None = parser.parse_known_args(arguments)[0].path
     return path
+
+
+@contextlib.contextmanager
+def _flushed_output() -> Iterator[None]:
+    """Write all output when the body ends, also by SystemExit (--help): a closed pipe shows now, not at shutdown."""
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
 
 
 def _parse(

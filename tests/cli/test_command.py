@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 
 import pytest
@@ -78,3 +81,13 @@ def test_defaults_replace_those_of_the_class() -> None:
     seen: list[Options] = []
     run_command(Options, seen.append, "test", "A test.", defaults=lambda arguments: Options(5), arguments=[])
     assert seen == [Options(5)]
+
+
+@pytest.mark.parametrize("argument", ["list", "--help"])
+def test_a_reader_that_stops_early_gets_no_traceback(argument: str) -> None:
+    unread, output = os.pipe()
+    os.close(unread)
+    program = f"from aquanav_tools.cli.info import main; main([{argument!r}])"
+    done = subprocess.run([sys.executable, "-c", program], stdout=output, stderr=subprocess.PIPE, text=True)
+    os.close(output)
+    assert (done.stderr, done.returncode) == ("", 1)
