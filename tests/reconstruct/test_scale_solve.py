@@ -112,6 +112,27 @@ def test_mistakes_are_left_out_and_named(rng: np.random.Generator) -> None:
     assert "2 of 20 camera positions contradict" in found.cautions[0].message
 
 
+@pytest.mark.parametrize(("off", "is_told"), [(0.015, False), (0.2, True)])
+def test_positions_that_are_off_by_little_are_left_out_without_a_warning(
+    off: float, is_told: bool, rng: np.random.Generator
+) -> None:
+    cave = walk(rng)  # 15 m long
+    measured = cave.world + rng.normal(0.0, 0.001, cave.world.shape)
+    measured[7, 1] += off
+    found = cave.place(cave.anchors(measured))
+    assert found.sources[0]["left_out"] == ["7.jpg"]
+    assert ["1 of 20 camera positions contradict" in one.message for one in found.cautions] == [True] * is_told
+
+
+def test_in_a_long_cave_positions_a_photos_step_off_are_told_of(rng: np.random.Generator) -> None:
+    cave = walk(rng, 40)
+    long = Walk(20.0 * cave.world, cave.sfm, cave.rotations, cave.world_from_sfm)  # 300 m, 1 % of which is 3 m
+    measured = long.world + rng.normal(0.0, 0.02, long.world.shape)
+    measured[9, 0] += 1.0
+    found = long.place(long.anchors(measured))
+    assert [caution.code for caution in found.cautions] == ["doubtful-scale-items"]
+
+
 def test_positions_given_to_the_wrong_photos_are_not_used(rng: np.random.Generator) -> None:
     cave = walk(rng)
     found = cave.place(cave.anchors(rng.permutation(cave.world) * [1.0, 1.0, 0.1]))

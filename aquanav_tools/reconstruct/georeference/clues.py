@@ -72,14 +72,19 @@ class Anchors(Clue):
     _rows = ("sfm", "world")
 
     @property
+    def known(self) -> BoolArray:
+        """(3,) which axes are known."""
+        return np.isfinite(self.spread)
+
+    @property
     def is_full(self) -> bool:
         """Whether all three axes are known."""
-        return bool(np.all(np.isfinite(self.spread)))
+        return bool(self.known.all())
 
     @property
     def num_offsets(self) -> int:
         """One for each known axis."""
-        return int(np.isfinite(self.spread).sum())
+        return int(self.known.sum())
 
     def residuals(self, scale: float, rotation: Array, weights: Array) -> Array:
         """Return the (N, D) misfits of the D known axes."""
@@ -99,8 +104,7 @@ class Anchors(Clue):
 
     def _known(self, values: Array) -> Array:
         """Return the known axes of (N, 3, ...) values, each in units of its error."""
-        known = np.isfinite(self.spread)
-        scaled: Array = values[:, known] / self.spread[known].reshape((-1,) + (1,) * (values.ndim - 2))
+        scaled: Array = values[:, self.known] / self.spread[self.known].reshape((-1,) + (1,) * (values.ndim - 2))
         return scaled
 
 

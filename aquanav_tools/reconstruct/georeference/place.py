@@ -108,7 +108,7 @@ def _weigh_all(clues: Sequence[Clue], prior: Ups) -> tuple[list[Weighed], tuple[
             cautions.append(Caution("unused-scale-source", _too_vague(one)))
             continue
         weighed.append(one)
-        if one.doubted:
+        if one.mistakes:
             cautions.append(_doubts(one))
     return sorted(weighed, key=_rank), tuple(cautions)
 
@@ -207,10 +207,11 @@ def _too_vague(one: Weighed) -> str:
 
 
 def _doubts(one: Weighed) -> Caution:
-    count, named = len(one.doubted), ", ".join(one.doubted[:5])
+    count, named = len(one.mistakes), ", ".join(one.mistakes[:5])
+    given = len(one.clue.labels) + len(one.doubted)
     return Caution(
         "doubtful-scale-items",
-        f"{count} of {count + len(one.clue.labels)} {one.clue.source} contradict the model and the rest and were not "
+        f"{count} of {given} {one.clue.source} contradict the model and the rest and were not "
         f"used: {named}{', ...' if count > 5 else ''}. They may be mistakes. Check them.",
     )
 

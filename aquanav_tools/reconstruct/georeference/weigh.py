@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.reconstruct.georeference.clues import Clue, Ups
+from aquanav_tools.reconstruct.georeference.clues import Anchors, Clue, Ups
 from aquanav_tools.reconstruct.georeference.solve import NORMAL_95, Fit, descend, information, solve, start
 from aquanav_tools.types import Array, BoolArray
 
 FAR_OFF = 4.5
 """Standard deviations beyond which an item is taken for a mistake; one sound item in 100,000 is that far off."""
+MISTAKE_SHARE, MISTAKE_METRES = 0.01, 0.1
+"""A place that is left out is a mistake to tell of when it is off by more than this share of what the places cover, or
+by this much. Where the others agree to a millimetre, one a centimetre off is left out too, and nobody need check it: it
+was rounded, or that photo lies a little off in the model. Names mixed up or digits mistyped move places by far more."""
 CAUCHY = 2.385
 """Tuning constant of the Cauchy weights (95 % efficient for normal errors; Holland and Welsch, 1977)."""
 
@@ -22,9 +26,11 @@ class Weighed:
     """One source with errors found from how it fits alone."""
 
     clue: Clue
-    """Without mistakes."""
+    """Without the doubted items."""
     doubted: tuple[str, ...]
-    """Labels of the mistakes."""
+    """Labels of the items that were left out, since they fit far worse than the rest."""
+    mistakes: tuple[str, ...]
+    """Those of them that are worth a warning."""
     sigma: float
     """Standard deviation of its residuals, widened for few items and for errors that run in the same direction."""
     rms: float
@@ -46,7 +52,7 @@ class Weighed:
 
 
 def weigh(clue: Clue, prior: Ups) -> Weighed:
-    """Return a source with its mistakes left out and the errors of the rest.
+    """Return a source with what contradicts the rest left out and the errors of the rest.
 
     Args:
         clue: The source.
@@ -67,11 +73,27 @@ def weigh(clue: Clue, prior: Ups) -> Weighed:
             break
     keep: BoolArray = lengths <= FAR_OFF * sigma
     kept, doubted = clue.only(keep), clue.only(~keep).labels
-    return _calibrate(kept, doubted, prior, scale, rotation, sigma)
+    mistakes = clue.only(~keep & (lengths > _harmless(clue))).labels
+    return _calibrate(kept, doubted, mistakes, prior, scale, rotation, sigma)
+
+
+def _harmless(clue: Clue) -> float:
+    """Return the length of a residual below which an item, left out or not, is no mistake to tell of."""
+    if not isinstance(clue, Anchors):
+        return 0.0  # their errors were stated beforehand: to be far outside of them is a mistake
+    # Between quartiles, so that no mistake widens it; half of what is evenly spread lies there.
+    covered = 2.0 * float(np.linalg.norm(np.subtract(*np.percentile(clue.world[:, clue.known], [75, 25], axis=0))))
+    return min(MISTAKE_SHARE * covered, MISTAKE_METRES)
 
 
 def _calibrate(
-    clue: Clue, doubted: tuple[str, ...], prior: Ups, scale: float, rotation: Array, sigma: float
+    clue: Clue,
+    doubted: tuple[str, ...],
+    mistakes: tuple[str, ...],
+    prior: Ups,
+    scale: float,
+    rotation: Array,
+    sigma: float,
 ) -> Weighed:
     """Return the source with the standard deviation that makes its residuals what they are."""
     from scipy.stats import t
@@ -92,7 +114,7 @@ def _calibrate(
     if not clue.is_error_known:
         sigma *= float(t.ppf(0.975, freedom)) / NORMAL_95 * np.sqrt(_drift_factor(residuals))
     fit = solve([(clue, ones / sigma**2), (prior, np.ones(1))], scale, rotation)
-    return Weighed(clue, doubted, sigma, float(np.sqrt((residuals**2).sum(axis=1).mean())), fit)
+    return Weighed(clue, doubted, mistakes, sigma, float(np.sqrt((residuals**2).sum(axis=1).mean())), fit)
 
 
 def _require_freedom(clue: Clue, freedom: float, doubted: tuple[str, ...]) -> None:
