@@ -20,6 +20,7 @@ from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
 from aquanav_tools.report.stage_bars import draw_stages
+from aquanav_tools.store import write_whole
 from aquanav_tools.types import Mesh
 
 LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
@@ -129,8 +130,8 @@ def stage_table(journal: Journal) -> Table:
 
 
 def write_json(table: dict[str, Any], path: Path) -> None:
-    """Write a table for programs."""
-    path.write_text(json.dumps(table, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    """Write a table for programs, whole or not at all."""
+    write_whole(path, json.dumps(table, indent=1, allow_nan=False) + "\n")
 
 
 def notices(journal: Journal) -> tuple[Notice, ...]:
