@@ -110,7 +110,7 @@ def cave_page(
         f"{numbers.volume:.1f} m³ of water behind {_count(numbers.num_portals, 'portal')}. {_verdict(narrows)}"
     )
     return Page(
-        title=f"Cave {built.scenario.name}",
+        title=heading(built.scenario.name),
         summary=summary,
         facts=_headline(built, narrows),
         warnings=notices(journal),
@@ -124,6 +124,11 @@ def cave_page(
         sections=tuple(sections),
         footer=footer(),
     )
+
+
+def heading(name: str) -> str:
+    """Return the title of a cave's report: "Cave kiss", but "Demo-cave" and not "Cave demo-cave"."""
+    return f"{name[0].upper()}{name[1:]}" if "cave" in name.lower() else f"Cave {name}"
 
 
 def _verdict(narrows: Sequence[Narrow]) -> str:

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aquanav_tools.build.cave_report import cave_page, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_report import cave_page, heading, map_of, survey_facts, write_drawings
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.outputs import draw_failure, failure_page
@@ -64,6 +64,14 @@ def test_every_drawing_is_a_file_and_every_file_has_content(page: Page, folder: 
 def test_the_summary_tells_a_caver_whether_the_vehicle_gets_through(page: Page) -> None:
     assert "18.0 m of passage between -2.0 and 2.0 m of height" in page.summary
     assert "does not pass 1 place; the tightest leaves 0.41 m" in page.summary
+
+
+@pytest.mark.parametrize(
+    ("name", "title"),
+    [("kiss", "Cave kiss"), ("cave", "Cave"), ("demo-cave", "Demo-cave"), ("Caverna Rossa", "Caverna Rossa")],
+)
+def test_the_heading_says_cave_once(name: str, title: str) -> None:
+    assert heading(name) == title
 
 
 def test_stations_have_the_tube_radius_on_all_four_sides(page: Page) -> None:
