@@ -26,6 +26,11 @@ class ReconstructionError(AquanavError):
 
     exit_code = 3
 
+    def __init__(self, message: str, unregistered: Iterable[dict[str, str]] = ()) -> None:
+        super().__init__(message)
+        self.unregistered = tuple(unregistered)
+        """Photos that found no place, for a table: `name`, `cause` and `sentence` of each."""
+
 
 class MeshError(AquanavError):
     """A surface could not be turned into a watertight, navigable cavity."""

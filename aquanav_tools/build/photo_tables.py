@@ -60,13 +60,11 @@ def _why(photos: int) -> str:
 
 
 def photo_tables(facts: dict[str, Any]) -> tuple[Table, ...]:
-    """Return how the photos fared, from the first look to registration."""
-    if "registered" not in facts:
-        return _preflight_tables(facts)
-    tables = [_photo_table(facts)]
+    """Return how the photos fared, from the first look to registration, as far as they came."""
+    tables = [_photo_table(facts)] if "registered" in facts else []
     if facts.get("scale_sources"):
         tables.append(scale_table(facts["scale_sources"]))
-    if facts["unregistered"]:
+    if facts.get("unregistered"):
         rows = tuple((photo["name"], photo["cause"], photo["sentence"]) for photo in facts["unregistered"])
         tables.append(Table("Photos that did not register", ("photo", "cause", "why"), rows))
     return (*tables, *_preflight_tables(facts))

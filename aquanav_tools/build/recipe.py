@@ -32,7 +32,7 @@ from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
-from aquanav_tools.errors import AquanavError, InputError, MeshError, ResourceError
+from aquanav_tools.errors import AquanavError, InputError, MeshError, ReconstructionError, ResourceError
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.georeference.sources import KnownWorld, read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
@@ -159,6 +159,8 @@ def _build_cave_of(
         evidence = photo_evidence(reconstruction, is_inside)
         built = kept_scenario(reconstruction.cloud, options, journal, evidence, StageStore(work_dir))
     except AquanavError as error:
+        if isinstance(error, ReconstructionError) and error.unregistered:
+            facts["unregistered"] = list(error.unregistered)
         _report_failure(error, options, journal, inputs, facts, work=work)
         raise
     return _finish(built, reconstruction.cloud, options, journal, inputs, facts, work)

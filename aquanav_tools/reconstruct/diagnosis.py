@@ -54,6 +54,11 @@ class Diagnosis:
     """A key of CAUSES."""
     sentence: str
 
+    @property
+    def row(self) -> dict[str, str]:
+        """For the report's table, ready for JSON."""
+        return {"name": self.name, "cause": self.cause, "sentence": self.sentence}
+
 
 def diagnose(evidence: Mapping[str, Evidence], groups: Sequence[Sequence[str]]) -> tuple[Diagnosis, ...]:
     """Return the diagnosis of every photo that evidence was gathered of.
@@ -136,7 +141,7 @@ def check_registration(
     share = count / len(names)
     message = f"Only {count} of {len(names)} photos registered ({100 * share:.0f} %). {summarise(names, diagnoses)}"
     if count < MIN_REGISTERED or share < min_share:
-        raise ReconstructionError(message)
+        raise ReconstructionError(message, (one.row for one in diagnoses))
     cautions = []
     if share < GOOD_SHARE:
         cautions.append(Caution("few-registered", message))

@@ -168,7 +168,7 @@ def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, fus
         "sparse_points": int(sparse.model.num_points3D()),
         "reprojection_error_px": round(float(sparse.model.compute_mean_reprojection_error()), 3),
         "cloud_points": len(fused.cloud.points),
-        "unregistered": [{"name": d.name, "cause": d.cause, "sentence": d.sentence} for d in sparse.diagnoses],
+        "unregistered": [diagnosis.row for diagnosis in sparse.diagnoses],
         **placement.statistics,
     }
     cautions = sparse.cautions + placement.cautions

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import html
 import json
 import re
 from dataclasses import replace
@@ -138,7 +139,12 @@ def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: Phot
     assert "Traceback" not in result.stderr
     left = {path.name for path in (tmp_path / "out").iterdir()}
     assert left == {"work", "drawings", "report.html", "report.json", "build.json"}
-    assert json.loads((tmp_path / "out" / "report.json").read_text())["error"] in result.stderr
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert report["error"] in result.stderr
+    assert [photo["name"] for photo in report["unregistered"]] == photos.names
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Photos that did not register" in page
+    assert all(html.escape(photo["sentence"]) in page for photo in report["unregistered"])
 
 
 def test_a_disk_without_room_is_noticed_before_any_work(photos: PhotoSet, tmp_path: Path) -> None:
