@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 from aquanav_tools.errors import InputError, did_you_mean
+
+MAX_DELAY = 100
+"""Decisions; ten seconds at the original's ten per second."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,10 +18,35 @@ class TaskOptions:
 
     reward: Literal["dense", "safe", "sparse"] = "dense"
     """What is paid for: progress; progress away from walls; the outcome alone."""
-    progress: Literal["panels", "original"] = "panels"
-    """How the reward measures the way to go: along the guide's panels, or by the original's chain of their centres."""
+    progress: Literal["panels", "geodesic", "original"] = "panels"
+    """How the reward measures the way to go: along the guide's panels, by the shortest way through the water, or by the
+    original's chain of panel centres."""
     on_collision: Literal["continue", "end"] = "continue"
     """What the first contact with a wall does to the episode. The sparse reward always ends it."""
+    starts: Literal["listed", "anywhere"] = "listed"
+    """Where episodes begin: at one of the scenario's starts, or anywhere in the water that the vehicle can reach,
+    heading towards the goal within 45 degrees."""
+    sensor_noise: float = 0.0
+    """Standard deviation of the error of each ray's distance, m."""
+    sensor_dropout: float = 0.0
+    """Probability that a ray gets no echo in a decision and reads its full length."""
+    action_delay: int = 0
+    """Decisions between choosing an action and its effect."""
+    observation_delay: int = 0
+    """Decisions by which observations are late."""
+    current_range: tuple[float, float] = (1.0, 1.0)
+    """The water flows with a share of its speed drawn evenly from this range for each episode."""
+
+    def __post_init__(self) -> None:
+        noise, dropout = self.sensor_noise, self.sensor_dropout
+        _check(math.isfinite(noise) and noise >= 0.0, f"sensor_noise is {noise}; it is a length of 0 m or more.")
+        _check(0.0 <= dropout <= 1.0, f"sensor_dropout is {dropout}; it is a probability from 0 to 1.")
+        for name in ("action_delay", "observation_delay"):
+            delay = getattr(self, name)
+            _check(0 <= delay <= MAX_DELAY, f"{name} is {delay}; it is a number of decisions from 0 to {MAX_DELAY}.")
+        low, high = self.current_range
+        is_range = math.isfinite(high) and 0.0 <= low <= high
+        _check(is_range, f"current_range is {low} to {high}; it rises from 0 or more, 1 being the water's own speed.")
 
 
 def task_options(choices: dict[str, Any]) -> TaskOptions:
@@ -36,3 +65,8 @@ def task_options(choices: dict[str, Any]) -> TaskOptions:
 def choices_of(options: TaskOptions) -> dict[str, Any]:
     """Return the names and values of the task's options, also from a dataclass that adds others."""
     return {field.name: getattr(options, field.name) for field in fields(TaskOptions)}
+
+
+def _check(is_right: bool, message: str) -> None:
+    if not is_right:
+        raise InputError(message)

@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.action import IDLE, ActionModel, Command
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.progress import progress_measure
 from aquanav_tools.envs.reward import Decision, RewardWeights, load_weights, reward_terms
-from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
+from aquanav_tools.envs.starting import Starts
+from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.actuators import actuator_model
@@ -29,7 +31,6 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-RESET_OPTIONS = ("start",)
 MAX_CURRENT = 10.0
 """m/s per axis, as in the scenario's schema."""
 
@@ -51,7 +52,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
     ## Observation
     `observation="full"`: Box(-1, 1, (44,)); "paper": its first 31 values; "original": the 120 floats that
-    ONNX policies of the original take. `envs.observation` has their tables, `envs.observation.layout(preset)` the slices.
+    the original's ONNX policies take. `envs.observation` has the tables, its `layout(preset)` the slices.
 
     | index | name     | meaning                                      | scale                   |
     |-------|----------|----------------------------------------------|-------------------------|
@@ -78,7 +79,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     | timeout   | 0     | 0     | -1     | when time runs out                                           |
 
     ## Episode
-    It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`.
+    It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`, or
+    with `starts="anywhere"` in any water that the vehicle can reach.
     It terminates when no more than the goal's tolerance is left along the guide ("success"), or at the first contact
     ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions` ("timeout").
 
@@ -86,8 +88,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     After every reset and step: position (3,) m and orientation (4,) (w, x, y, z) in the world; velocity (6,) over
     ground, body frame; current (3,) m/s; rays (28,) m; clearance, from the hull to the nearest wall, m; collision,
     whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
-    remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index;
-    gate, the stretch of the guide; the reward's terms.
+    remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index,
+    -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
@@ -112,7 +114,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
             current: Uniform velocity of the water in the world, m/s; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
-            task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision.
+            task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
+                sensor_dropout, action_delay, observation_delay, current_range.
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
@@ -131,8 +134,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._prepare_interface(observation, action)
         self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
         self._world = BulletWorld(self.scenario, self.vehicle)
+        self.starts = Starts(self.scenario, self.vehicle.capsule, self.task.starts)
         self._episode = Episode(self._rules)
-        self._start_index = 0
+        self._current_share = 1.0
         self._gate = 0
         self._remaining = self.scenario.guide.length
 
@@ -145,6 +149,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._observation_model = ObservationModel(observation, pattern.lengths, goal, entrance)
         self.action_space = self._action_model.space
         self.observation_space = self._observation_model.space
+        self._lengths = pattern.lengths
+        self._actions: Delay[Command] = Delay(self.task.action_delay)
+        self._observations: Delay[Observation] = Delay(self.task.observation_delay)
         self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
         self._sensor: RangeSensor | SphereSensor = (
             SphereSensor(scenario.field, find_ends(scenario.cavity, entrance, goal), pattern)
@@ -155,22 +162,26 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": index of one of the scenario's starts}."""
         super().reset(seed=seed)
-        self._start_index = self._choose_start(options or {})
+        pose, self._start_index = self.starts.choose(self.np_random, options or {})
+        self._current_share = self._draw_current_share()
         self._episode = Episode(self._rules)
-        self._world.reset(self.scenario.starts[self._start_index].pose)
+        self._world.reset(pose)
         self._actuators.reset()
+        self._actions.fill(IDLE)
         state = self._world.state
         self._gate = self.scenario.guide.locate(state[:3], self.scenario.field)
         self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
         self._measure.begin(state, self._remaining)
         rays = self._sensor.sense(state)
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
-        return self._observe(rays, state, IDLE), self._info(rays, False, terms)
+        observation = self._observe(rays, state, IDLE)
+        self._observations.fill(observation)
+        return observation, self._info(rays, False, terms)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
         command = self._action_model.command(action)
-        touched, before = self._advance(command)
+        touched, before = self._advance(self._actions.through(command))
         rays = self._sensor.sense(self._world.state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
@@ -178,7 +189,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         terms = reward_terms(self._weights, Decision(gained, len(touched), sum(touched), cut_off, outcome))
         terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
         info = self._info(rays, any(touched), terms)
-        return self._observe(rays, before, command), sum(terms.values()), terminated, truncated, info
+        observation = self._observations.through(self._observe(rays, before, command))
+        return observation, sum(terms.values()), terminated, truncated, info
 
     def close(self) -> None:
         """Free the physics client."""
@@ -198,7 +210,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
     def _water_velocity(self) -> Array:
         """Return the (3,) velocity of the water where the vehicle is, world frame, m/s."""
-        return self._current
+        return self._current_share * self._current
+
+    def _draw_current_share(self) -> float:
+        low, high = self.task.current_range
+        return low if low == high else float(self.np_random.uniform(low, high))
 
     def _update_progress(self) -> float:
         """Follow the vehicle along the guide and return the metres gained."""
@@ -208,7 +224,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return self._measure.gained(state, self._remaining)
 
     def _observe(self, rays: Observation, before: Array, command: Command) -> Observation:
-        tags, trim = self._sensor.tags, self._actuators.trim
+        tags, trim, task = self._sensor.tags, self._actuators.trim, self.task
+        if task.sensor_noise > 0.0 or task.sensor_dropout > 0.0:
+            rays, tags = disturb_rays(rays, tags, self._lengths, task.sensor_noise, task.sensor_dropout, self.np_random)
         return self._observation_model.observe(Reading(self._world.state, before, rays, tags, trim, command))
 
     def _info(self, rays: Observation, is_touched: bool, terms: dict[str, float]) -> Info:
@@ -217,7 +235,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "position": state[:3],
             "orientation": state[3:7],
             "velocity": state[7:13],
-            "current": self._water_velocity().copy(),
+            "current": self._water_velocity(),
             "rays": rays,
             "clearance": self._world.clearance(),
             "collision": is_touched,
@@ -232,18 +250,6 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         for name, value in terms.items():
             info["reward/" + name] = value
         return info
-
-    def _choose_start(self, options: dict[str, Any]) -> int:
-        for name in options:
-            if name not in RESET_OPTIONS:
-                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
-        num_starts = len(self.scenario.starts)
-        if "start" not in options:
-            return int(self.np_random.integers(num_starts))
-        start = options["start"]
-        if not isinstance(start, int | np.integer) or not 0 <= start < num_starts:
-            raise InputError(f"The start must be a number from 0 to {num_starts - 1}, got {start!r}.")
-        return int(start)
 
 
 def _load_vehicle(vehicle: str | Path | Vehicle | None, scenario: Scenario) -> Vehicle:

@@ -7,12 +7,13 @@ from abc import ABC, abstractmethod
 import numpy as np
 
 from aquanav_tools.cave.route.chain import PanelChain
+from aquanav_tools.cave.route.shortest import shortest_ways
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.types import Array, Capsule
 
-MEASURES = ("panels", "original")
+MEASURES = ("panels", "geodesic", "original")
 
 
 class ProgressMeasure(ABC):
@@ -34,6 +35,8 @@ def progress_measure(name: str, scenario: Scenario, capsule: Capsule) -> Progres
         InputError: there is no such measure.
     """
     check_choice("measure of progress", name, MEASURES)
+    if name == "geodesic":
+        return GeodesicProgress(scenario, capsule)
     return PanelProgress() if name == "panels" else OriginalProgress(scenario, capsule)
 
 
@@ -47,6 +50,24 @@ class PanelProgress(ProgressMeasure):
     def gained(self, state: Array, remaining: float) -> float:
         """Return the metres gained along the guide."""
         gained, self._remaining = self._remaining - remaining, remaining
+        return gained
+
+
+class GeodesicProgress(ProgressMeasure):
+    """Metres of the shortest way through the water to the goal, whatever way the guide takes."""
+
+    def __init__(self, scenario: Scenario, capsule: Capsule) -> None:
+        goal = np.array(scenario.settings.goal.position, dtype=np.float64)
+        self._ways = shortest_ways(scenario.field, goal, capsule.radius)
+
+    def begin(self, state: Array, remaining: float) -> None:
+        """Start an episode."""
+        self._to_go = self._ways.remaining(state[:3])
+
+    def gained(self, state: Array, remaining: float) -> float:
+        """Return what the way became shorter by."""
+        to_go = self._ways.remaining(state[:3])
+        gained, self._to_go = self._to_go - to_go, to_go
         return gained
 
 

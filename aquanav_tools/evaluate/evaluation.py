@@ -58,7 +58,7 @@ def evaluate(options: EvaluateOptions, progress: Progress) -> Evaluation:
         env.close()
     seconds = time.perf_counter() - clock
 
-    episodes = tuple(measure(track, scenario.starts[track.start_index].geodesic_to_goal) for track in tracks)
+    episodes = tuple(measure(track, env.starts.way_to_goal(track.positions[0], track.start_index)) for track in tracks)
     summary = summarise(episodes)
     provenance = _provenance(policy, scenario, options)
     speed = sum(track.num_decisions for track in tracks) / seconds
@@ -82,7 +82,7 @@ def _run_all(
     env: CaveEnv, policy: LoadedPolicy, options: EvaluateOptions, progress: Progress
 ) -> tuple[list[Track], tuple[Path, ...]]:
     """Run every episode; write its recording right after it, so that a long evaluation can be watched as it goes."""
-    plans = plan_episodes(len(env.scenario.starts), options.episodes, options.seed)
+    plans = plan_episodes(len(env.scenario.starts), options.episodes, options.seed, options.starts == "anywhere")
     cave = CaveModel(env.scenario)
     directions = original_pattern().directions
     tracks: list[Track] = []

@@ -34,6 +34,7 @@ class EvaluateOptions(TaskOptions):
     """Recordings stop at this number; each takes about 1 MB."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not 1 <= self.episodes <= MAX_EPISODES:
             raise InputError(
                 f"--episodes is {self.episodes}; an evaluation has 1 to {MAX_EPISODES}. Choose a number there."

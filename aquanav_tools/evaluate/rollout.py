@@ -17,7 +17,7 @@ TERM_PREFIX = "reward/"
 def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan) -> Track:
     """Return the track of one episode, from the planned start to its end."""
     policy.reset(plan.seed)
-    observation, info = env.reset(seed=plan.seed, options={"start": plan.start_index})
+    observation, info = env.reset(seed=plan.seed, options=_start(plan))
     infos, actions, rewards = [info], [], []
     is_over = False
     while not is_over:
@@ -31,6 +31,10 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan) -> Track:
     return _collect(plan, infos, actions, rewards, limits.dt * limits.substeps)
 
 
+def _start(plan: EpisodePlan) -> dict[str, Any]:
+    return {} if plan.start_index is None else {"start": plan.start_index}
+
+
 def _collect(
     plan: EpisodePlan, infos: list[dict[str, Any]], actions: list[Any], rewards: list[float], dt: float
 ) -> Track:
@@ -41,7 +45,7 @@ def _collect(
 
     return Track(
         seed=plan.seed,
-        start_index=plan.start_index,
+        start_index=infos[0]["start_index"],
         outcome=infos[-1]["outcome"],
         times=dt * np.arange(len(infos), dtype=np.float64),
         positions=column("position"),

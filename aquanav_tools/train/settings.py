@@ -46,6 +46,7 @@ class TrainSettings(TaskOptions):
     """The policy is written after the first buffer beyond each multiple of these decisions, and at the end."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("steps", "num_envs", "buffer", "batch", "epochs", "checkpoint_every", "learning_rate", "clip"):
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
         for name in ("discount", "trace"):

@@ -20,7 +20,7 @@ ACTIONS = {
 class Still(gymnasium.Env[Any, Any]):
     """An environment in which nothing happens: only its spaces matter here."""
 
-    def __init__(self, action_space: spaces.Space[Any], num_observations: int = 43) -> None:
+    def __init__(self, action_space: spaces.Space[Any], num_observations: int = 44) -> None:
         self.observation_space = spaces.Box(-1.0, 1.0, (num_observations,))
         self.action_space = action_space
 
@@ -28,7 +28,7 @@ class Still(gymnasium.Env[Any, Any]):
 def make_model(
     kind: type[BaseAlgorithm] = PPO,
     action: str | spaces.Space[Any] = "multidiscrete",
-    num_observations: int = 43,
+    num_observations: int = 44,
     **policy_kwargs: Any,
 ) -> BaseAlgorithm:
     """A network as aquanav-train makes it, unless `policy_kwargs` say otherwise."""

@@ -58,7 +58,7 @@ def test_rebuilt_policy_acts_as_the_saved_one(
     model = make_model(kind, action)
     model.save(tmp_path / "policy.zip")
     policy = NetworkPolicy(tmp_path / "policy.zip")
-    for observation in rng.uniform(-1.0, 1.0, (20, 43)).astype(np.float32):
+    for observation in rng.uniform(-1.0, 1.0, (20, 44)).astype(np.float32):
         np.testing.assert_array_equal(policy.act(observation), model.predict(observation, deterministic=True)[0])
 
 

@@ -1,0 +1,102 @@
+"""Where an episode begins: at one of the scenario's starts, or anywhere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.cave.route.shortest import ShortestWays, shortest_ways
+from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.hull import hull_clearance
+from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
+
+RESET_OPTIONS = ("start",)
+START_RULES = ("listed", "anywhere")
+NOWHERE_LISTED = -1
+"""Index of a start that is not in the scenario's list."""
+MARGIN = 0.1
+"""Clearance of the hull at a start, m: more than the field's usual error."""
+MIN_WAY = 2.0
+"""Starts keep this way to the goal beyond its tolerance, m: a second at the original's speed."""
+MAX_YAW_ERROR = float(np.deg2rad(45.0))
+MAX_TRIES = 1000
+
+
+class Starts:
+    """Chooses the start of an episode."""
+
+    def __init__(self, scenario: Scenario, capsule: Capsule, rule: str) -> None:
+        """Prepare the starts of a scenario for a vehicle's capsule, by one of START_RULES."""
+        check_choice("rule for starts", rule, START_RULES)
+        self._scenario = scenario
+        self._capsule = capsule
+        self._ways: ShortestWays | None = None
+        if rule == "anywhere":
+            goal = np.array(scenario.settings.goal.position, dtype=np.float64)
+            self._ways = shortest_ways(scenario.field, goal, capsule.radius)
+            enough = self._ways.place_lengths > scenario.settings.goal.tolerance + MIN_WAY
+            self._places = self._ways.places[enough]
+            self._half_cell = 0.5 * self._ways.lengths.spacing
+
+    def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[Pose, int]:
+        """Return a start pose and its index in the scenario's list, NOWHERE_LISTED for one drawn anywhere.
+
+        Args:
+            rng: What is drawn from, unless the options name a start.
+            options: Of reset: {"start": index of one of the scenario's starts} or nothing.
+
+        Raises:
+            InputError: there is no such option or start.
+        """
+        for name in options:
+            if name not in RESET_OPTIONS:
+                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+        starts = self._scenario.starts
+        if "start" in options:
+            index = _check_index(options["start"], len(starts))
+        elif self._ways is not None:
+            return self._draw(rng, self._ways), NOWHERE_LISTED
+        else:
+            index = int(rng.integers(len(starts)))
+        return starts[index].pose, index
+
+    def way_to_goal(self, position: Array, index: int) -> float:
+        """Return the length of the shortest way to the goal from a start that was chosen, m."""
+        if self._ways is None or index != NOWHERE_LISTED:
+            return self._scenario.starts[index].geodesic_to_goal
+        return self._ways.remaining(position)
+
+    def _draw(self, rng: np.random.Generator, ways: ShortestWays) -> Pose:
+        """Return a level pose, drawn evenly from the water, that heads down the way to the goal more or less."""
+        field, capsule = self._scenario.field, self._capsule
+        for _ in range(MAX_TRIES if len(self._places) else 0):
+            jitter, turn = rng.uniform(-self._half_cell, self._half_cell, 3), rng.uniform(-MAX_YAW_ERROR, MAX_YAW_ERROR)
+            position = self._places[rng.integers(len(self._places))] + jitter
+            heading = _heading(ways, position, self._half_cell)
+            if heading is None:  # straight up or down
+                turn, heading = turn * np.pi / MAX_YAW_ERROR, 0.0
+            pose = Pose(position, yaw_quaternion(heading + turn))
+            state = np.concatenate([pose.position, pose.orientation])
+            if hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid) > MARGIN:
+                return pose
+        raise ScenarioError(
+            f"No free start was found in {MAX_TRIES} tries: the cave is hardly wider than the vehicle, or no place is "
+            f"{MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller vehicle."
+        )
+
+
+def _heading(ways: ShortestWays, position: Array, step: float) -> float | None:
+    """Return the horizontal direction, rad, in which the way to go falls; None where it falls up or down."""
+    east, north, up = (
+        ways.remaining(position - step * axis) - ways.remaining(position + step * axis) for axis in np.eye(3)
+    )
+    return float(np.arctan2(north, east)) if np.hypot(east, north) > 0.1 * abs(up) else None
+
+
+def _check_index(start: Any, num_starts: int) -> int:
+    if not isinstance(start, int | np.integer) or not 0 <= start < num_starts:
+        raise InputError(f"The start must be a number from 0 to {num_starts - 1}, got {start!r}.")
+    return int(start)
