@@ -1,4 +1,4 @@
-"""The order in which photos were placed, kept beside each model: COLMAP's own files do not tell it."""
+"""How a model came about and in which order, kept beside each model: COLMAP's own files do not tell it."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 _ORDER_FILE = "placed.txt"
+_AT_ONCE_FILE = "at_once.txt"
 
 
 def keep_order(models: Mapping[int, Any], folder: Path, start: Path | None) -> None:
@@ -32,3 +33,14 @@ def read_order(model: Path) -> list[str]:
     """Return the files of a model's photos in the order they were placed in; none where that was not kept."""
     path = model / _ORDER_FILE
     return path.read_text().split("\n")[:-1] if path.is_file() else []
+
+
+def note_at_once(model: Path) -> None:
+    """Write beside a model that its photos were placed all at once, in no order."""
+    (model / _ORDER_FILE).unlink(missing_ok=True)
+    (model / _AT_ONCE_FILE).touch()
+
+
+def was_at_once(model: Path) -> bool:
+    """Return whether that was noted."""
+    return (model / _AT_ONCE_FILE).is_file()

@@ -1,4 +1,4 @@
-"""Camera poses and sparse points from matches: incremental structure from motion."""
+"""Camera poses and sparse points from matches: placed one after the other and, where that stops early, at once."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from aquanav_tools.reconstruct.at_once import map_at_once
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.diagnosis import Caution, Diagnosis, check_registration, diagnose
 from aquanav_tools.reconstruct.evidence import gather_evidence
-from aquanav_tools.reconstruct.growth import keep_order, read_order
+from aquanav_tools.reconstruct.growth import keep_order, note_at_once, read_order, was_at_once
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.reconstruct.joining import join
@@ -24,10 +25,11 @@ _SNAPSHOTS_FROM = 300
 """Photos from which snapshots are kept. Smaller sets take minutes, and a run that begins again ends the same."""
 _SNAPSHOT_PHOTOS = 50
 """Placed between two snapshots: a killed run loses two of them at most."""
-_LENIENT_MATCHES = 15
-"""That a photo left over needs with the model; 30 while it grows, where a wrong camera would mislead others."""
-_LENIENT_SHARE = 0.15
-"""Of its matches that must agree on its pose."""
+_LENIENT = ((15, 0.15), (8, 0.8))
+"""Matches that a photo left over needs with the model, and the share of them that must agree on its pose: first more,
+then fewer that nearly all agree. While the model grows 30 are needed, where a wrong camera would mislead others."""
+_MIN_GAIN = 0.05
+"""Share of the photos that placing all at once must add: cameras are then off by half as much again (measured)."""
 _LENIENT_TRIALS = 10
 """To place it, as the model grows."""
 
@@ -56,7 +58,9 @@ class SparseModel:
     """One for every photo that is not in the model."""
     cautions: tuple[Caution, ...] = ()
     order: tuple[str, ...] = ()
-    """Registered photos in the order they were placed in; empty where that was not kept."""
+    """Registered photos in the order they were placed in; empty where that was not kept, or there was none."""
+    is_at_once: bool = False
+    """Whether photos were placed all at once (global mapping), not one after the other (incremental)."""
 
     @property
     def names(self) -> list[str]:
@@ -97,7 +101,8 @@ def map_photos(
     ]
     diagnoses = diagnose(gather_evidence(photos, database, models, 3.0 * _tolerance_px(photos)), groups)
     cautions = check_registration(photos.names, groups, diagnoses, options.min_share)
-    return SparseModel(models[0], diagnoses, cautions, tuple(name_of(file) for file in read_order(paths[0])))
+    order = tuple(name_of(file) for file in read_order(paths[0]))
+    return SparseModel(models[0], diagnoses, cautions, order, was_at_once(paths[0]))
 
 
 def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOptions, progress: Progress) -> None:
@@ -113,20 +118,66 @@ def _fill(photos: PhotoSet, database: Path, folder: Path, options: MappingOption
     models = _by_size(mapped)
     if models:
         _take_out_misplaced(models[0], photos, database)
-        if _size(models[0])[0] < len(photos.photos):
-            _complete(models, mapped / "completed", photos, database, options)
-            _take_out_misplaced(models[0], photos, database)
+        _complete(models, mapped / "completed", photos, database, options)
+    is_at_once = _place_at_once(models, mapped, photos, database, options)
+    if models:
         _refine(models[0])
+        if is_at_once:
+            note_at_once(models[0])
     mapped.rename(folder)
     shutil.rmtree(snapshots)
 
 
 def _complete(models: list[Path], scratch: Path, photos: PhotoSet, database: Path, options: MappingOptions) -> None:
-    """Join the first model on disk with others, and place what fewer matches can."""
+    """Join the first model on disk with others, and place what fewer matches can, where photos are left over."""
+    if _size(models[0])[0] == len(photos.photos):
+        return
     join_models(models, photos, database, _pipeline(photos, options))
-    scratch.mkdir()
-    run_mapper(photos, database, scratch, _lenient(_pipeline(photos, options)), models[0], ignore_progress)
-    _replace_if_larger(models[0], scratch)
+    matched = _num_matched(database)
+    for least, share in _LENIENT:
+        if _size(models[0])[0] < matched:
+            pipeline = _lenient(_pipeline(photos, options), least, share)
+            scratch.mkdir()
+            run_mapper(photos, database, scratch, pipeline, models[0], ignore_progress)
+            _replace_if_larger(models[0], scratch)
+            _take_out_misplaced(models[0], photos, database)
+
+
+def _place_at_once(models: list[Path], mapped: Path, photos: PhotoSet, database: Path, options: MappingOptions) -> bool:
+    """Map all matched photos at once where some are left over, and go on with that where it places more of them.
+
+    Args:
+        models: In `mapped`; their first is replaced, or made.
+        mapped: Folder of all models.
+        photos: Of the database.
+        database: With their verified matches.
+        options: Of the mapping.
+
+    Returns:
+        Whether the first model is now one of photos placed at once.
+    """
+    wanted = (_size(models[0])[0] if models else 0) + _MIN_GAIN * len(photos.photos)
+    if _num_matched(database) < wanted:
+        return False
+    found = map_at_once(database, photos.folder, mapped / "at-once", _tolerance_px(photos), options.seed)
+    if found is None or found.num_reg_images() < wanted:
+        return False
+    if not models:
+        models.append(mapped / "0")
+    shutil.rmtree(models[0], ignore_errors=True)
+    models[0].mkdir()
+    found.write(models[0])
+    _complete(models, mapped / "completed", photos, database, options)
+    return True
+
+
+def _num_matched(database: Path) -> int:
+    """Return how many photos have verified matches with any other."""
+    pycolmap = load_pycolmap()
+    with pycolmap.Database.open(database) as store:
+        pair_ids, counts = store.read_two_view_geometry_num_inliers()
+    pairs = [pycolmap.pair_id_to_image_pair(one) for one, count in zip(pair_ids, counts, strict=True) if count > 0]
+    return len({image_id for pair in pairs for image_id in pair})
 
 
 def _take_out_misplaced(path: Path, photos: PhotoSet, database: Path) -> None:
@@ -190,11 +241,11 @@ def _pipeline(photos: PhotoSet, options: MappingOptions) -> Any:
     return pipeline
 
 
-def _lenient(pipeline: Any) -> Any:
-    """Return options that place photos on fewer matches, in one model that is there already."""
+def _lenient(pipeline: Any, least: int, share: float) -> Any:
+    """Return options that place photos on other numbers of matches, in one model that is there already."""
     pipeline.multiple_models = False
-    pipeline.mapper.abs_pose_min_num_inliers = _LENIENT_MATCHES
-    pipeline.mapper.abs_pose_min_inlier_ratio = _LENIENT_SHARE
+    pipeline.mapper.abs_pose_min_num_inliers = least
+    pipeline.mapper.abs_pose_min_inlier_ratio = share
     pipeline.mapper.max_reg_trials = _LENIENT_TRIALS
     return pipeline
 

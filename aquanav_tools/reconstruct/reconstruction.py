@@ -165,6 +165,7 @@ def assemble(photos: PhotoSet, sparse: SparseModel, placement: Georeference, fus
     statistics = {
         "photos": len(photos.photos),
         "registered": len(names),
+        "mapping": "global" if sparse.is_at_once else "incremental",
         "sparse_points": int(sparse.model.num_points3D()),
         "reprojection_error_px": round(float(sparse.model.compute_mean_reprojection_error()), 3),
         "cloud_points": len(fused.cloud.points),
