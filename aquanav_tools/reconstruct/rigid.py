@@ -13,7 +13,8 @@ def rigid_part(model: Any, min_points: int) -> list[int]:
     """Return the ids of the largest part of a model in which every photo is tied to the others by enough points.
 
     Two photos tell all but their scale; a third one lies firm to them by points that both of them show. So a part
-    begins with the pair that shares most and grows by photos that show `min_points` of the points which two of its photos show already.
+    begins with the pair that shares most, and grows by photos that show `min_points` of the points which two of its
+    photos show already.
 
     Args:
         model: pycolmap.Reconstruction.
