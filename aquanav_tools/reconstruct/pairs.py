@@ -96,10 +96,14 @@ def coarsest(keypoints: Any, descriptors: Any) -> Words:
     words = np.zeros((_COARSEST, 128), np.float32)
     rows = np.asarray(keypoints)
     if len(rows):
-        largest = np.argsort(-np.hypot(rows[:, 2], rows[:, 3]), kind="stable")[:_COARSEST]
-        chosen = np.asarray(descriptors.data)[largest].astype(np.float32)
+        chosen = np.asarray(descriptors.data)[largest(rows, _COARSEST)].astype(np.float32)
         words[: len(chosen)] = chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1.0)
     return words
+
+
+def largest(keypoints: npt.NDArray[np.float32], most: int) -> Counts:
+    """Return the rows of the largest of (K, 4 or 6) keypoints, the largest first."""
+    return np.argsort(-np.hypot(keypoints[:, 2], keypoints[:, 3]), kind="stable")[:most]
 
 
 def _mutual(cosines: npt.NDArray[np.float32]) -> int:

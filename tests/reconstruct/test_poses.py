@@ -79,7 +79,7 @@ def test_killed_matching_goes_on_to_the_same_matches(few_photos: PhotoSet, tmp_p
     child = subprocess.run([sys.executable, "-c", KILLED_MATCHING, str(photos.folder), str(killed)], check=False)
     assert child.returncode == -signal.SIGKILL
     with load_pycolmap().Database.open(killed) as store:
-        assert store.num_matched_image_pairs() == 8
+        assert 0 < store.num_matched_image_pairs() <= 8  # pairs that show nothing in common leave no trace
     match_features(photos, killed, IN_ROUNDS)
     np.testing.assert_array_equal(verified_matches(killed, names), verified_matches(whole, names))
     assert np.count_nonzero(verified_matches(whole, names)) > 10
