@@ -155,6 +155,19 @@ def test_the_forecast_of_the_demo_is_right_to_a_factor_of_two_on_two_cores(monke
     assert 0.405 / 2 < expected.disk_gb < 0.405 * 2
 
 
+@pytest.mark.parametrize(("stage", "cpu_seconds"), [("features", 108.7), ("depth", 205.2), ("fusion", 19.8)])
+def test_stages_take_what_they_took_for_the_demo(
+    stage: str, cpu_seconds: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.sched_getaffinity", lambda process: {0, 1}, raising=False)
+    ratio = expect(65).seconds[stage] / (cpu_seconds / 2)  # build.json of the demo, on both of two cores
+    assert 1 / 1.5 < ratio < 1.5
+
+
+def test_placing_cameras_takes_one_core_as_long_as_for_the_demo() -> None:
+    assert 1 / 1.5 < expect(65).seconds["cameras"] / 20.0 < 1.5  # build.json of the demo
+
+
 def test_long_sets_take_time_in_proportion_to_their_length() -> None:
     ratio = sum(expect(2000).seconds.values()) / sum(expect(1000).seconds.values())
     assert ratio == pytest.approx(2.0, rel=0.02)

@@ -14,15 +14,27 @@ from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, free_memory, shru
 from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
 from aquanav_tools.store import MIN_FREE
 
-# All rates: two cores of a cloud server that others used too, pycolmap 4.2, demo dive (65 photos, 960 x 720 px) and
-# fountain-P11 at three sizes. An idle desktop takes half of the time.
-_FEATURES_S_PER_MP = 2.5
-_PAIR_S = 0.15
-"""At 4096 keypoints per photo; it grows with their square."""
-_MAPPING_S = 0.15
-_DEPTH_S = 3.0
-"""At 480 px and 8 sources; it grows with the pixels and the sources."""
-_FUSION_S = 0.17
+
+@dataclass(frozen=True)
+class _Rates:
+    """CPU seconds, from `stages` in build.json of the demo (65 photos of 960 x 720 px) and of 85 photos at wide steps.
+
+    Two cores of a cloud server that others used too, pycolmap 4.2. An idle desktop takes half of the time.
+    """
+
+    features_per_mp: float = 2.5
+    """Demo 2.4, wide steps 2.5."""
+    pair: float = 0.15
+    """At 4096 keypoints per photo, with its verification; it grows with their square. Wide steps 0.15."""
+    mapping_per_photo: float = 0.3
+    """One core. Demo 0.31, wide steps 0.18; where photos overlap much more, up to ten times that."""
+    depth_per_photo: float = 3.0
+    """At 480 px and 8 sources; it grows with the pixels and the sources. Demo 3.2."""
+    fusion_per_photo: float = 0.3
+    """At 480 px. Demo 0.30."""
+
+
+_RATES = _Rates()
 _BASE_GB = 0.7
 """Libraries, database and fusion."""
 _DATABASE_BYTES = 0.75e6
@@ -63,11 +75,11 @@ def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions,
     sift_px = [shrunk_px(*size, SIFT_SIDE) for size in sizes]
     depth_px = [shrunk_px(*size, depth.width) for size in sizes]
     seconds = {
-        "features": sum(sift_px) / 1e6 * _FEATURES_S_PER_MP / cores,
-        "matching": pairs * _PAIR_S * keypoints**2 / cores,
-        "cameras": count * _MAPPING_S,
-        "depth": sum(depth_px) / (480 * 360) * _DEPTH_S * depth.sources / 8 / cores,
-        "fusion": sum(depth_px) / (480 * 360) * _FUSION_S,
+        "features": sum(sift_px) / 1e6 * _RATES.features_per_mp / cores,
+        "matching": pairs * _RATES.pair * keypoints**2 / cores,
+        "cameras": count * _RATES.mapping_per_photo,
+        "depth": sum(depth_px) / (480 * 360) * _RATES.depth_per_photo * depth.sources / 8 / cores,
+        "fusion": sum(depth_px) / (480 * 360) * _RATES.fusion_per_photo / cores,
     }
     memory = _BASE_GB + sift_bytes(sizes, min(sift_threads(sizes, free_memory()), count)) / 1e9
     disk = count * _DATABASE_BYTES * keypoints + sum(depth_px) * _DEPTH_BYTES + _copied_px(photos) * _COPY_BYTES
