@@ -20,6 +20,7 @@ from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import NO_CAMERAS, Cut, cut_portals
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
+from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.narrows import Narrow, find_narrows
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import find_route
@@ -33,7 +34,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
-from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
+from aquanav_tools.types import Array, BoolArray, Capsule, Mesh, PointCloud
 from aquanav_tools.values import kept_value
 
 COLLISION_ERROR_SHARE = 0.05
@@ -110,43 +111,52 @@ def build_scenario(
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
     vehicle = load_vehicle(options.vehicle)
-    capsule = vehicle.capsule
     rng = np.random.default_rng(options.seed)
-    closing = _closing(scan, options, journal, capsule.radius, evidence, store)
+    closing = _closing(scan, options, journal, vehicle.capsule.radius, evidence, store)
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     if measured is not None:
         cavity = replace(cavity, observed=_near_points(cavity, measured, 2.0 * resolution.voxel))
     with journal.stage("Measuring distances"):
-        field = distance_field(cavity, choose_spacing(cavity, capsule.radius))
+        field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
         share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
-        ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
-        route = find_route(cavity, field, capsule.radius, *ends)
-        # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
-        guide = place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
-        narrows = find_narrows(guide.centreline, cavity, 2.0 * capsule.radius)
+        guide = _find_guide(cavity, field, vehicle.capsule, options)
+        narrows = find_narrows(guide.centreline, cavity, 2.0 * vehicle.capsule.radius)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
     with journal.stage("Placing the starts"):
-        starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
+        starts = draw_starts(cavity, field, guide, vehicle.capsule, options.starts, rng)
     with journal.stage("Simplifying the collision mesh"):
-        collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * capsule.radius)
+        collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * vehicle.capsule.radius)
     with journal.stage("Measuring the cave"):
         fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
         statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
-    settings = ScenarioSettings(
-        name=options.name or options.output.resolve().name,
-        built=BuiltBy(__version__, options.kind),
-        goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
-        vehicle=vehicle.name,
-        collision_error=collision.bound,
-    )
+    settings = _settings(options, guide, vehicle.name, collision)
     vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, network=network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
     _note_weaknesses(built, options, journal)
     return built
+
+
+def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
+    """Return the panels along the way from the entrance to the goal."""
+    ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
+    route = find_route(cavity, field, capsule.radius, *ends)
+    # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
+    return place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
+
+
+def _settings(options: BuildOptions, guide: Guide, vehicle: str, collision: CollisionMesh) -> ScenarioSettings:
+    """Return what the scenario says of itself; its goal is the last panel."""
+    return ScenarioSettings(
+        name=options.name or options.output.resolve().name,
+        built=BuiltBy(__version__, options.kind),
+        goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
+        vehicle=vehicle,
+        collision_error=collision.bound,
+    )
 
 
 def _closing(

@@ -114,6 +114,17 @@ def reconstruct(
     """
     record = PhotoRecord() if record is None else record
     store = StageStore(workspace, stage)
+    photos, sparse, models = _place_cameras(photos, store, options, record)
+    with stage("Finding scale and up") as progress:
+        placement = world.place(sparse, photos, progress)
+    fused = _measure_depth(photos, sparse, models, store, options, record)
+    return assemble(photos, sparse, placement, fused)
+
+
+def _place_cameras(
+    photos: PhotoSet, store: StageStore, options: ReconstructOptions, record: PhotoRecord
+) -> tuple[PhotoSet, SparseModel, str]:
+    """Return the photos as they were prepared, the sparse model of them, and the name of what it rests on."""
     content = [(name, *_content(photos, name)) for name in photos.names]
     look = (photos.intake.lens, photos.intake.housing, photos.intake.enhance)
     home = str(photos.folder.resolve())
@@ -131,19 +142,26 @@ def reconstruct(
     inputs = (matches.name, options.mapping)
     with store.stage("Placing cameras", "models", map_photos, *inputs) as (models, progress):
         record.sparse = sparse = map_photos(photos, database, models / "models", options.mapping, progress)
-    with stage("Finding scale and up") as progress:
-        placement = world.place(sparse, photos, progress)
-    inputs = (models.name, options.depth)
-    with store.stage("Measuring depth", "depth", estimate_depth, *inputs) as (depth, progress):
+    return photos, sparse, models.name
+
+
+def _measure_depth(
+    photos: PhotoSet,
+    sparse: SparseModel,
+    models: str,
+    store: StageStore,
+    options: ReconstructOptions,
+    record: PhotoRecord,
+) -> FusedDepth:
+    """Return the cloud and what the cameras saw, in the frame of a sparse model, which is kept under a name."""
+    with store.stage("Measuring depth", "depth", estimate_depth, models, options.depth) as (depth, progress):
         record.dense_dir = dense_dir = depth / "dense"
         undistort(photos, sparse, dense_dir, options.depth)
         record.depth_paths = depth_paths = estimate_depth(dense_dir, options.depth, progress)
-    inputs = (depth.name, options.fusion)
-    with store.stage("Fusing depth maps", "fused", fuse_depth, *inputs) as (fused, progress):
-        depth_together = kept_value(
+    with store.stage("Fusing depth maps", "fused", fuse_depth, depth.name, options.fusion) as (fused, progress):
+        return kept_value(
             FusedDepth, fused / "fused.npz", lambda: fuse_depth(dense_dir, depth_paths, options.fusion, progress)
         )
-    return assemble(photos, sparse, placement, depth_together)
 
 
 def _content(photos: PhotoSet, name: str) -> tuple[str, str]:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -45,3 +47,14 @@ def posed_model(centres: Array, targets: Array, scale: float = 1.0) -> Posed:
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(rotation), -rotation @ centre)
         model.add_image_with_trivial_frame(image, pose)
     return Posed(SparseModel(model), centres, rotations)
+
+
+def matched_scene(folder: Path, num_photos: int) -> tuple[Path, Any]:
+    """Return a new database with the matches of photos of 150 points, by one camera, and their true model."""
+    pycolmap = load_pycolmap()
+    options = pycolmap.SyntheticDatasetOptions()
+    options.num_rigs = options.num_cameras_per_rig = 1
+    options.num_frames_per_rig, options.num_points3D = num_photos, 150
+    pycolmap.set_random_seed(0)
+    with pycolmap.Database.open(folder / "database.db") as store:
+        return folder / "database.db", pycolmap.synthesize_dataset(options, store)

@@ -15,6 +15,7 @@ from aquanav_tools.reconstruct.joining import join
 from aquanav_tools.reconstruct.mapping import join_models, run_mapper
 from aquanav_tools.types import ignore_progress
 from eval.photos.score import similarity
+from tests.reconstruct.models import matched_scene
 
 FIRST, SECOND = range(1, 8), range(8, 15)
 """Ids of the photos of either half."""
@@ -23,13 +24,7 @@ FIRST, SECOND = range(1, 8), range(8, 15)
 @pytest.fixture
 def scene(tmp_path: Path) -> tuple[Path, Any]:
     """A database with the matches of 14 photos, and their true model."""
-    pycolmap = load_pycolmap()
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs = options.num_cameras_per_rig = 1
-    options.num_frames_per_rig, options.num_points3D = 14, 150
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(tmp_path / "database.db") as store:
-        return tmp_path / "database.db", pycolmap.synthesize_dataset(options, store)
+    return matched_scene(tmp_path, 14)
 
 
 def half(model: Any, photos: range) -> Any:

@@ -10,18 +10,13 @@ import pytest
 
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.misplaced import misplaced_photos
+from tests.reconstruct.models import matched_scene
 
 
 @pytest.fixture
 def scene(tmp_path: Path) -> tuple[Path, Any]:
     """A database with the matches of ten photos, and their true model."""
-    pycolmap = load_pycolmap()
-    options = pycolmap.SyntheticDatasetOptions()
-    options.num_rigs = options.num_cameras_per_rig = 1
-    options.num_frames_per_rig, options.num_points3D = 10, 150
-    pycolmap.set_random_seed(0)
-    with pycolmap.Database.open(tmp_path / "database.db") as store:
-        return tmp_path / "database.db", pycolmap.synthesize_dataset(options, store)
+    return matched_scene(tmp_path, 10)
 
 
 def put_elsewhere(model: Any, image_id: int) -> None:

@@ -106,12 +106,18 @@ def gather(triangles, boxes, balls, x, y, z, radius, guess, rows, stack):  # typ
                     distance = np.sqrt(squared_distance(triangles, row, x, y, z))
                     if distance < best:
                         nearest, best = row, distance
+    return rows, _keep_near(balls, rows, count, x, y, z, best + 2.0 * radius), nearest
+
+
+@numba.njit(cache=True)
+def _keep_near(balls, rows, count, x, y, z, limit):  # type: ignore[no-untyped-def]
+    """Move the rows of triangles that may lie within a limit (m) of a point to the front; return how many they are."""
     kept = 0
     for n in range(count):
-        if _to_middle(balls, rows[n], x, y, z) - balls[rows[n], 3] <= best + 2.0 * radius:
+        if _to_middle(balls, rows[n], x, y, z) - balls[rows[n], 3] <= limit:
             rows[kept] = rows[n]
             kept += 1
-    return rows, kept, nearest
+    return kept
 
 
 @numba.njit(cache=True)
