@@ -21,7 +21,7 @@ from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.reconstruct.intake.camera import first_guess
 from aquanav_tools.reconstruct.intake.decode import opened
 from aquanav_tools.reconstruct.intake.faint import brought_out
-from aquanav_tools.reconstruct.intake.memory import free_memory, sift_threads
+from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, free_memory, sift_threads
 from aquanav_tools.reconstruct.pairs import coarsest, likeness_of
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -31,6 +31,9 @@ _PROBED = 8
 _CLOSE = 30
 """Coarse keypoints shared with the second best neighbour, from which photos overlap closely: 92 in fountain-P11, 11 and
 less in dives with stations (measured)."""
+_PX_PER_KEYPOINT = 170.0
+"""Pixels that photos are shrunk to for each keypoint wanted, where keypoints get affine shapes. COLMAP keeps the
+coarsest: what it finds in more pixels, at a cost in proportion, it throws away."""
 
 Found = dict[str, tuple[Any, Any]]
 """Keypoints and descriptors of photos, by file."""
@@ -159,6 +162,8 @@ def _sift(
     extraction.sift.max_num_features = max_features
     extraction.sift.first_octave = 0  # not -1, of doubled pixels: noise was averaged, and nothing finer is left
     extraction.sift.estimate_affine_shape = is_affine
+    if is_affine:
+        extraction.max_image_size = _side(*_size(folder / files[0]), max_features)  # all of a camera have one size
     reader = pycolmap.ImageReaderOptions()
     if masks_dir is not None:
         reader.mask_path = masks_dir
@@ -175,6 +180,12 @@ def _sift(
         with pycolmap.Database.open(database) as store:
             ids = {image.name: image.image_id for image in store.read_all_images()}
             return {file: (store.read_keypoints(ids[file]), store.read_descriptors(ids[file])) for file in files}
+
+
+def _side(width: int, height: int, max_features: int) -> int:
+    """Return the longer side of a photo, px, that holds as many keypoints as are wanted."""
+    shrink = np.sqrt(_PX_PER_KEYPOINT * max_features / (width * height))
+    return int(min(max(width, height) * min(shrink, 1.0), SIFT_SIDE))
 
 
 def _size(path: Path) -> tuple[int, int]:
