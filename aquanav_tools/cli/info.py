@@ -1,4 +1,4 @@
-"""aquanav: what is installed, whether it works here, what ships with it, and photos of a synthetic cave."""
+"""aquanav: what is installed, whether it works here, what ships, photos of a synthetic cave, the original's caves."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typing import Annotated
 import tyro
 
 from aquanav_tools.cli.command import run_command
+from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.errors import ResourceError
 
@@ -71,6 +72,7 @@ class Options:
         | Annotated[Doctor, tyro.conf.subcommand("doctor")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[Render, tyro.conf.subcommand("render")]
+        | Annotated[ImportOriginal, tyro.conf.subcommand("import-original")]
     )
     """What to do."""
 
@@ -98,6 +100,8 @@ def _run(options: Options) -> None:
             _print_table(_shipped())
         case Render() as render:
             run_render(render)
+        case ImportOriginal() as chosen:
+            run_import(chosen)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

@@ -19,7 +19,7 @@ class EvaluateOptions(TaskOptions):
     """How a policy is evaluated. Each field is an option of aquanav-eval."""
 
     policy: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="POLICY")]
-    """A Stable-Baselines3 zip (PPO or A2C), baseline:reactive or baseline:random."""
+    """A Stable-Baselines3 zip (PPO or A2C), an ONNX file of ML-Agents, baseline:reactive or baseline:random."""
     scenario: Path
     """Scenario folder."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))

@@ -1,4 +1,4 @@
-"""Policies by name: a Stable-Baselines3 zip, or one of the baselines."""
+"""Policies by name: a Stable-Baselines3 zip, an ONNX file of ML-Agents, or one of the baselines."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ACTIONS, ActionModel
 from aquanav_tools.envs.observation import PRESETS, layout
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.spaces import describe_space, is_same_space
@@ -37,9 +38,9 @@ class LoadedPolicy:
 
     policy: Policy
     name: str
-    """File name of the zip, or the name of the baseline."""
+    """Name of the file, or of the baseline."""
     sha256: str | None
-    """Of the zip; None for a baseline."""
+    """Of the file; None for a baseline."""
     observation: str
     """Preset it observes."""
     action: str
@@ -65,10 +66,10 @@ BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy]] = {"reactive": R
 
 
 def load_policy(spec: str) -> LoadedPolicy:
-    """Return the policy named by `spec`: a path of an SB3 zip, baseline:reactive or baseline:random.
+    """Return the policy named by `spec`: a path of an SB3 zip or an ONNX file, or a baseline.
 
     Raises:
-        InputError: no such baseline (with the closest name), or the zip is missing, damaged, unsafe or for another
+        InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
     if spec.startswith(PREFIX):
@@ -77,12 +78,12 @@ def load_policy(spec: str) -> LoadedPolicy:
             raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, BASELINES)}")
         return LoadedPolicy(BASELINES[name](), spec, None, "full", "multidiscrete")
     path = Path(spec)
-    policy = NetworkPolicy(path)
+    policy = MlAgentsPolicy(path) if path.suffix.lower() == SUFFIX else NetworkPolicy(path)
     observation, action = _fitting_presets(policy, path)
     return LoadedPolicy(policy, path.name, file_hash(path), observation, action)
 
 
-def _fitting_presets(policy: NetworkPolicy, path: Path) -> tuple[str, str]:
+def _fitting_presets(policy: NetworkPolicy | MlAgentsPolicy, path: Path) -> tuple[str, str]:
     """Return the observation preset and the action form whose spaces the network was trained for."""
     sizes = {preset: max(part.stop for part in layout(preset).values()) for preset in PRESETS}
     forms = {form: ActionModel(form).space for form in ACTIONS}
