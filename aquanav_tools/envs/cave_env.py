@@ -219,8 +219,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     def _update_progress(self) -> float:
         """Follow the vehicle along the guide and return the metres gained."""
         state = self._world.state
-        self._gate = self.scenario.guide.track(state[:3], self._gate)
-        self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
+        self._gate, self._remaining = self.scenario.guide.follow(state, self._gate)
         return self._measure.gained(state, self._remaining)
 
     def _observe(self, rays: Observation, before: Array, command: Command) -> Observation:

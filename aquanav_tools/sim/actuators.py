@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
+import numba
 import numpy as np
 
 from aquanav_tools.sim.fossen import FossenVehicle
@@ -77,15 +78,11 @@ class WrenchActuators(ActuatorModel):
 
     def apply(self, ballast: float, steer: float, thrust: float) -> Array:
         """Return the (substeps, 6) wrench of a held command, body frame, N and N m."""
-        actuators, commands = self._actuators, self._commands
-        commands[:, SURGE] = actuators.surge_force * (thrust if thrust > 0.0 else thrust * actuators.reverse_share)
-        commands[:, YAW] = steer * self._yaw_moment
-        heave, change = [], ballast * self._trim_step
-        for _ in commands:
-            self._trim = min(max(self._trim + change, -1.0), 1.0)
-            heave.append(actuators.heave_force * self._trim)
-        commands[:, HEAVE] = heave
-        return commands
+        actuators = self._actuators
+        surge = actuators.surge_force * (thrust if thrust > 0.0 else thrust * actuators.reverse_share)
+        step, force = ballast * self._trim_step, actuators.heave_force
+        self._trim = _hold(self._commands, surge, steer * self._yaw_moment, self._trim, step, -1.0, 1.0, force)
+        return self._commands
 
 
 class OriginalActuators(ActuatorModel):
@@ -114,15 +111,19 @@ class OriginalActuators(ActuatorModel):
 
     def apply(self, ballast: float, steer: float, thrust: float) -> Array:
         """Return the (substeps, 6) thrust, power and moment of a held command."""
-        drive, commands = self._drive, self._commands
-        commands[:, SURGE] = drive.force * (thrust if thrust > 0.0 else thrust * drive.reverse_share)
-        commands[:, YAW] = drive.steer_moment * (steer if drive.steers_at_rest else steer * thrust)
-        if self._ballast is None:
-            return commands
-        powers = []
-        for _ in commands:
-            power = self._power + ballast * self._power_step
-            self._power = min(max(power, self._ballast.min_power), self._ballast.max_power)
-            powers.append(self._power)
-        commands[:, HEAVE] = powers
-        return commands
+        drive = self._drive
+        surge = drive.force * (thrust if thrust > 0.0 else thrust * drive.reverse_share)
+        moment = drive.steer_moment * (steer if drive.steers_at_rest else steer * thrust)
+        low, high = (0.0, 0.0) if self._ballast is None else (self._ballast.min_power, self._ballast.max_power)
+        step = ballast * self._power_step
+        self._power = _hold(self._commands, surge, moment, self._power, step, low, high, 1.0)
+        return self._commands
+
+
+@numba.njit(cache=True)
+def _hold(commands, surge, moment, level, step, low, high, heave_per_level):  # type: ignore[no-untyped-def]
+    """Write one row per physics step, in which the level of the ballast goes on by `step`; return its last."""
+    for row in range(len(commands)):
+        level = min(max(level + step, low), high)
+        commands[row, SURGE], commands[row, YAW], commands[row, HEAVE] = surge, moment, heave_per_level * level
+    return level

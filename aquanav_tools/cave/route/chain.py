@@ -13,7 +13,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.cave.route.guide import Guide, across, is_inside
+from aquanav_tools.cave.route.guide import Guide, is_in_outline
 from aquanav_tools.types import Array, Capsule
 
 
@@ -26,7 +26,7 @@ class PanelChain:
         self._touched = np.zeros(len(guide.panels), dtype=np.bool_)
         steps = np.linalg.norm(np.diff(guide.centres, axis=0), axis=1)
         self._to_go: Array = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
-        self._panels = guide.centres, guide.normals, *guide.outlines
+        self._panels = guide.centres, guide.normals, guide.axes, *guide.outlines
         self._hull = 0.5 * capsule.axis_length, capsule.radius
 
     def reset(self) -> None:
@@ -47,7 +47,7 @@ class PanelChain:
 
 
 @numba.njit(cache=True)
-def _cross(position, ahead, half_axis, radius, num_crossed, touched, centres, normals, corners, ends):  # type: ignore[no-untyped-def]
+def _cross(position, ahead, half_axis, radius, num_crossed, touched, centres, normals, axes, corners, ends):  # type: ignore[no-untyped-def]
     """Return how many panels are crossed now; `touched` keeps which ones the capsule touches."""
     for panel in range(len(centres)):
         normal = normals[panel]
@@ -55,9 +55,7 @@ def _cross(position, ahead, half_axis, radius, num_crossed, touched, centres, no
         along, reach = (offset * normal).sum(), half_axis * abs((ahead * normal).sum()) + radius
         is_touched = False
         if abs(along) <= reach:
-            first, second = across(normal)
-            start = ends[panel - 1] if panel > 0 else 0
-            is_touched = is_inside((offset * first).sum(), (offset * second).sum(), corners[start : ends[panel]])
+            is_touched = is_in_outline(offset[0], offset[1], offset[2], panel, axes, corners, ends)
         if touched[panel] and not is_touched:
             num_crossed = max(num_crossed, _nearest(position, centres[:-1]) + 1)
         touched[panel] = is_touched

@@ -2,14 +2,15 @@
 
 The original adds the distance to the next panel's centre to the chain of centres behind it. That jumps when a panel
 is crossed off its centre, and its nearest-panel rule jumps at loops. Here progress between two panels is interpolated
-by the distances to their planes, so that it is continuous at every panel, and a vehicle only changes its gate (the
-stretch between two panels) by passing through a panel, forwards or backwards.
+by the angle between their planes, so that it is continuous at every panel and even along a circle's arc, and a vehicle
+only changes its gate (the stretch between two panels) by passing through a panel's outline, forwards or backwards.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numba
 import numpy as np
@@ -19,8 +20,12 @@ from aquanav_tools.cave.water.flood import nearest_through_water
 from aquanav_tools.types import Array, IntArray
 
 CATCH = 0.25
-"""A lost vehicle within this distance of a panel is found again, m: more than a step at 2 m/s and ten decisions per
-second, less than the rock between two passages."""
+"""A vehicle within this distance of a panel is in it, m: half a step at 5 m/s and ten decisions per second, and less
+than the rock between two passages."""
+ARC_SAMPLES = 16
+"""Within a gate progress is even along the centreline by so many pieces: its panels may lean away from it."""
+PARALLEL = 1.0 - 1e-9
+"""Cosine above which two planes do not meet within a hundred kilometres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,16 +107,18 @@ class Guide:
     def track(self, position: Array, gate: int) -> int:
         """Return the gate after a small move to a (3,) world position from somewhere in `gate`.
 
-        A panel counts as crossed where its outline is: within its radius of its centre. A vehicle that has left its
-        gate sideways, through a loop or around a pillar, is found again where it passes through a panel's outline.
+        The gate changes where the vehicle passes through a panel's outline, of whatever panel: in a dead end that runs
+        beside the route it stays, and behind a loop it is found again where the route goes on.
         """
-        corners, ends = self.outlines
-        arrays = self.centres, self.normals, self._reach, corners, ends
-        return int(_track(np.asarray(position, dtype=np.float64), gate, *arrays))
+        return int(_track(np.asarray(position, dtype=np.float64), gate, *self._tracked))
+
+    def follow(self, position: Array, gate: int) -> tuple[int, float]:
+        """Return `track` and, in that gate, `remaining`: one call for both."""
+        return _follow(position, gate, self._arcs, *self._tracked)  # type: ignore[no-any-return]
 
     def progress(self, position: Array, gate: int) -> float:
         """Return the metres along the guide, in [0, length], of a (3,) world position in `gate`."""
-        return float(_progress(position, gate, self.centres, self.normals, self.arc_lengths))
+        return float(_progress(position, gate, self.centres, self.normals, self._arcs))
 
     def remaining(self, position: Array, gate: int) -> float:
         """Return the metres still to go to the last panel, in [0, length]."""
@@ -125,89 +132,101 @@ class Guide:
     @cached_property
     def outlines(self) -> tuple[Array, IntArray]:
         """(K, 2) corners of all outlines in their panels' planes, m, and the (P,) ends of each in them."""
-        flat = [(panel.polygon - panel.centre) @ _plane(panel.normal).T for panel in self.panels]
+        flat = [(panel.polygon - panel.centre) @ axes.T for panel, axes in zip(self.panels, self.axes, strict=True)]
         return np.concatenate(flat), np.cumsum([len(outline) for outline in flat])
 
     @cached_property
-    def _reach(self) -> Array:
-        """(P,) distance from a panel's centre within which its plane means something, m: its outline and one gate."""
-        spacing = np.diff(self.arc_lengths)
-        return self.radii + np.append(spacing, spacing[-1])
+    def axes(self) -> Array:
+        """(P, 2, 3) unit vectors in the panels' planes, across each other."""
+        return np.array([_across(normal) for normal in self.normals])
+
+    @cached_property
+    def _arcs(self) -> Array:
+        """(P - 1, ARC_SAMPLES + 1) progress at even shares of the angle in each gate, m: even along the centreline."""
+        rows = []
+        for gate, (first, last) in enumerate(pairwise(np.maximum.accumulate(self._stations))):
+            points = self.centreline[first : last + 1]
+            walked = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+            if len(points) < 2 or walked[-1] == 0.0:
+                points, walked = self.centres[gate : gate + 2], np.array([0.0, 1.0])
+            shares = np.array([_share(point, gate, self.centres, self.normals) for point in points])
+            shares[0], shares[-1] = 0.0, 1.0
+            even = np.interp(np.linspace(0, 1, ARC_SAMPLES + 1), np.maximum.accumulate(shares), walked / walked[-1])
+            rows.append(self.arc_lengths[gate] + even * (self.arc_lengths[gate + 1] - self.arc_lengths[gate]))
+        return np.array(rows)
+
+    @cached_property
+    def _tracked(self) -> tuple[Array, ...]:
+        """What the compiled functions read."""
+        corners, ends = self.outlines
+        return self.centres, self.normals, self.axes, self.radii, corners, ends
 
 
-def _plane(normal: Array) -> Array:
-    """Return two unit vectors across a normal."""
-    return np.stack(across(np.asarray(normal, dtype=np.float64)))
-
-
-@numba.njit(cache=True)
-def across(normal):  # type: ignore[no-untyped-def]
+def _across(normal: Array) -> Array:
     """Return two unit vectors across a normal and each other."""
-    helper = np.zeros(3)
-    helper[np.argmin(np.abs(normal))] = 1.0
-    first = np.cross(normal, helper)
-    first /= np.sqrt((first * first).sum())
-    return first, np.cross(normal, first)
+    first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(normal, first)])
 
 
 @numba.njit(cache=True)
-def _track(position, gate, centres, normals, reach, corners, ends):  # type: ignore[no-untyped-def]
-    while gate < len(centres) - 2 and _is_past(position, centres[gate + 1], normals[gate + 1], reach[gate + 1], 1.0):
-        gate += 1
-    while gate > 0 and _is_past(position, centres[gate], normals[gate], reach[gate], -1.0):
-        gate -= 1
-    if _is_far(position, centres[gate], reach[gate]) and _is_far(position, centres[gate + 1], reach[gate + 1]):
-        return _found_again(position, gate, centres, normals, corners, ends)
-    return gate
+def _follow(position, gate, arcs, centres, normals, axes, radii, corners, ends):  # type: ignore[no-untyped-def]
+    gate = _track(position, gate, centres, normals, axes, radii, corners, ends)
+    return gate, arcs[-1, -1] - _progress(position, gate, centres, normals, arcs)
 
 
 @numba.njit(cache=True)
-def _is_far(position, centre, reach):  # type: ignore[no-untyped-def]
-    x, y, z = position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]
-    return x * x + y * y + z * z > reach * reach
-
-
-@numba.njit(cache=True)
-def _found_again(position, gate, centres, normals, corners, ends):  # type: ignore[no-untyped-def]
-    """Return the gate beside the panel that a position is in, within CATCH of its plane; the same gate if in none."""
+def _track(position, gate, centres, normals, axes, radii, corners, ends):  # type: ignore[no-untyped-def]
+    """Return the gate beside the nearest panel that the position is in; the old one where it is in none."""
+    nearest, is_beyond, caught = CATCH, False, -1
     for panel in range(len(centres)):
-        offset = position - centres[panel]
-        along = (offset * normals[panel]).sum()
-        if abs(along) > CATCH:
-            continue
-        first, second = across(normals[panel])
-        start = ends[panel - 1] if panel > 0 else 0
-        if is_inside((offset * first).sum(), (offset * second).sum(), corners[start : ends[panel]]):
-            return min(max(panel if along >= 0.0 else panel - 1, 0), len(centres) - 2)
+        x, y, z = position[0] - centres[panel, 0], position[1] - centres[panel, 1], position[2] - centres[panel, 2]
+        along = x * normals[panel, 0] + y * normals[panel, 1] + z * normals[panel, 2]
+        reach = radii[panel] + CATCH
+        if abs(along) <= nearest and x * x + y * y + z * z <= reach * reach:
+            if is_in_outline(x, y, z, panel, axes, corners, ends):
+                nearest, is_beyond, caught = abs(along), along >= 0.0, panel
+    if caught >= 0:
+        return min(max(caught if is_beyond else caught - 1, 0), len(centres) - 2)
     return gate
 
 
 @numba.njit(cache=True)
-def is_inside(u, v, outline):  # type: ignore[no-untyped-def]
-    """Return whether a point of the plane is inside a closed polygon (even-odd rule)."""
-    is_inside = False
-    for n in range(len(outline)):
-        a, b = outline[n - 1], outline[n]
-        if (a[1] > v) != (b[1] > v) and u < a[0] + (v - a[1]) / (b[1] - a[1]) * (b[0] - a[0]):
-            is_inside = not is_inside
+def is_in_outline(x, y, z, panel, axes, corners, ends):  # type: ignore[no-untyped-def]
+    """Return whether an offset from a panel's centre, seen along its normal, lies in its outline (even-odd rule)."""
+    u = x * axes[panel, 0, 0] + y * axes[panel, 0, 1] + z * axes[panel, 0, 2]
+    v = x * axes[panel, 1, 0] + y * axes[panel, 1, 1] + z * axes[panel, 1, 2]
+    start = ends[panel - 1] if panel > 0 else 0
+    before, is_inside = ends[panel] - 1, False
+    for n in range(start, ends[panel]):
+        if (corners[before, 1] > v) != (corners[n, 1] > v):
+            share = (v - corners[before, 1]) / (corners[n, 1] - corners[before, 1])
+            if u < corners[before, 0] + share * (corners[n, 0] - corners[before, 0]):
+                is_inside = not is_inside
+        before = n
     return is_inside
 
 
 @numba.njit(cache=True)
-def _is_past(position, centre, normal, reach, direction):  # type: ignore[no-untyped-def]
-    """Return whether a position near a panel lies beyond it (direction 1) or strictly before it (-1)."""
-    x, y, z = position[0] - centre[0], position[1] - centre[1], position[2] - centre[2]
-    along = x * normal[0] + y * normal[1] + z * normal[2]
-    is_past = along >= 0.0 if direction > 0.0 else along < 0.0
-    return is_past and x * x + y * y + z * z <= reach * reach
+def _progress(position, gate, centres, normals, arcs):  # type: ignore[no-untyped-def]
+    """Return the metres along the guide."""
+    place = _share(position, gate, centres, normals) * (arcs.shape[1] - 1)
+    n = min(int(place), arcs.shape[1] - 2)
+    return arcs[gate, n] + (place - n) * (arcs[gate, n + 1] - arcs[gate, n])
 
 
 @numba.njit(cache=True)
-def _progress(position, gate, centres, normals, arc_lengths):  # type: ignore[no-untyped-def]
-    behind, ahead = 0.0, 0.0
+def _share(position, gate, centres, normals):  # type: ignore[no-untyped-def]
+    """Return how much of the angle between a gate's two planes lies behind a position; of the distance, if parallel."""
+    behind, ahead, cosine = 0.0, 0.0, 0.0
     for axis in range(3):
         behind += (position[axis] - centres[gate, axis]) * normals[gate, axis]
         ahead += (centres[gate + 1, axis] - position[axis]) * normals[gate + 1, axis]
+        cosine += normals[gate, axis] * normals[gate + 1, axis]
     behind, ahead = max(behind, 0.0), max(ahead, 0.0)
-    share = behind / (behind + ahead) if behind + ahead > 0.0 else 1.0
-    return arc_lengths[gate] + share * (arc_lengths[gate + 1] - arc_lengths[gate])
+    if behind + ahead == 0.0:
+        return 1.0
+    if cosine > PARALLEL:
+        return behind / (behind + ahead)
+    sine = np.sqrt(max(1.0 - cosine * cosine, 0.0))
+    return min(np.arctan2(behind * sine, ahead + behind * cosine) / np.arccos(max(cosine, -1.0)), 1.0)
