@@ -31,6 +31,10 @@ CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
 CAMERA_VOXELS = 2.0
 """A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
 NO_CAMERAS = np.zeros((0, 3))
+TOUCH = 0.1
+"""Water within this distance of an end's invented surface lies before that end, voxels."""
+CRUMB = 1.0
+"""Water of fewer cubic voxels beside an end belongs to its ragged rim; more is another passage."""
 SLIT = 1e-3
 """Thickness of the slit that a user's cut makes before one side is dropped, m."""
 
@@ -96,7 +100,7 @@ def cut_portals(
     openings = tuple(_beyond_cameras(opening, closed.mesh, cameras, voxel) for opening in openings)
     solid = _without_dents(closed.mesh, openings, voxel)
     for step in CUT_STEPS:
-        mesh, lids = _cut_all(solid, openings, cuts, voxel, step * voxel)
+        mesh, lids = _cut_all(solid, closed.mesh, openings, cuts, voxel, step * voxel)
         if not len(self_intersections(mesh)):
             break
     prove_watertight(mesh)
@@ -146,9 +150,12 @@ def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float) -> A
 
 
 def _cut_all(
-    solid: Any, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+    solid: Any, mesh: Mesh, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
 ) -> tuple[Mesh, list[Opening]]:
-    """Return the mesh of the solid after all cuts, as it will be stored, and the lids they leave."""
+    """Return the mesh of a solid after all cuts, as it will be stored, and the lids they leave.
+
+    The solid is that of the closed mesh, whose faces the openings name, with its dents carved out.
+    """
     lids = []
     for cut in cuts:
         solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
@@ -157,11 +164,11 @@ def _cut_all(
         if opening.is_portal and not _is_cut_away(solid, opening, voxel):
             is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
             lid = opening if is_flat else replace(opening, innermost=opening.innermost - inwards)
-            solid = solid if is_flat else _cut_flat(solid, lid)
+            solid = solid if is_flat else _cut_flat(solid, lid, mesh.triangles[opening.faces].mean(axis=1), voxel)
             lids.append(lid)
-    mesh = from_manifold(solid)
+    rest = from_manifold(solid)
     # The scenario stores float32: prove what will be read back.
-    return Mesh(mesh.vertices.astype(np.float32).astype(np.float64), mesh.faces), lids
+    return Mesh(rest.vertices.astype(np.float32).astype(np.float64), rest.faces), lids
 
 
 def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
@@ -237,16 +244,16 @@ def plane_axes(normal: Array) -> Array:
     return np.stack([horizontal, np.cross(normal, horizontal)])
 
 
-def _cut_flat(solid: Any, lid: Opening) -> Any:
-    """Return the solid without the box outside the plane just inside the lid's rim."""
-    import manifold3d
+def _cut_flat(solid: Any, lid: Opening, patch: Array, voxel: float) -> Any:
+    """Return the solid without what an end has beyond the plane just inside its rim.
 
-    horizontal, upright = plane_axes(lid.normal)
-    half, depth = 1.2 * lid.radius, 2.4 * lid.radius
-    box = manifold3d.Manifold.cube((2 * half, 2 * half, depth)).translate((-half, -half, 0.0))
-    base = lid.centre + lid.innermost * lid.normal
-    placed = box.transform(np.column_stack([horizontal, upright, lid.normal, base]))
-    rest = solid - placed
+    Args:
+        solid: manifold3d.Manifold.
+        lid: the end, with the plane.
+        patch: (N, 3) places on the surface invented across it, m.
+        voxel: resolution of the scan, m.
+    """
+    rest = solid - _beyond(solid, lid, patch, voxel)
     if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
         raise MeshError(
             f"Cutting the opening at {lid.centre.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
@@ -254,6 +261,45 @@ def _cut_flat(solid: Any, lid: Opening) -> Any:
             "passage. Scan the missing walls, or give a larger --min-portal so that the hole is filled instead."
         )
     return max(rest.decompose(), key=lambda piece: piece.volume())
+
+
+def _beyond(solid: Any, lid: Opening, patch: Array, voxel: float) -> Any:
+    """Return a solid on the plane of an end that holds what is cut away; arguments as in `_cut_flat`.
+
+    A box, or where another passage runs through it, a prism around what the end has there.
+    """
+    import manifold3d
+
+    half, depth = 1.2 * lid.radius, 2.4 * lid.radius
+    box = manifold3d.Manifold.cube((2 * half, 2 * half, depth)).translate((-half, -half, 0.0))
+    base = lid.centre + lid.innermost * lid.normal
+    axes = np.column_stack([*plane_axes(lid.normal), lid.normal])
+    # In the plane's frame. A dent's water was carved to beyond the plane: look for it there.
+    water = solid.transform(np.column_stack([axes.T, -axes.T @ base])) ^ box
+    places = (patch - base) @ axes
+    places[:, 2] = np.maximum(places[:, 2], 0.5 * voxel)
+    end, passages = _divided(water, places, voxel)
+    if not passages.is_empty():
+        margin = 0.5 * end.min_gap(passages, voxel)
+        height = end.bounding_box()[5] + margin
+        box = end.project().offset(margin, manifold3d.JoinType.Miter).extrude(height)
+    return box.transform(np.column_stack([axes, base]))
+
+
+def _divided(water: Any, places: Array, voxel: float) -> tuple[Any, Any]:
+    """Return the pieces of a solid that hold or touch any of (N, 3) places, crumbs with them, and the other ones."""
+    import igl
+    import manifold3d
+
+    ends, passages = [], []
+    for piece in water.decompose():
+        mesh = from_manifold(piece)
+        squared = igl.point_mesh_squared_distance(places, mesh.vertices, mesh.faces)[0]
+        is_touching = squared.min() < (TOUCH * voxel) ** 2
+        is_holding = (igl.fast_winding_number(mesh.vertices, mesh.faces, places) > 0.5).any()
+        is_end = is_touching or is_holding or piece.volume() < CRUMB * voxel**3
+        (ends if is_end else passages).append(piece)
+    return manifold3d.Manifold.compose(ends), manifold3d.Manifold.compose(passages)
 
 
 def _faces_on_lid(mesh: Mesh, lid: Opening, voxel: float) -> Any:

@@ -128,3 +128,16 @@ def test_an_end_that_bulges_outwards_is_left_as_it_was() -> None:
     solid = to_manifold(mesh)
     rim, normal = np.array([LENGTH - 1e-3, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
     assert carve_dents(solid, mesh, end, rim, normal, VOXEL) is solid
+
+
+def test_a_passage_that_goes_on_beside_an_end_stays_whole() -> None:
+    # The first tube ends at LENGTH, the second runs on 0.1 m beside it, through the box that the first's cut takes.
+    y = 2.0 * RADIUS + 0.1
+    rear = manifold3d.Manifold.cube((1.0, 4.1, 2.0)).translate((0.0, -1.0, -1.0))
+    beside = manifold3d.Manifold.cylinder(LENGTH + 4.0, RADIUS, circular_segments=SECTIONS).rotate((0, 90, 0))
+    beside = beside.translate((0, y, 0))
+    cavity = cut((tube() - dent()) + rear + beside)
+    prove_watertight(cavity.mesh)
+    check_end(cavity, LENGTH - 0.5 * DEPTH)
+    kept = tube().trim_by_plane((-1.0, 0.0, 0.0), -(LENGTH - 0.5 * DEPTH)) + rear + beside
+    assert cavity.volume == pytest.approx(kept.volume(), rel=1e-3)
