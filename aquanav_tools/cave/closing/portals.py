@@ -291,7 +291,8 @@ def _divided(water: Any, places: Array, voxel: float) -> tuple[Any, Any]:
     import igl
     import manifold3d
 
-    ends, passages = [], []
+    ends: list[Any] = []
+    passages: list[Any] = []
     for piece in water.decompose():
         mesh = from_manifold(piece)
         squared = igl.point_mesh_squared_distance(places, mesh.vertices, mesh.faces)[0]
