@@ -36,11 +36,12 @@ IMPORTERS = {
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},
     "rerun": {"report/recording/"},
+    "warp": {"sim/batch/"},
 }
 """Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
 DOCTOR = "cli/doctor.py"
 
-HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "numpy"}
+HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "warp", "numpy"}
 """Libraries that take long to import, down to a tenth of a second for numpy."""
 
 
@@ -135,6 +136,7 @@ def test_the_arrows_have_no_circle() -> None:
         ("cave/mesh.py", "def read():\n    import open3d.io"),
         ("build/photos.py", "from pycolmap import Reconstruction"),
         ("report/html.py", "import rerun"),
+        ("envs/vector_env.py", "import warp as wp"),
     ],
 )
 def test_the_check_catches_a_forbidden_import(path: str, source: str) -> None:

@@ -95,6 +95,15 @@ def _try_torch() -> str:
     return f"on {torch.cuda.get_device_name() if torch.cuda.is_available() else 'the CPU: no CUDA device'}"
 
 
+def _try_warp() -> str:
+    import warp
+
+    warp.config.log_level = warp.LOG_ERROR
+    if warp.zeros(3, device="cpu").numpy().any():
+        raise RuntimeError("zeros are not zero")
+    return f"on {', '.join(str(device) for device in warp.get_devices())}"
+
+
 TRIALS: dict[str, Callable[[], str]] = {
     "embreex": _try_embreex,
     "manifold3d": _try_manifold3d,
@@ -105,6 +114,7 @@ TRIALS: dict[str, Callable[[], str]] = {
     "pycolmap": _try_pycolmap,
     "rerun": _try_rerun,
     "torch": _try_torch,
+    "warp": _try_warp,
 }
 """By the library's import name: a function that uses it a little and says how that went."""
 

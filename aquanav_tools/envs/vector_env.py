@@ -1,0 +1,135 @@
+"""The benchmark's task as a Gymnasium vector environment: thousands of vehicles in one process."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from aquanav_tools.envs.batch_task import BatchTask, Floats
+from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.reward import TERMS
+from aquanav_tools.envs.starting import RESET_OPTIONS
+from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.scenario.schema import Scenario
+
+Flags = npt.NDArray[np.bool_]
+
+
+class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
+    """N vehicles in one cave, each at the task of `CaveEnv`: same action, observation, reward and episode.
+
+    `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`
+
+    ## Autoreset
+    `autoreset_mode`: NEXT_STEP, Gymnasium's default, begins the next episode in the step after an episode's end, whose
+    action is not used and whose reward is 0. SAME_STEP begins it at once; the last observation is then in
+    `infos["final_obs"]`, what else is known of the end in `infos["final_info"]`.
+
+    ## Info
+    One array each, (N,) unless noted: position (N, 3), velocity (N, 6), clearance, collision, num_collisions,
+    progress, remaining, cost, start_index, outcome, and the reward's terms ("reward/<name>"). Units are those of
+    `CaveEnv`. Starts are drawn from the seed, the vehicle's number and its count of episodes, so that one vehicle's
+    episodes do not depend on the others'.
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        scenario: str | Path | Scenario,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        """Load a scenario; `options` are those of `BatchTask`.
+
+        Raises:
+            ScenarioError: the scenario cannot be read, or has no start.
+            InputError: an option is unknown, senseless or not batched.
+        """
+        mode = AutoresetMode(autoreset_mode)
+        if mode is AutoresetMode.DISABLED:
+            raise InputError("A batch begins the next episodes itself. Choose NEXT_STEP or SAME_STEP.")
+        self._task = BatchTask(scenario, num_envs, next_step=mode is AutoresetMode.NEXT_STEP, **options)
+        self._is_same_step = mode is AutoresetMode.SAME_STEP
+        self.num_envs = num_envs
+        self.scenario, self.world = self._task.scenario, self._task.world
+        self.single_action_space = self._task.action_space
+        self.single_observation_space = self._task.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.metadata = {"autoreset_mode": mode, "render_modes": []}
+
+    def reset(
+        self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Floats, dict[str, Any]]:
+        """Begin all episodes.
+
+        Args:
+            seed: One number for the batch; None draws one from this environment's generator.
+            options: {"start": index of a start, or (N,) indices}; later episodes draw theirs.
+        """
+        if isinstance(seed, list):
+            raise InputError("A batch takes one seed, from which every vehicle's numbers are drawn.")
+        super().reset(seed=seed)
+        for name in options or {}:
+            if name not in RESET_OPTIONS:
+                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+        starts = (options or {}).get("start")
+        if starts is not None:
+            starts = np.broadcast_to(np.asarray(starts, dtype=np.int32), (self.num_envs,))
+        self.world.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
+        return self._task.copy_of("observations"), self._infos()
+
+    def step(self, actions: Any) -> tuple[Floats, Floats, Flags, Flags, dict[str, Any]]:
+        """Hold each vehicle's action for one decision."""
+        task = self._task
+        task.command(actions)
+        self.world.step()
+        terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
+        infos = self._infos()
+        if self._is_same_step and (ended := terminated | truncated).any():
+            infos.update(self._final_infos(ended))
+        return task.copy_of("observations"), task.copy_of("rewards"), terminated, truncated, infos
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the threads."""
+        self.world.close()
+
+    def _infos(self) -> dict[str, Any]:
+        copy_of = self._task.copy_of
+        is_touched = copy_of("touched") > 0
+        infos = {
+            "position": copy_of("positions"),
+            "velocity": copy_of("velocities"),
+            "clearance": copy_of("clearances"),
+            "collision": is_touched,
+            "num_collisions": copy_of("collisions"),
+            "remaining": copy_of("remaining"),
+            "cost": is_touched.astype(np.float64),
+            "start_index": copy_of("start_indices"),
+            "outcome": np.array(OUTCOMES)[self.world.as_numpy("outcomes")],
+        }
+        infos["progress"] = self.scenario.guide.length - infos["remaining"]
+        terms = copy_of("terms")
+        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
+        return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
+
+    def _final_infos(self, ended: Flags) -> dict[str, Any]:
+        """Return what Gymnasium asks for of episodes that ended in this step, whose successors have begun."""
+        observations = np.full(self.num_envs, None, dtype=object)
+        finals = self._task.copy_of("final_observations")
+        for vehicle in np.flatnonzero(ended):
+            observations[vehicle] = finals[vehicle]
+        final_info = {
+            "outcome": np.array(OUTCOMES)[self.world.as_numpy("last_outcomes")],
+            "num_collisions": self._task.copy_of("last_collisions"),
+            "return": self._task.copy_of("last_returns"),
+            "length": self._task.copy_of("last_lengths"),
+        }
+        final_info |= {f"_{name}": ended for name in final_info}
+        return {"final_obs": observations, "_final_obs": ended, "final_info": final_info, "_final_info": ended}

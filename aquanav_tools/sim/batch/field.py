@@ -1,0 +1,104 @@
+"""The distance field in Warp: clearance at a point, and rays traced through it.
+
+Inside, places are in spacings from the field's first sample, where float32 resolves a ten-thousandth of one.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from aquanav_tools.cave.water import field as water_field
+from aquanav_tools.sim.batch.runtime import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+f64 = wp.float64
+BITS = wp.constant(water_field.BRICK_BITS)
+MASK = wp.constant(water_field.BRICK - 1)
+ROW = wp.constant(water_field.APRON)
+PLANE = wp.constant(water_field.APRON**2)
+VOLUME = wp.constant(water_field.APRON**3)
+MIN_STEP = wp.constant(0.5)
+"""Least step of a ray along the wall, spacings: one that slips by in it has hardly touched."""
+
+
+@wp.struct
+class Grid:
+    """A distance field on the device."""
+
+    origin: wp.vec3d
+    spacing: f64
+    last: wp.vec3
+    """Where the grid ends, spacings."""
+    num_y: wp.int32
+    """Bricks along y."""
+    num_z: wp.int32
+    bricks: wp.array(dtype=wp.int32)
+    """First sample of each brick."""
+    samples: wp.array(dtype=wp.float32)
+    """Clearance, spacings."""
+
+
+def make_grid(field: water_field.DistanceField, device: Any) -> Grid:
+    """Return a field on a device."""
+    grid = Grid()
+    grid.origin, grid.spacing = wp.vec3d(*field.origin), field.spacing
+    grid.last = wp.vec3(*(count - 0.001 for count in field.shape))
+    _, grid.num_y, grid.num_z = field.bricks.shape
+    grid.bricks = wp.array(field.bricks.ravel() * int(VOLUME), dtype=wp.int32, device=device)
+    grid.samples = wp.array((field.samples / field.spacing).ravel(), dtype=wp.float32, device=device)
+    return grid
+
+
+@wp.func
+def on_grid(grid: Grid, position: wp.vec3d):
+    """Return a place of the world in spacings."""
+    return wp.vec3((position - grid.origin) / grid.spacing)
+
+
+@wp.func
+def room_at(grid: Grid, place: wp.vec3):
+    """Return the clearance at a place, both in spacings; outside the grid, that of the nearest border."""
+    x = wp.clamp(place[0], 0.0, grid.last[0])
+    y = wp.clamp(place[1], 0.0, grid.last[1])
+    z = wp.clamp(place[2], 0.0, grid.last[2])
+    i, j, k = int(x), int(y), int(z)
+    fx, fy, fz = x - float(i), y - float(j), z - float(k)
+    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
+    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    a = wp.lerp(grid.samples[n], grid.samples[n + 1], fz)
+    b = wp.lerp(grid.samples[n + ROW], grid.samples[n + ROW + 1], fz)
+    n += PLANE
+    c = wp.lerp(grid.samples[n], grid.samples[n + 1], fz)
+    d = wp.lerp(grid.samples[n + ROW], grid.samples[n + ROW + 1], fz)
+    return wp.lerp(wp.lerp(a, b, fy), wp.lerp(c, d, fy), fx)
+
+
+@wp.func
+def clearance_at(grid: Grid, position: wp.vec3d):
+    """Return the clearance at a place of the world, m."""
+    return f64(room_at(grid, on_grid(grid, position))) * grid.spacing
+
+
+@wp.func
+def traced(grid: Grid, start: wp.vec3, way: wp.vec3, length: float, room: float):
+    """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start.
+
+    Each step goes as far as no wall can be met. The one that ends in the wall is shortened to where a straight line
+    between the clearances at its two ends crosses zero.
+    """
+    before = room
+    step = wp.max(room, MIN_STEP)
+    along = step
+    distance = length
+    while along < length:
+        ahead = room_at(grid, start + along * way)
+        if ahead <= 0.0:
+            distance = along + step * ahead / (before - ahead)
+            break
+        before = ahead
+        step = wp.max(ahead, MIN_STEP)
+        along += step
+    return wp.clamp(distance, 0.0, length)

@@ -1,0 +1,211 @@
+"""All vehicles of a batch: their arrays on a device, and the kernels launched on them."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch import kernels
+from aquanav_tools.sim.batch.field import make_grid
+from aquanav_tools.sim.batch.fleet_arrays import (
+    Fans,
+    Fleet,
+    TaskNumbers,
+    Water,
+    make_craft,
+    make_rules,
+    make_starts,
+)
+from aquanav_tools.sim.batch.guide import make_panels
+from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.types import Array, Mesh
+
+RaySource = Literal["field", "mesh"]
+MAX_VEHICLES = 1 << 20
+"""Chosen; 2 GB."""
+PARTS_ON_GPU = 4
+"""Threads that share the rays of a vehicle."""
+MIN_SLICE = 256
+"""Vehicles for which a further thread is worth its start."""
+SORT_EVERY = 32
+"""Decisions after which vehicles are put in order of place again: about a metre's way."""
+
+
+class BatchWorld:
+    """N vehicles in one cave. Each step is a decision of every vehicle; ended episodes are followed by new ones.
+
+    The arrays in `fleet` are Warp's, on `device`; `as_numpy` and `as_torch` show them without a copy.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        vehicle: Vehicle,
+        task: TaskNumbers,
+        num: int,
+        *,
+        current: Array,
+        rays: RaySource = "field",
+        next_step: bool = True,
+        device: str = "cpu",
+        num_threads: int | None = None,
+    ) -> None:
+        """Upload a scenario and make room for `num` vehicles; call `reset` next.
+
+        Args:
+            scenario: The cave.
+            vehicle: Moves and collides as all of them do.
+            task: What is observed and paid for, and when episodes end.
+            num: Number of vehicles.
+            current: (3,) uniform velocity of the water, world, m/s.
+            rays: Traced through the distance field, or cast exactly against the mesh.
+            next_step: Whether an ended episode's successor begins at the next step (its command is not used then), or
+                in the same one.
+            device: "cpu", "cuda" or "cuda:0".
+            num_threads: On the processor; None takes as many as the process may use.
+
+        Raises:
+            InputError: no such device, or a senseless number.
+        """
+        if not 1 <= num <= MAX_VEHICLES:
+            raise InputError(f"A batch must have 1 to {MAX_VEHICLES} vehicles, got {num}.")
+        self.num = num
+        self.device = find_device(device)
+        self._next_step = next_step
+        self._num_starts = len(scenario.starts)
+        middle = scenario.cavity.mesh.vertices.mean(axis=0)
+        self._ray_mesh = _upload(scenario.cavity.mesh, middle, self.device) if rays == "mesh" else None
+        self._wall = _upload(scenario.collision, middle, self.device)
+        self._craft = make_craft(scenario, vehicle, self.device)
+        self._starts = make_starts(scenario, vehicle, self.device)
+        self._rules = make_rules(task, scenario, next_step, self.device)
+        self._grid, self._panels = make_grid(scenario.field, self.device), make_panels(scenario.guide, self.device)
+        self._water, self._fans, self._middle = Water(), _make_fans(rays, self.device), wp.vec3d(*middle)
+        self._water.uniform = wp.vec3d(*current)
+        self.fleet = _make_fleet(num, task.size, self._starts.extra.shape[1], self.device)
+        self._num_slices = _num_slices(num, num_threads) if self.device.is_cpu else 1
+        self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
+        self._decision, self._beginning = self._record()
+        self._steps_in_order = 0
+
+    def reset(self, seed: int, starts: npt.NDArray[np.int32] | None = None) -> None:
+        """Begin all episodes.
+
+        Args:
+            seed: Of all that is drawn from now on; with the vehicle's number and its episodes since this reset it
+                gives the start.
+            starts: (N,) the first episode's; None draws them.
+        """
+        first = np.full(self.num, -1) if starts is None else np.asarray(starts)
+        if first.shape != (self.num,) or first.max() >= self._num_starts:
+            raise InputError(f"The starts must be {self.num} numbers from 0 to {self._num_starts - 1}.")
+        self.fleet.seed.assign(np.array([seed], dtype=np.uint32).view(np.int32))
+        self.fleet.wanted_starts.assign(first.astype(np.int32))
+        self.fleet.episodes.zero_()
+        self._run(self._beginning)
+        self._sort()
+
+    def step(self) -> None:
+        """Carry out `fleet.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+        self._run(self._decision)
+        self._steps_in_order += 1
+        if self._steps_in_order == SORT_EVERY:
+            self._sort()
+
+    def _sort(self) -> None:
+        """Put vehicles that are near each other one after the other: they read the same parts of the field."""
+        self._steps_in_order = 0
+        if self.num > MIN_SLICE and self.device.is_cpu:
+            place = (self.as_numpy("positions") / 2.0).astype(np.int32)
+            self.fleet.order.assign(np.lexsort(place.T).astype(np.int32))
+
+    def as_numpy(self, name: str) -> Any:
+        """Return an array of `Fleet` as NumPy's: the same memory on the processor, a copy from a GPU."""
+        return getattr(self.fleet, name).numpy()
+
+    def as_torch(self, name: str) -> Any:
+        """Return an array of `Fleet` as a torch tensor in the same memory, which changes with each step."""
+        return wp.to_torch(getattr(self.fleet, name))
+
+    def close(self) -> None:
+        """End the threads. Closing twice does nothing."""
+        if self._threads is not None:
+            self._threads.shutdown()
+
+    def _run(self, slices: list[list[Any]]) -> None:
+        """Launch the recorded kernels, each slice of the vehicles in a thread of its own: Warp lets go of Python."""
+        if self._threads is None:
+            _launch(slices[0])
+        else:
+            list(self._threads.map(_launch, slices))
+
+    def _record(self) -> tuple[list[list[Any]], list[list[Any]]]:
+        """Return the launches of a decision, and of the beginning of all episodes, for each slice of the vehicles."""
+        bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
+        decision, beginning = [], []
+        wall, rays = self._wall.id, self._wall.id if self._ray_mesh is None else self._ray_mesh.id
+        num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
+        fleet, craft, rules, grid = self.fleet, self._craft, self._rules, self._grid
+
+        for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+            num = last - first
+            where = [first, fleet, self._starts, craft, self._water, rules, grid, self._panels, wall, self._middle]
+            view = [fleet, craft, rules, grid, self._fans, rays, self._middle]
+            move = self._launch_of(kernels.move, num, where)
+            sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
+            score = self._launch_of(kernels.score, num, [first, fleet, rules])
+            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, self._starts, craft])
+            again = self._launch_of(kernels.restart, num, [first, 0, fleet, self._starts, craft])
+            look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
+            decision.append([move, sense, score] if self._next_step else [move, sense, score, again, look_again])
+            beginning.append([anew, sense, score])
+        return decision, beginning
+
+    def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+
+
+def _launch(commands: list[Any]) -> None:
+    for command in commands:
+        command.launch()
+
+
+def _num_slices(num: int, num_threads: int | None) -> int:
+    available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+    if available < 1:
+        raise InputError(f"num_threads must be at least 1, got {num_threads}.")
+    return max(1, min(available, num // MIN_SLICE))
+
+
+def _upload(mesh: Mesh, middle: Array, device: Any) -> Any:
+    """Return a mesh on a device, moved so that `middle` is at the origin: Warp's meshes are in float32."""
+    points = wp.array((mesh.vertices - middle).astype(np.float32), dtype=wp.vec3, device=device)
+    return wp.Mesh(points, wp.array(mesh.faces.ravel().astype(np.int32), dtype=wp.int32, device=device))
+
+
+def _make_fans(rays: RaySource, device: Any) -> Fans:
+    fans, pattern = Fans(), original_pattern()
+    fans.directions = wp.array(pattern.directions.astype(np.float32), dtype=wp.vec3, device=device)
+    fans.lengths = wp.array(pattern.lengths.astype(np.float32), dtype=wp.float32, device=device)
+    fans.exact = int(rays == "mesh")
+    return fans
+
+
+def _make_fleet(num: int, size: int, num_extra: int, device: Any) -> Fleet:
+    fleet = Fleet()
+    shapes = {"seed": (1,), "commands": (num, 3), "extra": (num, num_extra), "terms": (num, 7)}
+    shapes |= {"observations": (num, size), "final_observations": (num, size)}
+    for name, field in Fleet.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
+        array = wp.zeros(shapes.get(name, (num,)), dtype=field.type.dtype, device=device)
+        setattr(fleet, name, array)
+    fleet.order.assign(np.arange(num, dtype=np.int32))
+    return fleet

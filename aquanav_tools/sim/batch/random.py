@@ -1,0 +1,56 @@
+"""Random numbers that depend on what they are for, not on what was drawn before: seed, vehicle, episode, purpose.
+
+So a vehicle's episode is the same whatever the other vehicles do, on processors and on cards, in any order.
+
+Source: Jarzynski and Olano, Hash Functions for GPU Rendering, JCGT 9 (2020), pcg4d.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from aquanav_tools.sim.batch.runtime import OPTIONS
+
+wp.set_module_options(OPTIONS)
+
+u32 = wp.uint32
+START = 0
+"""Purpose: which start an episode begins at."""
+
+
+@wp.func
+def draw(seed: int, vehicle: int, episode: int, purpose: int):
+    """Return 32 random bits."""
+    a, c = u32(1664525), u32(1013904223)
+    x, y = u32(seed) * a + c, u32(vehicle) * a + c
+    z, w = u32(episode) * a + c, u32(purpose) * a + c
+    for n in range(2):
+        x += y * w
+        y += z * x
+        z += x * y
+        w += y * z
+        if n == 0:
+            x, y, z, w = x ^ (x >> u32(16)), y ^ (y >> u32(16)), z ^ (z >> u32(16)), w ^ (w >> u32(16))
+    return x
+
+
+@wp.func
+def choice(bits: wp.uint32, count: int):
+    """Return a number from 0 to count - 1."""
+    return int(bits % u32(count))
+
+
+def draw_many(seed: int, vehicles: npt.NDArray[np.int64], episode: int, purpose: int) -> npt.NDArray[np.uint32]:
+    """Return `draw` for (N,) vehicles, computed by NumPy."""
+    parts = np.stack([np.full_like(vehicles, seed), vehicles, *np.full((2, len(vehicles)), [[episode], [purpose]])])
+    x, y, z, w = parts.astype(np.uint32) * np.uint32(1664525) + np.uint32(1013904223)
+    for n in range(2):
+        x += y * w
+        y += z * x
+        z += x * y
+        w += y * z
+        if n == 0:
+            x, y, z, w = (part ^ (part >> np.uint32(16)) for part in (x, y, z, w))
+    return x

@@ -1,0 +1,33 @@
+"""Warp, prepared for use: quiet, and compiling into the user's own cache folder."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+
+from aquanav_tools.errors import InputError
+
+OPTIONS = {"enable_backward": False, "fast_math": False}
+"""For every module with kernels: nothing is differentiated, and float64 is meant as such."""
+
+
+def find_device(name: str) -> Any:
+    """Return Warp's device of a name: "cpu", "cuda" or "cuda:0".
+
+    Compiled kernels are kept in the user's cache folder, or in that which WARP_CACHE_PATH names. Processes that compile
+    the same kernels at once each write a folder of their own, and the first to be ready is taken.
+
+    Raises:
+        InputError: there is no such device; the message lists those at hand.
+    """
+    wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU would be told so on every start
+    wp.init()
+    try:
+        return wp.get_device(name)
+    except (ValueError, RuntimeError) as cause:
+        known = ", ".join(str(device) for device in wp.get_devices())
+        raise InputError(
+            f"There is no device '{name}' for the batched simulation; at hand are: {known}. "
+            "For a GPU, is its driver installed, and new enough for this build of warp-lang?"
+        ) from cause

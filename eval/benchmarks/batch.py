@@ -1,0 +1,157 @@
+"""Measure the batched environment beside PyBullet's: decisions per second, and what a million of them cost.
+
+    python eval/benchmarks/batch.py [scenario folder] [--sizes 1 64 1024 16384] [--seconds 4] [--threads 2]
+
+All in one run: PyBullet one after the other (dummy) and in processes (subproc), Warp with exact rays (mesh) and with
+rays traced through the distance field (field). Every vehicle flies the same habit of steering to the goal and away
+from the nearer side; "+ policy" adds a network of 3 x 128 that looks at every observation and is not obeyed, so that
+the flights stay the same. On a machine that others use too, CPU time says more than the clock.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("MKL_NUM_THREADS", "1")
+
+import argparse
+import functools
+import resource
+import sys
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
+
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.sb3_env import CaveVecEnv
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+
+Act = Callable[[np.ndarray], np.ndarray]
+OPTIONS = {"observation": "paper", "action": "continuous", "reward": "safe"}
+PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
+MAX_STEPS = 2_000_000
+
+
+def steer(obs: np.ndarray) -> np.ndarray:
+    """Return (N, 3) actions towards the goal and away from the nearer side."""
+    steering = 3.0 * obs[:, 29] + 1.5 * (obs[:, 8] - obs[:, 7])
+    ballast = 2.0 * obs[:, 30] + 0.5 * (obs[:, 23] - obs[:, 18])
+    return np.clip(np.stack([ballast, steering, np.full(len(obs), 0.9)], axis=1), -1.0, 1.0).astype(np.float32)
+
+
+def with_network() -> Act:
+    """Return `steer` that also asks a network of random weights."""
+    import torch
+
+    torch.set_num_threads(1)
+    widths = (31, 128, 128, 128, 3)
+    layers: list[Any] = []
+    for a, b in pairwise(widths):
+        layers += [torch.nn.Linear(a, b), torch.nn.SiLU()]
+    network = torch.nn.Sequential(*layers)
+
+    def act(obs: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            network(torch.from_numpy(obs))
+        return steer(obs)
+
+    return act
+
+
+def cpu_seconds(pids: list[int]) -> float:
+    """Return the CPU time of this process with its threads, and of the child processes named, s."""
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    total = usage.ru_utime + usage.ru_stime
+    for pid in pids:
+        fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+        total += (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return total
+
+
+def measure(name: str, env: Any, act: Act, seconds: float) -> float:
+    """Print a line on one environment, and return its decisions per CPU second."""
+    pids = [process.pid for process in getattr(env, "processes", [])]
+    obs = env.reset()
+    for _ in range(3):
+        obs = env.step(act(obs))[0]
+    start, cpu, steps = time.perf_counter(), cpu_seconds(pids), 0
+    touched = ended = 0
+    while time.perf_counter() - start < seconds and steps < MAX_STEPS:
+        obs, _, dones, infos = env.step(act(obs))
+        steps += env.num_envs
+        ended += int(dones.sum())
+        touched += sum(infos[n]["num_collisions"] > 0 for n in np.flatnonzero(dones))
+    wall, cpu = time.perf_counter() - start, cpu_seconds(pids) - cpu
+    print(
+        f"  {name:<26}{env.num_envs:>7}{steps / wall:>12,.0f}{1e6 * cpu / steps:>12.2f}{steps / cpu:>13,.0f}"
+        f"{ended:>9}{touched:>9}",
+        flush=True,
+    )
+    return steps / cpu
+
+
+def pybullet_env(kind: str, num: int, scenario: Scenario) -> Any:
+    """Return N environments of PyBullet, one after the other or in processes."""
+    from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
+
+    make = functools.partial(CaveEnv, scenario, **OPTIONS)
+    return DummyVecEnv([make] * num) if kind == "dummy" else SubprocVecEnv([make] * num, start_method="fork")
+
+
+def parts(scenario: Scenario, num: int, rays: str) -> None:
+    """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
+    env = CaveVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
+    obs = env.reset()
+    spent: dict[str, float] = {}
+    for decision in range(40):
+        env.step_async(steer(obs))
+        for launch in env._task.world._decision[0]:
+            start = time.process_time()
+            launch.launch()
+            if decision >= 10:
+                spent[launch.kernel.key] = spent.get(launch.kernel.key, 0.0) + time.process_time() - start
+        obs = env._task.copy_of("observations")
+    line = ", ".join(f"{name} {1e6 * duration / 30 / num:.2f}" for name, duration in spent.items())
+    print(f"  {rays}, {num} vehicles, microseconds of CPU time per decision: {line}", flush=True)
+    env.close()
+
+
+def main() -> None:
+    from env_speed import fine_tube
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenario", type=Path, nargs="?")
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1, 64, 1024, 16384])
+    parser.add_argument("--seconds", type=float, default=4.0, help="by the clock, for each line")
+    parser.add_argument("--threads", type=int, default=None, help="of the batch; as many as there are by default")
+    options = parser.parse_args()
+    scenario = fine_tube() if options.scenario is None else read_scenario(options.scenario)
+    faces = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
+    print(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m")
+    print(f"  {'':<26}{'N':>7}{'per second':>12}{'CPU-s / 1e6':>12}{'per CPU-s':>13}{'episodes':>9}{'touched':>9}")
+    acts = {"": steer, " + policy": with_network()}
+    for kind, sizes in PYBULLET_SIZES.items():
+        for num in sizes:
+            env = pybullet_env(kind, num, scenario)
+            measure(f"PyBullet {kind}", env, steer, options.seconds)
+            env.close()
+    for rays in ("mesh", "field"):
+        for num in options.sizes:
+            env = CaveVecEnv(scenario, num, rays=rays, num_threads=options.threads, **OPTIONS)
+            for suffix, act in acts.items():
+                measure(f"Warp {rays}{suffix}", env, act, options.seconds)
+            env.close()
+    for rays in ("mesh", "field"):
+        parts(scenario, max(options.sizes), rays)
+
+
+if __name__ == "__main__":
+    main()
