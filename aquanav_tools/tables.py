@@ -91,9 +91,7 @@ def _convert(hint: Any, value: object, where: str, error: type[AquanavError]) ->
             raise error(f"{where} is {value!r}.{did_you_mean(str(value), map(str, arguments))}")
         return value
     if origin in (typing.Union, types.UnionType):
-        return (
-            None if value is None else _convert(next(a for a in arguments if a is not type(None)), value, where, error)
-        )
+        return _convert_union([a for a in arguments if a is not type(None)], value, where, error)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if hint is Path and isinstance(value, str):
@@ -115,3 +113,17 @@ def _convert_tuple(arguments: tuple[Any, ...], value: object, where: str, error:
     return tuple(
         _convert(hint, item, f"{where}[{n}]", error) for n, (hint, item) in enumerate(zip(hints, value, strict=True))
     )
+
+
+def _convert_union(choices: list[Any], value: object, where: str, error: type[AquanavError]) -> Any:
+    """Return the value as the first of some types that takes it; None stays None."""
+    if value is None:
+        return None
+    faults = []
+    for choice in choices:
+        try:
+            return _convert(choice, value, where, error)
+        except error as fault:
+            faults.append(fault)
+    # A list of the wrong length is better explained by the type that takes lists.
+    raise next((fault for fault in faults if "values" in str(fault)), faults[0])

@@ -34,6 +34,9 @@ class TaskOptions:
     """Decisions between choosing an action and its effect."""
     observation_delay: int = 0
     """Decisions by which observations are late."""
+    current: Literal["still", "half", "full", "flood"] | float | tuple[float, float, float] | None = None
+    """Current of the water: a preset; the mean speed through the cave's narrowest section, m/s; or one velocity X Y Z
+    everywhere, m/s. The scenario's own when not given."""
     current_range: tuple[float, float] = (1.0, 1.0)
     """The water flows with a share of its speed drawn evenly from this range for each episode."""
 

@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
@@ -122,6 +123,7 @@ def build_scenario(
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
         narrows = find_narrows(guide.centreline, cavity, 2.0 * vehicle.capsule.radius)
+    flow = find_currents(cavity, field, guide, options.water, journal)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
     with journal.stage("Placing the starts"):
@@ -134,7 +136,7 @@ def build_scenario(
         handles = find_handles(cavity.mesh)
     settings = _settings(options, guide, vehicle.name, collision)
     vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
-    scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, network=network)
+    scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
     _note_weaknesses(built, options, journal)
     return built
@@ -155,6 +157,7 @@ def _settings(options: BuildOptions, guide: Guide, vehicle: str, collision: Coll
         built=BuiltBy(__version__, options.kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle,
+        water=water_settings(options.water),
         collision_error=collision.bound,
     )
 

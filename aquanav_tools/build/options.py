@@ -6,7 +6,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
+from aquanav_tools.cave.options import (
+    ClosingOptions,
+    PanelOptions,
+    RouteOptions,
+    ScanOptions,
+    StartOptions,
+    WaterOptions,
+)
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
 
@@ -57,6 +64,7 @@ class BuildOptions:
     route: RouteOptions = field(default_factory=RouteOptions)
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
+    water: WaterOptions = field(default_factory=WaterOptions)
     intake: IntakeOptions = field(default_factory=IntakeOptions)
 
     @property

@@ -15,6 +15,7 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.water_stage import current_facts
 from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
@@ -23,7 +24,9 @@ from aquanav_tools.report.stage_bars import draw_stages
 from aquanav_tools.store import write_whole
 from aquanav_tools.types import Mesh
 
-LIBRARIES = ("numpy", "scipy", "numba", "libigl", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image")
+LIBRARIES = (
+    "numpy", "scipy", "numba", "libigl", "pyamg", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image"
+)  # fmt: skip
 PICTURE_CAPTION = "The cavity cut open, with the route, its panels, the start poses, entrance and goal."
 
 
@@ -53,6 +56,7 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
         "left_out_share": built.surface.dropped_share,
         "turned_share": built.surface.turned_share,
         "enclosure": built.enclosure,
+        "water": current_facts(built.scenario),
         "num_starts": len(built.scenario.starts),
         "handles": [
             {"centre": one.centre.tolist(), "length": one.length, "is_pillar": one.is_pillar} for one in built.handles

@@ -29,6 +29,7 @@ from aquanav_tools.build.photo_stages import (
     write_found,
 )
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
+from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.read import read_survey
@@ -204,6 +205,7 @@ def _finish(
         with journal.stage("Drawing what the photos gave"):
             section, found = photo_section(work, scenario, cave, facts, partial)
             sections, facts = [section], {**facts, **found}
+    sections.append(current_section(scenario, cave, partial / DRAWINGS_DIR))
     sections.append(outputs.stage_section(journal, partial / DRAWINGS_DIR))
     figures = (*drawings, Figure(partial / "cave.png", outputs.PICTURE_CAPTION))
     page = cave_page(built, cave, built.narrows, figures, journal, sections)

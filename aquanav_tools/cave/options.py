@@ -96,3 +96,25 @@ class StartOptions:
             raise ValueError(f"margin = {self.margin} or max_yaw_error_deg = {self.max_yaw_error_deg} is out of range.")
         if not self.min_goal_distance >= 0.0:
             raise ValueError(f"min_goal_distance = {self.min_goal_distance} must not be negative.")
+
+
+@dataclass(frozen=True)
+class WaterOptions:
+    """The water in the cave, and which way it flows."""
+
+    current: Literal["still", "half", "full", "flood"] = "still"
+    """Current of the scenario; training and evaluation can choose another."""
+    inlets: tuple[int, ...] = ()
+    """Portals, by their labels in the report, where water enters; the one nearest to the goal by default."""
+    outlets: tuple[int, ...] = ()
+    """Portals where it leaves; all others by default. Portals in neither list are closed to the flow."""
+    temperature: float | None = None
+    """Degrees Celsius; with salinity it gives the water's density, which is 1000 kg/m^3 when neither is given."""
+    salinity: float | None = None
+    """Salt, g/kg: 0 in fresh water, 35 in the sea."""
+
+    def __post_init__(self) -> None:
+        if self.temperature is not None and not 0.0 <= self.temperature <= 100.0:
+            raise ValueError(f"temperature = {self.temperature} must be 0 to 100 degrees Celsius.")
+        if self.salinity is not None and not 0.0 <= self.salinity <= 150.0:
+            raise ValueError(f"salinity = {self.salinity} must be 0 to 150 g/kg.")

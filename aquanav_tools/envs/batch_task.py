@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
-from aquanav_tools.envs.cave_env import _check_current, _episode_rules, _load_vehicle
+from aquanav_tools.envs.cave_env import _episode_rules, _load_vehicle
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, load_weights
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import PRESETS, Current, Scenario, check_current
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.task import TaskOptions, choices_of, task_options
@@ -103,7 +103,7 @@ class BatchTask:
             _load_vehicle(vehicle, self.scenario),
             numbers,
             num,
-            current=_check_current(settings.water.current if current is None else current),
+            current=_uniform_current(settings.water.current if current is None else current),
             rays="mesh" if rays == "mesh" else "field",
             next_step=next_step,
             device=device,
@@ -135,6 +135,22 @@ def _check_batched(options: TaskOptions) -> None:
                 f"{' and '.join(BATCHED_OPTIONS)}. Leave it out, or take aquanav/Cave-v0 without "
                 "vectorization_mode='vector_entry_point'."
             )
+
+
+def _uniform_current(current: Current) -> npt.NDArray[np.float64]:
+    """Return the (3,) velocity of all of the water, m/s."""
+    try:
+        check_current(current)
+    except ValueError as cause:
+        raise InputError(f"{cause} Choose another current.") from cause
+    if np.ndim(current) == 1:
+        return np.array(current, dtype=np.float64)
+    if PRESETS.get(current, current):  # type: ignore[call-overload]  # a number is no preset
+        raise InputError(
+            f"The batched environment has one velocity for all of the water, and the current is {current!r}. Give "
+            "current=(x, y, z) in m/s, or take aquanav/Cave-v0 without vectorization_mode='vector_entry_point'."
+        )
+    return np.zeros(3)
 
 
 def _from_choices(actions: npt.NDArray[Any]) -> Floats:

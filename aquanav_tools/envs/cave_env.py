@@ -19,20 +19,19 @@ from aquanav_tools.envs.reward import Decision, RewardWeights, load_weights, rew
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
 from aquanav_tools.sim.spheres import SphereSensor, find_ends
 from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.water import Water
 from aquanav_tools.task import TaskOptions, task_options
 from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-MAX_CURRENT = 10.0
-"""m/s per axis, as in the scenario's schema."""
 
 
 class CaveEnv(gymnasium.Env[Observation, Any]):
@@ -86,7 +85,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
     ## Info
     After every reset and step: position (3,) m and orientation (4,) (w, x, y, z) in the world; velocity (6,) over
-    ground, body frame; current (3,) m/s; rays (28,) m; clearance, from the hull to the nearest wall, m; collision,
+    ground, body frame; current (3,), of the water where the vehicle is, m/s; rays (28,) m; clearance, from the hull to
+    the nearest wall, m; collision,
     whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
     remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index,
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
@@ -101,7 +101,6 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         observation: str = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
-        current: tuple[float, float, float] | None = None,
         max_decisions: int | None = None,
         **task: Any,
     ) -> None:
@@ -112,10 +111,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             observation: "paper", "full" or "original".
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
-            current: Uniform velocity of the water in the world, m/s; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
             task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
-                sensor_dropout, action_delay, observation_delay, current_range.
+                sensor_dropout, action_delay, observation_delay, current, current_range.
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
@@ -129,7 +127,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         settings = self.scenario.settings
         self._weights = load_weights(self.task.reward)
         self._rules = _episode_rules(self.scenario, self.task, self._weights, max_decisions)
-        self._current = _check_current(settings.water.current if current is None else current)
+        self._water = _water_of(self.scenario, self.task.current)
+        self._current: Array = np.zeros(3)
         self._measure = progress_measure(self.task.progress, self.scenario, self.vehicle.capsule)
         self._prepare_interface(observation, action)
         self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
@@ -169,6 +168,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._actuators.reset()
         self._actions.fill(IDLE)
         state = self._world.state
+        self._water.reset(self.np_random)
+        self._current = self._water.velocity(state[:3])
         self._gate = self.scenario.guide.locate(state[:3], self.scenario.field)
         self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
         self._measure.begin(state, self._remaining)
@@ -182,6 +183,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         """Hold an action for one decision."""
         command = self._action_model.command(action)
         touched, before = self._advance(self._actions.through(command))
+        self._water.advance(len(touched) * self.scenario.settings.limits.dt)
+        self._current = self._water.velocity(self._world.state[:3])
         rays = self._sensor.sense(self._world.state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
@@ -270,8 +273,8 @@ def _episode_rules(
     return EpisodeRules(scenario.settings.goal.tolerance, limit, ends_on_collision)
 
 
-def _check_current(current: tuple[float, float, float]) -> Array:
-    array = np.array(current, dtype=np.float64)
-    if array.shape != (3,) or not np.all(np.abs(array) <= MAX_CURRENT):
-        raise InputError(f"A current must be 3 numbers within +-{MAX_CURRENT:g} m/s, got {current!r}.")
-    return array
+def _water_of(scenario: Scenario, current: Current | None) -> Water:
+    try:
+        return Water(scenario, current)
+    except ValueError as cause:
+        raise InputError(f"{cause} Choose another current.") from cause

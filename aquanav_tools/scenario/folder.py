@@ -15,6 +15,7 @@ from typing import Any
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
+from aquanav_tools.scenario.flow_file import read_flow, write_flow
 from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
 from aquanav_tools.tables import from_table, read_toml
 
@@ -22,6 +23,8 @@ SETTINGS_FILE = "scenario.toml"
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
 VEHICLE_FILE = "vehicle.toml"
 """Only there when the scenario carries its vehicle."""
+FLOW_FILE = "flow.npz"
+"""Only there when water flows through the cave."""
 MAX_FILE_BYTES = 4 << 30
 
 
@@ -41,6 +44,9 @@ def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
     if scenario.vehicle_toml:
         (folder / VEHICLE_FILE).write_text(scenario.vehicle_toml, encoding="utf-8")
         names.append(VEHICLE_FILE)
+    if scenario.flow is not None:
+        write_flow(scenario.flow, folder / FLOW_FILE)
+        names.append(FLOW_FILE)
     _write_settings(scenario.settings, names, folder)
     return read_scenario(folder)
 
@@ -73,6 +79,7 @@ def read_scenario(folder: str | Path) -> Scenario:
         guide=guide,
         starts=geometry.read_starts(folder / "starts.json"),
         vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
+        flow=read_flow(folder / FLOW_FILE) if FLOW_FILE in hashes else None,
         network=geometry.read_network(folder / "guide.json"),
         content_hash=_content_hash(folder, hashes),
         folder=folder.resolve(),
@@ -83,6 +90,8 @@ def _write_settings(settings: ScenarioSettings, names: list[str], folder: Path) 
     import tomli_w
 
     table: dict[str, Any] = {"format": FORMAT, **dataclasses.asdict(settings)}
+    if settings.water.surface is None:
+        del table["water"]["surface"]  # TOML has no word for it
     table["files"] = {name: file_hash(folder / name) for name in names}
     partial = folder / (SETTINGS_FILE + ".partial")
     partial.write_text(tomli_w.dumps(table), encoding="utf-8")
@@ -90,7 +99,7 @@ def _write_settings(settings: ScenarioSettings, names: list[str], folder: Path) 
 
 
 def _check_files(folder: Path, files: object) -> dict[str, str]:
-    if not isinstance(files, dict) or set(files) - {VEHICLE_FILE} != set(GEOMETRY_FILES):
+    if not isinstance(files, dict) or set(files) - {VEHICLE_FILE, FLOW_FILE} != set(GEOMETRY_FILES):
         listed = sorted(files) if isinstance(files, dict) else files
         raise ScenarioError(
             f"{SETTINGS_FILE} must list exactly the files {', '.join(GEOMETRY_FILES)}, not {listed}. Build it again."

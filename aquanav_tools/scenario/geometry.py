@@ -88,10 +88,10 @@ def read_field(path: Path) -> DistanceField:
     """
     try:
         with zipfile.ZipFile(path) as archive:
-            origin = _read_member(archive, "origin", np.float64, (3,))
-            spacing = float(_read_member(archive, "spacing", np.float64, ()))
-            bricks = _read_member(archive, "bricks", np.int32, (-1, -1, -1))
-            cores = _read_member(archive, "clearance", np.float32, (-1, BRICK, BRICK, BRICK))
+            origin = read_member(archive, "origin", np.float64, (3,))
+            spacing = float(read_member(archive, "spacing", np.float64, ()))
+            bricks = read_member(archive, "bricks", np.int32, (-1, -1, -1))
+            cores = read_member(archive, "clearance", np.float32, (-1, BRICK, BRICK, BRICK))
     except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as cause:
         raise ScenarioError(f"{path} is not a distance field: {cause!r}. Build the scenario again.") from cause
     if not bricks.size or not len(cores) or not spacing > 0:
@@ -107,7 +107,7 @@ def read_field(path: Path) -> DistanceField:
     return field_from_bricks(origin, spacing, bricks, cores)
 
 
-def _read_member(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> Any:
+def read_member(archive: zipfile.ZipFile, name: str, dtype: type[np.generic], shape: tuple[int, ...]) -> Any:
     """Return one array of an NPZ, -1 standing for any length, after checking what its header promises.
 
     Raises:

@@ -22,7 +22,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from tests.cave.open_caves import wavy_sheet
 
 OUTPUTS = {
-    "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "guide.json", "starts.json",
+    "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "flow.npz", "guide.json", "starts.json",
     "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png", "cave-lod1.glb",
     "cave-lod2.glb", "drawings",
 }  # fmt: skip

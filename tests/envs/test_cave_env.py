@@ -12,6 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
+from aquanav_tools.cave.water.flow import find_flow
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import write_scenario
@@ -189,6 +190,22 @@ def test_idle_vehicle_drifts_with_the_current(tube: Scenario) -> None:
     env.close()
 
 
+def test_current_is_that_where_the_vehicle_is_and_repeats_with_the_seed(tube: Scenario) -> None:
+    flow = find_flow(tube.cavity, tube.field, tube.guide.centres[-1], 2.0, spacing=0.5)
+    scenario = dataclasses.replace(tube, flow=flow)
+    runs = []
+    for seed in (7, 7, 8):
+        env = CaveEnv(scenario, current="half")
+        _, info = env.reset(seed=seed, options={"start": 3})
+        infos = [info, *(env.step(IDLE)[4] for _ in range(50))]
+        runs.append(np.array([[*info["position"], *info["current"]] for info in infos]))
+        env.close()
+    np.testing.assert_array_equal(runs[0], runs[1])
+    assert np.abs(runs[0] - runs[2]).max() > 1e-3
+    assert -0.4 < runs[0][:, 3].mean() < -0.1  # 0.25 m/s from the goal to the entrance, with eddies
+    assert runs[0][-1, 0] < runs[0][0, 0] - 0.3  # 5 s of it, less the time to be caught
+
+
 def test_ballast_up_lifts_the_vehicle(env: CaveEnv) -> None:
     _, before = env.reset(options={"start": 3})
     for _ in range(10):
@@ -214,8 +231,10 @@ def test_limits_of_the_scenario_apply() -> None:
         ({"reward": "saef"}, "Did you mean 'safe'"),
         ({"on_collision": "stop"}, "no collision rule 'stop'"),
         ({"vehicle": "bluerov3"}, "Did you mean 'bluerov2'"),
-        ({"current": (0, np.nan, 0)}, "A current must be 3 numbers"),
-        ({"current": (0, 99, 0)}, "A current must be 3 numbers"),
+        ({"current": (0, np.nan, 0)}, "water.current = nan is outside"),
+        ({"current": (0, 99, 0)}, "water.current = 99.0 is outside"),
+        ({"current": (0, 99)}, "neither a preset nor 1 or 3 numbers"),
+        ({"current": "flod"}, "Did you mean 'flood'"),
         ({"max_decisions": 0}, "max_decisions must be at least 1"),
     ],
 )

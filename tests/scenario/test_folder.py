@@ -12,10 +12,11 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.water.field import BRICK
+from aquanav_tools.cave.water.flow import flow_from_bricks
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
-from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings
+from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings, WaveSettings
 from tests.caves import tube_scenario
 
 Change = Callable[[dict[str, np.ndarray]], dict[str, np.ndarray]]
@@ -166,3 +167,42 @@ def test_a_field_that_promises_more_than_it_may_hold_is_refused_unread(tube: Sce
 def test_settings_are_frozen(tube: Scenario) -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
         tube.settings.name = "other"  # type: ignore[misc]
+
+
+def test_the_flow_comes_back_as_it_was_written(tube: Scenario, tmp_path: Path) -> None:
+    bricks = np.zeros((2, 1, 1), dtype=np.int32)
+    bricks[0, 0, 0], bricks[1, 0, 0] = 1, 2
+    cores = np.random.default_rng(0).normal(size=(3, 8, 8, 8, 3)).astype(np.float32)
+    narrowest, shares = np.array([2.0, 0.0, 0.0, 0.0]), ((1, 1.0), (2, -1.0))
+    flow = flow_from_bricks(np.array([1.0, 2.0, 3.0]), 0.5, bricks, cores, narrowest, shares)
+    water = WaterSettings(current="half", turbulence=0.1, surface=2.0, waves=WaveSettings(height=0.2))
+    settings = dataclasses.replace(tube.settings, water=water)
+    back = write_scenario(dataclasses.replace(tube, flow=flow, settings=settings), tmp_path / "tube")
+    assert back.flow is not None
+    np.testing.assert_array_equal(back.flow.samples, flow.samples)
+    assert back.flow.shares == flow.shares
+    assert back.settings.water == water
+    # Trilinear across the border of two bricks: half-way between the last sample of one and the first of the next.
+    middle = 0.5 * (cores[1, 7, 2, 3] + cores[2, 0, 2, 3])
+    place = back.flow.origin + 0.5 * np.array([7.5, 2.0, 3.0])
+    np.testing.assert_allclose(back.flow.velocity(place)[0], middle, rtol=1e-6)
+
+
+def test_a_folder_without_a_flow_still_reads(tube: Scenario, tmp_path: Path) -> None:
+    assert write_scenario(tube, tmp_path / "tube").flow is None
+
+
+@pytest.mark.parametrize(
+    ("current", "advice"),
+    [
+        ('"ful"', "no preset.*Did you mean 'full'"),
+        ("[0.1, 0.2]", "must have 3 values"),
+        ("50.0", "outside"),
+    ],
+)
+def test_a_wrong_current_is_refused(tube: Scenario, tmp_path: Path, current: str, advice: str) -> None:
+    write_scenario(tube, tmp_path / "tube")
+    path = tmp_path / "tube" / "scenario.toml"
+    path.write_text(path.read_text().replace('current = "still"', f"current = {current}"))
+    with pytest.raises(ScenarioError, match=advice):
+        read_scenario(tmp_path / "tube")

@@ -1,0 +1,98 @@
+"""The stage that gives a cave its currents, and what the report says of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from aquanav_tools.build.journal import Journal
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.options import WaterOptions
+from aquanav_tools.cave.route.guide import Guide
+from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.cave.water.flow import Flow, find_flow
+from aquanav_tools.report.cave_map import CaveMap
+from aquanav_tools.report.flow_map import draw_flow
+from aquanav_tools.report.html import Figure, Section, Table
+from aquanav_tools.scenario.schema import PRESETS, Scenario, WaterSettings
+from aquanav_tools.sim.water_properties import water_density, water_viscosity
+
+DEFAULTS = WaterSettings()
+
+
+def find_currents(
+    cavity: Cavity, field: DistanceField, guide: Guide, options: WaterOptions, journal: Journal
+) -> Flow | None:
+    """Return the flow from portal to portal; None, with a warning, where nothing flows through."""
+    with journal.stage("Finding the currents"):
+        narrowest = min(panel.clearance for panel in guide.panels)
+        flow = find_flow(cavity, field, guide.centres[-1], narrowest, options.inlets, options.outlets)
+    if flow is None and len(cavity.portals) > 1:
+        journal.warn(
+            "no-flow",
+            f"No flow was found between the {len(cavity.portals)} portals: cells small enough for the narrowest way "
+            "would be too many. The scenario has no currents from portal to portal; cut the cave, or build its parts.",
+        )
+    elif flow is None:
+        journal.warn(
+            "eddies-only",
+            "With fewer than two portals no water flows through the cave. A current will be eddies alone, as fast in a "
+            "twentieth of the water as a through-flow is in the narrowest section.",
+        )
+    return flow
+
+
+def water_settings(options: WaterOptions) -> WaterSettings:
+    """Return the scenario's water; its density follows from temperature and salinity where either is given."""
+    if options.temperature is None and options.salinity is None:
+        return WaterSettings(current=options.current)
+    temperature = DEFAULTS.temperature if options.temperature is None else options.temperature
+    salinity = DEFAULTS.salinity if options.salinity is None else options.salinity
+    density = round(water_density(temperature, salinity), 3)
+    return WaterSettings(density=density, temperature=temperature, salinity=salinity, current=options.current)
+
+
+def current_facts(scenario: Scenario) -> dict[str, Any]:
+    """Return what is known of the currents, as plain values, for report.json."""
+    water, flow = scenario.settings.water, scenario.flow
+    viscosity = water_viscosity(water.temperature, water.salinity) / water.density
+    facts: dict[str, Any] = {"density": water.density, "kinematic_viscosity": viscosity, "has_flow": flow is not None}
+    if flow is None:
+        return facts
+    return {
+        **facts,
+        "spacing": flow.spacing,
+        "narrowest_area": float(flow.narrowest[0]),
+        "narrowest_position": flow.narrowest[1:].tolist(),
+        "shares": {str(label): share for label, share in flow.shares},
+        "flux": {name: speed * float(flow.narrowest[0]) for name, speed in PRESETS.items()},
+        "reynolds": {name: speed * _width(flow) / viscosity for name, speed in PRESETS.items()},
+    }
+
+
+def current_section(scenario: Scenario, cave: CaveMap, folder: Path) -> Section:
+    """Return what the report says of the currents, drawn into a folder."""
+    flow, facts = scenario.flow, current_facts(scenario)
+    if flow is None:
+        text = "Nothing flows through this cave. With a current it has eddies alone."
+        return Section("Currents", text, (), ())
+    path = folder / "currents.svg"
+    draw_flow(cave, flow, scenario.field, path)
+    ways = ", ".join(
+        f"{abs(share):.0%} {'enters' if share > 0 else 'leaves'} through portal {label}" for label, share in flow.shares
+    )
+    text = f"Of the water, {ways}. Its narrowest section has {flow.narrowest[0]:.2f} m²; presets give the speed there."
+    rows = tuple(
+        (name, f"{speed:g}", f"{facts['flux'][name]:.3f}", f"{facts['reynolds'][name]:.2g}")
+        for name, speed in PRESETS.items()
+    )
+    table = Table(
+        "Presets", ("current", "speed in the narrowest section (m/s)", "flow (m³/s)", "Reynolds number"), rows
+    )
+    caption = "The current at `full`, averaged from floor to ceiling; longer and darker arrows are faster water."
+    return Section("Currents", text, (Figure(path, caption),), (table,))
+
+
+def _width(flow: Flow) -> float:
+    """Return the diameter of a disc with the area of the narrowest section, m."""
+    return float(2.0 * (flow.narrowest[0] / 3.141592653589793) ** 0.5)

@@ -1,0 +1,226 @@
+"""The flow through a cave from portal to portal: one velocity per place, to be scaled by how strong the current is.
+
+It is the potential flow of `potential`, on a grid of its own, sparse like the distance field and coarser, scaled to a
+mean of 1 m/s through the narrowest section. So a current's strength is a speed that a vehicle can be held against,
+whatever the size of the cave.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.water.field import APRON, BRICK, BRICK_BITS, ROCK, DistanceField, number_bricks
+from aquanav_tools.cave.water.flow_cells import FlowCells, cut_cells, find_lids
+from aquanav_tools.cave.water.potential import narrowest_section, solve_potential
+from aquanav_tools.cave.water.velocity import cell_velocities
+from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.types import Array, BoolArray
+
+logger = logging.getLogger(__name__)
+
+Shares = tuple[tuple[int, float], ...]
+
+CELLS_ACROSS = 5.0
+"""Cells that the narrowest place of the route shall have across."""
+FEW_CELLS, MANY_CELLS = 200_000, 2_000_000
+"""The flow has about the first number of cells where that is fine enough, and never more than the second."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """Velocity of the water where the mean through the narrowest section is 1 m/s, trilinear between samples.
+
+    Samples are kept in bricks as in a DistanceField; where there is no brick the water stands still. They go on into
+    the rock by one cell, so that the flow follows the wall and does not stop before it.
+    """
+
+    origin: Array
+    """(3,) world position of sample [0, 0, 0], m."""
+    spacing: float
+    """Distance between samples, m."""
+    bricks: npt.NDArray[np.int32]
+    """(X, Y, Z) number of the brick of BRICK^3 samples in each place."""
+    samples: npt.NDArray[np.float32]
+    """(B, APRON, APRON, APRON, 3) velocity, m/s; brick ROCK is still."""
+    narrowest: Array
+    """(4,) area of the narrowest section that all of the water passes, m^2, and its middle, m."""
+    shares: Shares
+    """Labels of the portals that water passes, and the share of it that enters there; negative where it leaves."""
+
+    @property
+    def grid(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32], Array, float]:
+        """Bricks, samples, origin and spacing: what `add_velocity` reads."""
+        return self.bricks, self.samples, self.origin, self.spacing
+
+    def velocity(self, points: Array) -> Array:
+        """Return the (N, 3) velocity at (N, 3) world points, m/s."""
+        points = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
+        velocities = np.zeros_like(points)
+        _add_velocities(*self.grid, points, velocities)
+        return velocities
+
+
+def find_flow(
+    cavity: Cavity,
+    field: DistanceField,
+    goal: Array,
+    min_clearance: float,
+    inlets: tuple[int, ...] = (),
+    outlets: tuple[int, ...] = (),
+    spacing: float | None = None,
+) -> Flow | None:
+    """Return the flow through a cave; None where it has no two portals, or no way between them that cells resolve.
+
+    Every inlet has one potential and every outlet another, so that with several of them the water parts by itself: more
+    takes the shorter and the wider way. Portals that are neither are closed.
+
+    Args:
+        cavity: the water and its portals.
+        field: its clearance.
+        goal: (3,) m; by default the water enters through the portal nearest to it, so that the way there is upstream.
+        min_clearance: of the route, m: its narrowest place shall have CELLS_ACROSS cells across.
+        inlets: labels of the portals where water enters.
+        outlets: labels of those where it leaves; by default all others.
+        spacing: edge of the cells, m; `choose_spacing` when not given.
+
+    Raises:
+        InputError: there is no such portal, or one is named as both.
+        MeshError: the equations do not converge.
+    """
+    ends = _choose_ends(cavity, np.asarray(goal), inlets, outlets)
+    if ends is None:
+        return None
+    labels, is_inlet = ends
+    lids = find_lids(cavity, labels)
+    cells = cut_cells(field, lids, spacing or choose_spacing(cavity.volume, field.spacing, min_clearance))
+    flow = solve_potential(cells, lids, is_inlet)
+    if flow is None:
+        return None
+    logger.info("Flow through %d cells of %.3g m", len(flow.cells), cells.spacing)
+    area, middle = narrowest_section(flow, cells)
+    total = float(np.sum([flow.through(int(lid)) for lid in np.flatnonzero(is_inlet)]))
+    shares = tuple((label, flow.through(lid) / total) for lid, label in enumerate(labels))
+    velocities = cell_velocities(flow, cells, cavity, frozenset(labels)) * (area / total)
+    return _packed(cells, velocities, np.array([area, *middle]), shares)
+
+
+def choose_spacing(volume: float, field_spacing: float, min_clearance: float) -> float:
+    """Return the edge of a flow's cells, m."""
+    wanted = min(float(np.cbrt(volume / FEW_CELLS)), 2.0 * min_clearance / CELLS_ACROSS)
+    return max(wanted, field_spacing, float(np.cbrt(volume / MANY_CELLS)))
+
+
+def _choose_ends(
+    cavity: Cavity, goal: Array, inlets: tuple[int, ...], outlets: tuple[int, ...]
+) -> tuple[tuple[int, ...], BoolArray] | None:
+    """Return the labels of all portals that water passes, and which of them it enters through."""
+    known = {portal.label: portal for portal in cavity.portals}
+    for label in (*inlets, *outlets):
+        if label not in known:
+            hint = did_you_mean(str(label), [str(one) for one in known]) if known else " The cave has none."
+            raise InputError(f"There is no portal {label} for water to pass.{hint}")
+    both = set(inlets) & set(outlets)
+    if both:
+        raise InputError(f"Water cannot both enter and leave through portal {min(both)}. Name it once.")
+    if len(known) < 2:
+        return None
+    if not inlets:
+        free = [portal for portal in cavity.portals if portal.label not in outlets]
+        if not free:
+            raise InputError("Every portal is an outlet, so no water enters. Leave out one of the outlets.")
+        inlets = (min(free, key=lambda portal: float(np.linalg.norm(portal.centre - goal))).label,)
+    outlets = outlets or tuple(label for label in known if label not in inlets)
+    if not outlets:
+        raise InputError("Every portal is an inlet, so no water leaves. Leave out one of the inlets.")
+    return (*inlets, *outlets), np.array([True] * len(inlets) + [False] * len(outlets))
+
+
+def _packed(cells: FlowCells, velocities: Array, narrowest: Array, shares: Shares) -> Flow:
+    """Return the flow of (B, BRICK, BRICK, BRICK, 3) velocities in cells, without the bricks that are still."""
+    moves = np.asarray(velocities.any(axis=(1, 2, 3, 4)))
+    is_kept = moves[cells.bricks] & (cells.bricks != ROCK)
+    # The apron of a brick looks into the next ones, so those before a brick that moves stay.
+    for axis in range(3):
+        before = np.zeros_like(is_kept)
+        ahead = [slice(None)] * 3
+        ahead[axis], back = slice(1, None), [slice(None)] * 3
+        back[axis] = slice(None, -1)
+        before[tuple(back)] = is_kept[tuple(ahead)]
+        is_kept |= before
+    bricks = number_bricks(is_kept)
+    cores = np.concatenate([velocities[:1] * 0.0, velocities[cells.bricks[is_kept]]]).astype(np.float32)
+    return flow_from_bricks(cells.origin + 0.5 * cells.spacing, cells.spacing, bricks, cores, narrowest, shares)
+
+
+def flow_from_bricks(
+    origin: Array,
+    spacing: float,
+    bricks: npt.NDArray[np.int32],
+    cores: npt.NDArray[np.float32],
+    narrowest: Array,
+    shares: Shares,
+) -> Flow:
+    """Return the flow of (B, BRICK, BRICK, BRICK, 3) velocities per brick, the apron taken from the next bricks."""
+    samples = np.zeros((len(cores), APRON, APRON, APRON, 3), dtype=np.float32)
+    samples[1:, :BRICK, :BRICK, :BRICK] = cores[1:]
+    _fill_aprons(bricks, samples)
+    return Flow(np.asarray(origin, dtype=np.float64), float(spacing), bricks, samples, narrowest, shares)
+
+
+@numba.njit(cache=True)
+def add_velocity(bricks, samples, origin, spacing, x, y, z, scale, velocity):  # type: ignore[no-untyped-def]
+    """Add `scale` times the velocity at one world point to a (3,) velocity, m/s, for compiled callers."""
+    gx, gy, gz = (x - origin[0]) / spacing, (y - origin[1]) / spacing, (z - origin[2]) / spacing
+    if gx < 0.0 or gy < 0.0 or gz < 0.0:
+        return
+    i, j, k = int(gx), int(gy), int(gz)
+    bx, by, bz = i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS
+    if bx >= bricks.shape[0] or by >= bricks.shape[1] or bz >= bricks.shape[2] or bricks[bx, by, bz] == ROCK:
+        return
+    brick = samples[bricks[bx, by, bz]]
+    fx, fy, fz = gx - i, gy - j, gz - k
+    i, j, k = i & (BRICK - 1), j & (BRICK - 1), k & (BRICK - 1)
+    for axis in range(3):
+        low = (brick[i, j, k, axis] * (1 - fz) + brick[i, j, k + 1, axis] * fz) * (1 - fy) + (
+            brick[i, j + 1, k, axis] * (1 - fz) + brick[i, j + 1, k + 1, axis] * fz
+        ) * fy
+        high = (brick[i + 1, j, k, axis] * (1 - fz) + brick[i + 1, j, k + 1, axis] * fz) * (1 - fy) + (
+            brick[i + 1, j + 1, k, axis] * (1 - fz) + brick[i + 1, j + 1, k + 1, axis] * fz
+        ) * fy
+        velocity[axis] += scale * (low * (1 - fx) + high * fx)
+
+
+@numba.njit(cache=True)
+def _add_velocities(bricks, samples, origin, spacing, points, velocities):  # type: ignore[no-untyped-def]
+    for n in range(len(points)):
+        x, y, z = points[n, 0], points[n, 1], points[n, 2]
+        add_velocity(bricks, samples, origin, spacing, x, y, z, 1.0, velocities[n])
+
+
+@numba.njit(cache=True)
+def _fill_aprons(bricks, samples):  # type: ignore[no-untyped-def]
+    """Copy the first samples of the next bricks behind the last ones of each; beyond the grid the water is still."""
+    for x in range(bricks.shape[0]):
+        for y in range(bricks.shape[1]):
+            for z in range(bricks.shape[2]):
+                if bricks[x, y, z] != ROCK:
+                    _fill_apron(bricks, samples, x, y, z)
+
+
+@numba.njit(cache=True)
+def _fill_apron(bricks, samples, x, y, z):  # type: ignore[no-untyped-def]
+    own = samples[bricks[x, y, z]]
+    for step in range(1, 8):
+        dx, dy, dz = step & 1, (step >> 1) & 1, step >> 2
+        if x + dx < bricks.shape[0] and y + dy < bricks.shape[1] and z + dz < bricks.shape[2]:
+            following = samples[bricks[x + dx, y + dy, z + dz]]
+            for i in range(1 if dx else BRICK):
+                for j in range(1 if dy else BRICK):
+                    for k in range(1 if dz else BRICK):
+                        own[i + dx * BRICK, j + dy * BRICK, k + dz * BRICK] = following[i, j, k]

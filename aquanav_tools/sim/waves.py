@@ -1,0 +1,66 @@
+"""Waves on a free surface: small ones after Airy, with the orbits of the water below them.
+
+Source: Dean and Dalrymple, Water Wave Mechanics for Engineers and Scientists (1991), chapters 3 and 4.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numba
+import numpy as np
+
+from aquanav_tools.scenario.schema import WaveSettings
+from aquanav_tools.sim.vehicle_base import GRAVITY
+from aquanav_tools.types import Array
+
+NEWTON_ROUNDS = 30
+DEEP = 20.0
+"""Wave number times depth from which the bottom is not felt: its cosh and sinh are equal to 1e-17."""
+
+
+def wave_number(period: float, depth: float) -> float:
+    """Return the wave number k, rad/m, that solves w^2 = g k tanh(k h) for a period, s, in water of a depth, m."""
+    deep = (2.0 * math.pi / period) ** 2 / GRAVITY
+    if deep * depth >= DEEP:
+        return deep
+    k = deep / math.sqrt(math.tanh(deep * depth))  # Eckart's start, within 5 %
+    for _ in range(NEWTON_ROUNDS):
+        tanh = math.tanh(k * depth)
+        k -= (k * tanh - deep) / (tanh + k * depth * (1.0 - tanh * tanh))
+    return k
+
+
+def wave_parameters(waves: WaveSettings, surface: float) -> Array:
+    """Return the (7,) parameters of `add_waves`: k along x and y, k, angular rate, amplitude, surface, depth."""
+    k = wave_number(waves.period, waves.depth)
+    towards = math.radians(waves.direction_deg)
+    rate = 2.0 * math.pi / waves.period
+    return np.array([k * math.cos(towards), k * math.sin(towards), k, rate, 0.5 * waves.height, surface, waves.depth])
+
+
+@numba.njit(cache=True)
+def add_waves(parameters, phase, x, y, z, velocity):  # type: ignore[no-untyped-def]
+    """Add the velocity of the water under waves to a (3,) velocity, m/s; a place in the air has that of the surface.
+
+    Args:
+        parameters: From `wave_parameters`.
+        phase: Angular rate times time, plus what the episode began with, rad.
+        x: World, m.
+        y: World, m.
+        z: World, m.
+        velocity: Is added to.
+    """
+    kx, ky, k, rate, amplitude, surface, depth = parameters
+    below = max(surface - z, 0.0)
+    if k * depth >= DEEP:
+        level = rate * amplitude * np.exp(-k * below)
+        upright = level
+    else:
+        above = max(depth - below, 0.0)
+        level = rate * amplitude * np.cosh(k * above) / np.sinh(k * depth)
+        upright = rate * amplitude * np.sinh(k * above) / np.sinh(k * depth)
+    angle = kx * x + ky * y - phase
+    velocity[0] += level * np.cos(angle) * kx / k
+    velocity[1] += level * np.cos(angle) * ky / k
+    velocity[2] += upright * np.sin(angle)
