@@ -1,4 +1,4 @@
-"""aquanav: what is installed, whether it works here, what ships, photos of a synthetic cave, the original's caves."""
+"""aquanav: what is installed, whether it works, what ships, synthetic photos, the original's caves, what water does."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import tyro
 from aquanav_tools.cli.command import run_command
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
+from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
 from aquanav_tools.errors import ResourceError
 
 DESCRIPTION = """Real caves as navigation benchmarks for underwater vehicles.
@@ -73,6 +74,7 @@ class Options:
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[Render, tyro.conf.subcommand("render")]
         | Annotated[ImportOriginal, tyro.conf.subcommand("import-original")]
+        | Annotated[WaterImpact, tyro.conf.subcommand("water-impact")]
     )
     """What to do."""
 
@@ -102,6 +104,8 @@ def _run(options: Options) -> None:
             run_render(render)
         case ImportOriginal() as chosen:
             run_import(chosen)
+        case WaterImpact() as experiment:
+            run_water_impact(experiment)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

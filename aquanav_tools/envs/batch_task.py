@@ -145,7 +145,7 @@ def _uniform_current(current: Current) -> npt.NDArray[np.float64]:
         raise InputError(f"{cause} Choose another current.") from cause
     if np.ndim(current) == 1:
         return np.array(current, dtype=np.float64)
-    if PRESETS.get(current, current):  # type: ignore[call-overload]  # a number is no preset
+    if PRESETS[current] if isinstance(current, str) else current:
         raise InputError(
             f"The batched environment has one velocity for all of the water, and the current is {current!r}. Give "
             "current=(x, y, z) in m/s, or take aquanav/Cave-v0 without vectorization_mode='vector_entry_point'."
