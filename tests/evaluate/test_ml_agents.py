@@ -51,6 +51,20 @@ def test_the_sizes_of_branches_are_found(branches: tuple[int, ...], rng: np.rand
     assert MlAgentsPolicy(write(tmp_path / "a.onnx", content)).action_space.nvec.tolist() == list(branches)
 
 
+def test_a_policy_with_the_originals_spaces_gets_its_preset(rng: np.random.Generator, tmp_path: Path) -> None:
+    content = policy(make_weights(rng, 120, 8, 9), sizes=(36, 36, 20, 20, 8), branches=(3, 3, 3))
+    loaded = load_policy(str(write(tmp_path / "a.onnx", content)))
+    assert (loaded.observation, loaded.action, loaded.name) == ("original", "multidiscrete", "a.onnx")
+
+
+def test_a_policy_for_other_spaces_is_told_what_would_fit(rng: np.random.Generator, tmp_path: Path) -> None:
+    path = write(tmp_path / "boat.onnx", policy(make_weights(rng, 36, 8, 6), sizes=(28, 8), branches=(3, 3)))
+    with pytest.raises(InputError) as caught:
+        load_policy(str(path))
+    for part in ("Box of 36 values", "MultiDiscrete([3, 3])", "original (120 values)", "MultiDiscrete([3, 3, 3])"):
+        assert part in str(caught.value)
+
+
 CHANGES: list[tuple[dict[str, Any], str]] = [
     ({"output": "continuous_actions"}, "acts continuously"),
     ({"memory_size": np.full(1, 128.0)}, "memory of 128 values"),

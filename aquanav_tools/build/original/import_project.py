@@ -70,7 +70,9 @@ def import_caves(
     for cave in caves:
         if announce is not None:
             announce(describe(cave))
-        results.append(build_cave(_build_options(cave, options), display, announce))
+        build = build_options(cave, options)
+        build.input.write_text(cave.mesh.to_trimesh().export(file_type="obj"), encoding="ascii")
+        results.append(build_cave(build, display, announce))
     return results
 
 
@@ -89,12 +91,11 @@ def describe(cave: OriginalCave) -> str:
     )
 
 
-def _build_options(cave: OriginalCave, options: ImportOptions) -> BuildOptions:
-    scan = options.output / f"{cave.name}.obj"
-    scan.write_text(cave.mesh.to_trimesh().export(file_type="obj"), encoding="ascii")
+def build_options(cave: OriginalCave, options: ImportOptions) -> BuildOptions:
+    """Return how to build a cave: from its placed mesh, with its goal, and starts as the original's were."""
     goal = "" if cave.goal is None else ",".join(f"{value:.4f}" for value in _route_end(cave, options.vehicle))
     return BuildOptions(
-        input=scan,
+        input=options.output / f"{cave.name}.obj",
         output=options.output / cave.name,
         vehicle=options.vehicle,
         overwrite=options.overwrite,
