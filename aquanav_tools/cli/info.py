@@ -13,6 +13,7 @@ import tyro
 from aquanav_tools.cli.command import run_command
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
+from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
 from aquanav_tools.errors import ResourceError
 
@@ -75,6 +76,7 @@ class Options:
         | Annotated[Render, tyro.conf.subcommand("render")]
         | Annotated[ImportOriginal, tyro.conf.subcommand("import-original")]
         | Annotated[WaterImpact, tyro.conf.subcommand("water-impact")]
+        | Annotated[Scenarios, tyro.conf.subcommand("scenarios")]
     )
     """What to do."""
 
@@ -106,6 +108,8 @@ def _run(options: Options) -> None:
             run_import(chosen)
         case WaterImpact() as experiment:
             run_water_impact(experiment)
+        case Scenarios() as scenarios:
+            run_scenarios(scenarios)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

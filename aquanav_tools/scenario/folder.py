@@ -12,14 +12,14 @@ import os
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.errors import ScenarioError
+from aquanav_tools.errors import ScenarioError, did_you_mean
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.flow_file import read_flow, write_flow
 from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
+from aquanav_tools.scenario.shipped import SETTINGS_FILE, scenario_folder, scenario_names
 from aquanav_tools.tables import from_table, read_toml
 
-SETTINGS_FILE = "scenario.toml"
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
 VEHICLE_FILE = "vehicle.toml"
 """Only there when the scenario carries its vehicle."""
@@ -52,16 +52,17 @@ def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
 
 
 def read_scenario(folder: str | Path) -> Scenario:
-    """Return the scenario in a folder after checking all of it.
+    """Return the scenario in a folder, or the shipped one of a name, after checking all of it.
 
     Raises:
         ScenarioError: no such folder, an unknown or missing key, a value out of range, a file that is missing,
             outside the folder, changed since it was written, or inconsistent with the others.
     """
-    folder = Path(folder)
+    folder = scenario_folder(folder)
     if not (folder / SETTINGS_FILE).is_file():
         raise ScenarioError(
-            f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished."
+            f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished, "
+            f"or a shipped scenario.{did_you_mean(str(folder), scenario_names())}"
         )
     table = read_toml(folder / SETTINGS_FILE, ScenarioError)
     if table.pop("format", None) != FORMAT:

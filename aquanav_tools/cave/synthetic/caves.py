@@ -55,11 +55,11 @@ def demo_cave(options: CaveOptions = CaveOptions()) -> SyntheticCave:
     centreline, radii = _passage(options)
     axes = _grid_axes(options, centreline)
     field = _rock_field(*axes, centreline, radii, options.seed)
-    truth = _closed_surface(_one_water_body(field), axes)
+    truth = closed_surface(one_water_body(field), axes)
     ends = (0.0, float(axes[0][-1]))
     is_lid = np.any([np.all(np.abs(truth.triangles[..., 0] - x) < 1e-4, axis=1) for x in ends], axis=0)
     between = (centreline[:, 0] >= 0.0) & (centreline[:, 0] <= ends[1])
-    return SyntheticCave(truth, _without(truth, is_lid), centreline[between])
+    return SyntheticCave(truth, without(truth, is_lid), centreline[between])
 
 
 def tube(radius: float = 2.0, length: float = 20.0, sections: int = 64, rings: int = 81) -> SyntheticCave:
@@ -93,7 +93,7 @@ def sweep(centreline: Array, radius: float, sections: int) -> SyntheticCave:
     vertices = np.concatenate([wall.reshape(-1, 3), centreline[[0, -1]]])
     faces, is_lid = _tube_faces(len(centreline), sections)
     truth = Mesh(vertices, faces)
-    return SyntheticCave(truth, _without(truth, is_lid), centreline)
+    return SyntheticCave(truth, without(truth, is_lid), centreline)
 
 
 def _tube_faces(rings: int, sections: int) -> tuple[npt.NDArray[np.int64], BoolArray]:
@@ -110,7 +110,7 @@ def _tube_faces(rings: int, sections: int) -> tuple[npt.NDArray[np.int64], BoolA
     return faces, np.arange(len(faces)) >= len(wall)
 
 
-def _without(mesh: Mesh, is_dropped: BoolArray) -> Mesh:
+def without(mesh: Mesh, is_dropped: BoolArray) -> Mesh:
     """Return the mesh without some faces and the vertices that only they used."""
     kept, inverse = np.unique(mesh.faces[~is_dropped], return_inverse=True)
     return Mesh(mesh.vertices[kept], inverse.reshape(-1, 3).astype(np.int64))
@@ -173,7 +173,7 @@ def _rock_at(x, y, z, centreline, radii, level, seed):  # type: ignore[no-untype
     return max(wall, floor) + 0.05 * blend * blend
 
 
-def _one_water_body(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def one_water_body(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Return the field with stray pockets of water filled and floating rock removed."""
     from scipy import ndimage
 
@@ -187,7 +187,7 @@ def _one_water_body(field: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return field
 
 
-def _closed_surface(field: npt.NDArray[np.float32], axes: tuple[Array, Array, Array]) -> Mesh:
+def closed_surface(field: npt.NDArray[np.float32], axes: tuple[Array, Array, Array]) -> Mesh:
     """Return the surface of the water, closed by flat lids where the water meets the grid's border."""
     from skimage.measure import marching_cubes
 

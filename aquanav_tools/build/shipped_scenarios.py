@@ -1,0 +1,128 @@
+"""Building the scenarios that come with aquanav, from scenarios/*.toml."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.recipe import BuildResult, build_cave
+from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.shipped import CONTENT, named_folder
+from aquanav_tools.shipped import shipped_path
+from aquanav_tools.sim.vehicle import parse_vehicle
+from aquanav_tools.store import locked
+from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.types import Stages, silent
+
+Split = Literal["train", "validation", "test"]
+WORK_SUFFIX = ".work"
+TURN_LENGTH = 1.0
+"""Turns are measured between stretches of the way of this length, m."""
+
+
+@dataclass(frozen=True)
+class ShippedScenario:
+    """What a file in scenarios/ holds."""
+
+    title: str
+    """What the cave is like, in a few words."""
+    split: Split
+    """What it is for; results are reported on "test" alone."""
+    cave: GalleryOptions
+    """How it is made up."""
+    vehicle: str = "bluerov2"
+    """Vehicle that must be able to pass."""
+    panels: PanelOptions = field(default_factory=PanelOptions)
+    starts: StartOptions = field(default_factory=StartOptions)
+
+
+def read_shipped(name: str) -> ShippedScenario:
+    """Return the recipe of a shipped scenario.
+
+    Raises:
+        InputError: there is none of that name, or its file has an unknown key or a value that makes no sense.
+    """
+    path = shipped_path(CONTENT, name)
+    return from_table(ShippedScenario, read_toml(path), path.name)
+
+
+def build_shipped(
+    name: str, display: Stages = silent, announce: Callable[[str], None] | None = None
+) -> BuildResult | None:
+    """Build a shipped scenario into its folder in the cache; None where it lies there already.
+
+    Raises:
+        AquanavError: the cave cannot be made or built; nothing that could be taken for a scenario is left.
+    """
+    recipe = read_shipped(name)
+    folder = named_folder(name)
+    work = folder.with_name(folder.name + WORK_SUFFIX)
+    work.mkdir(parents=True, exist_ok=True)
+    with locked(work):
+        if (folder / "scenario.toml").is_file():
+            return None
+        try:
+            mesh = gallery_cave(recipe.cave).mesh
+        except ValueError as cause:
+            raise InputError(f"{name}: {cause}") from cause
+        scan = work / f"{name}.ply"
+        scan.write_bytes(mesh.to_trimesh().export(file_type="ply"))
+        options = BuildOptions(
+            input=scan,
+            output=folder,
+            name=name,
+            vehicle=recipe.vehicle,
+            panels=recipe.panels,
+            starts=recipe.starts,
+            overwrite=True,
+        )
+        result = build_cave(options, display, announce)
+    shutil.rmtree(work, ignore_errors=True)
+    return result
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """How hard a scenario is, in figures that do not depend on who dives it."""
+
+    length: float
+    """Of the way to the goal, m."""
+    tightness: float
+    """Width of the narrowest place on the way over the vehicle's; 1 leaves no room."""
+    usual_width: float
+    """The same for the median of the way."""
+    curvature: float
+    """By how much the way turns, degrees per metre."""
+    num_loops: int
+    num_dead_ends: int
+    current: str
+    """Preset of the water."""
+
+
+def difficulty(scenario: Scenario) -> Difficulty:
+    """Return how hard a scenario is for the vehicle it carries."""
+    width = 2.0 * parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
+    line = scenario.guide.centreline
+    clearance = scenario.field.clearance(line)
+    ends = line[:: max(1, round(TURN_LENGTH / np.linalg.norm(line[1] - line[0])))]
+    ahead = np.diff(ends, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    turns = np.degrees(np.arccos(np.clip((ahead[1:] * ahead[:-1]).sum(axis=1), -1.0, 1.0)))
+    network = scenario.network
+    return Difficulty(
+        length=scenario.guide.length,
+        tightness=2.0 * float(clearance.min()) / width,
+        usual_width=2.0 * float(np.median(clearance)) / width,
+        curvature=float(turns.sum() / scenario.guide.length),
+        num_loops=network.num_loops,
+        num_dead_ends=network.num_dead_ends,
+        current=str(scenario.settings.water.current),
+    )

@@ -1,0 +1,79 @@
+"""The scenarios that come with aquanav, by name: found in the cache folder, or built there when first asked for.
+
+scenarios/*.toml say how each is built. Building belongs to the room above this one, so it is left to the command
+`aquanav scenarios NAME` in a process of its own; a folder is called by a hash of all that its content rests on.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from aquanav_tools.errors import ScenarioError
+from aquanav_tools.provenance import code_digest, digest, file_hash
+from aquanav_tools.shipped import shipped_names, shipped_path
+
+CONTENT = "scenarios"
+CACHE_VARIABLE = "AQUANAV_CACHE"
+SETTINGS_FILE = "scenario.toml"
+SLOT_PREFIX = "cave-real-"
+"""Names of slots for a user's own caves."""
+NUM_SLOTS = 3
+BUILDER = "aquanav_tools.build.shipped_scenarios"
+"""Module whose code, with all that it imports, the content of a scenario rests on."""
+
+
+def cache_dir() -> Path:
+    """Return the folder for scenarios built from their names: AQUANAV_CACHE, or aquanav in the user's cache."""
+    given = os.environ.get(CACHE_VARIABLE)
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return Path(given) if given else base / "aquanav"
+
+
+def slot_names() -> list[str]:
+    """Return the names under which users may put caves of their own."""
+    return [f"{SLOT_PREFIX}{n}" for n in range(1, NUM_SLOTS + 1)]
+
+
+def scenario_names() -> list[str]:
+    """Return all names that stand for scenarios."""
+    return [*shipped_names(CONTENT), *slot_names()]
+
+
+def named_folder(name: str) -> Path:
+    """Return where a shipped scenario, or one in a slot, lies or will lie."""
+    if name in slot_names():
+        return cache_dir() / name
+    key = digest(file_hash(shipped_path(CONTENT, name)), code_digest(BUILDER))
+    return cache_dir() / f"{name}-{key}"
+
+
+def scenario_folder(spec: str | Path) -> Path:
+    """Return the folder of a scenario given by its path or its name, built first where that was not done yet.
+
+    Raises:
+        ScenarioError: the slot of that name is empty, or building failed.
+    """
+    name = str(spec)
+    if name not in scenario_names() or (Path(name) / SETTINGS_FILE).is_file():
+        return Path(spec)
+    folder = named_folder(name)
+    if (folder / SETTINGS_FILE).is_file():
+        return folder
+    if name in slot_names():
+        raise ScenarioError(
+            f"{name} is a slot for a cave of your own and is empty. Fill it: aquanav-build-cave SCAN -o {folder}"
+        )
+
+    code = "from aquanav_tools.cli.info import main; main()"
+    child = subprocess.run(
+        [sys.executable, "-c", code, "scenarios", name], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    if child.returncode != 0 or not (folder / SETTINGS_FILE).is_file():
+        raise ScenarioError(
+            f"The shipped scenario {name} could not be built in {folder}: "
+            f"{child.stderr.strip()[-600:] or 'no message'} Try it by itself: aquanav scenarios {name}"
+        )
+    return folder

@@ -1,0 +1,65 @@
+"""Scenarios by name: found in the cache, built when missing, told when their slot is empty."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from aquanav_tools.build.shipped_scenarios import read_shipped
+from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario import shipped
+from aquanav_tools.scenario.folder import read_scenario, write_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.shipped import named_folder, scenario_folder
+from aquanav_tools.shipped import shipped_names
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def test_splits_are_fixed_and_share_no_cave() -> None:
+    recipes = {name: read_shipped(name) for name in shipped_names("scenarios")}
+    splits = {name: recipe.split for name, recipe in recipes.items()}
+    assert [name for name, split in splits.items() if split == "test"] == ["cave-test-1", "cave-test-2", "cave-test-3"]
+    assert [name for name, split in splits.items() if split == "train"] == [f"cave-train-{n}" for n in (1, 2, 3)]
+    assert "validation" in splits.values()
+    assert len({recipe.cave.seed for recipe in recipes.values()}) == len(recipes)
+
+
+def test_a_built_scenario_is_found_by_its_name(tube: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shipped.subprocess, "run", lambda *_, **__: pytest.fail("nothing had to be built"))
+    written = write_scenario(tube, named_folder("cave-train-1"))
+    assert read_scenario("cave-train-1").content_hash == written.content_hash
+
+
+def test_a_changed_recipe_has_another_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = named_folder("cave-train-1")
+    changed = tmp_path / "cave-train-1.toml"
+    changed.write_text("title = 'another'\n")
+    monkeypatch.setattr(shipped, "shipped_path", lambda *_: changed)
+    assert named_folder("cave-train-1") != before
+
+
+def test_a_failed_build_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shipped.sys, "executable", "/bin/false")
+    with pytest.raises(ScenarioError, match=r"could not be built.*Try it by itself: aquanav scenarios cave-train-1"):
+        scenario_folder("cave-train-1")
+
+
+def test_an_empty_slot_says_how_to_fill_it(cache: Path) -> None:
+    with pytest.raises(ScenarioError, match=r"slot for a cave of your own and is empty\. Fill it: aquanav-build-cave"):
+        read_scenario("cave-real-1")
+
+
+def test_a_filled_slot_is_read(tube: Scenario, cache: Path) -> None:
+    write_scenario(tube, cache / "cave-real-2")
+    assert read_scenario("cave-real-2").name == tube.name
+
+
+def test_a_misspelt_name_gets_the_closest() -> None:
+    with pytest.raises(ScenarioError, match="Did you mean 'cave-train-1'"):
+        read_scenario("cave-trian-1")
