@@ -21,7 +21,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.reconstruct.images import MASKS_DIR
 from aquanav_tools.reconstruct.intake.decode import SUFFIXES
-from aquanav_tools.scenario.folder import SETTINGS_FILE
+from aquanav_tools.scenario.shipped import SETTINGS_FILE
 from aquanav_tools.sim.vehicle import vehicle_path
 from aquanav_tools.store import LOCK_FILE
 

@@ -41,8 +41,9 @@ from aquanav_tools.report.html import Figure, Section, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording.cave import CaveModel, record_cave
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
-from aquanav_tools.scenario.folder import SETTINGS_FILE, write_scenario
+from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.shipped import SETTINGS_FILE
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.store import StageStore, check_room, locked, told_when_full
 from aquanav_tools.tables import from_table, read_toml

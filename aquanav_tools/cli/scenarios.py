@@ -44,8 +44,8 @@ def _built(name: str) -> Path:
 
 def _list() -> None:
     from aquanav_tools.build.shipped_scenarios import difficulty, read_shipped
-    from aquanav_tools.scenario.folder import SETTINGS_FILE, read_scenario
-    from aquanav_tools.scenario.shipped import CONTENT, cache_dir, named_folder, slot_names
+    from aquanav_tools.scenario.folder import read_scenario
+    from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, cache_dir, named_folder, slot_names
     from aquanav_tools.shipped import shipped_names
 
     print(HEADER)

@@ -31,7 +31,7 @@ def test_splits_are_fixed_and_share_no_cave() -> None:
 
 
 def test_a_built_scenario_is_found_by_its_name(tube: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped.subprocess, "run", lambda *_, **__: pytest.fail("nothing had to be built"))
+    monkeypatch.setattr("subprocess.run", lambda *_, **__: pytest.fail("nothing had to be built"))
     written = write_scenario(tube, named_folder("cave-train-1"))
     assert read_scenario("cave-train-1").content_hash == written.content_hash
 
@@ -45,7 +45,7 @@ def test_a_changed_recipe_has_another_folder(tmp_path: Path, monkeypatch: pytest
 
 
 def test_a_failed_build_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shipped.sys, "executable", "/bin/false")
+    monkeypatch.setattr("sys.executable", "/bin/false")
     with pytest.raises(ScenarioError, match=r"could not be built.*Try it by itself: aquanav scenarios cave-train-1"):
         scenario_folder("cave-train-1")
 

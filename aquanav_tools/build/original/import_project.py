@@ -82,7 +82,7 @@ def describe(cave: OriginalCave) -> str:
         return (
             f"{cave.name}: no panels of the project fit {cave.model.name}, so where it stood and how large it was is "
             f"not known. It is made as wide and as long as the project's other caves ({cave.placement.extent:.0f} m, "
-            f"mean radius {cave.placement.radius:.1f} m); its goal is the far end."
+            f"mean radius {cave.placement.radius:.1f} m); its goal is a few metres before the far end."
         )
     return (
         f"{cave.name}: {cave.model.name} with the {len(cave.rewarder.centres)} panels of {cave.rewarder.name}, "
@@ -93,7 +93,7 @@ def describe(cave: OriginalCave) -> str:
 
 def build_options(cave: OriginalCave, options: ImportOptions) -> BuildOptions:
     """Return how to build a cave: from its placed mesh, with its goal, and starts as the original's were."""
-    goal = "" if cave.goal is None else ",".join(f"{value:.4f}" for value in _route_end(cave, options.vehicle))
+    goal = ",".join(f"{value:.4f}" for value in _route_end(cave, options.vehicle))
     return BuildOptions(
         input=options.output / f"{cave.name}.obj",
         output=options.output / cave.name,
@@ -122,7 +122,6 @@ def _nearest(line: Array, point: Array) -> int:
 
 def _route_end(cave: OriginalCave, vehicle: str) -> Array:
     """Return where the route must end for its last panel to stand at the goal: a vehicle's length farther."""
-    assert cave.goal is not None
     nearest = _nearest(cave.line, cave.goal)
     ways = np.linalg.norm(cave.line[nearest:] - cave.line[nearest], axis=1)
     beyond = np.flatnonzero(ways >= load_vehicle(vehicle).capsule.length)

@@ -80,14 +80,16 @@ def best_placement(tube: Tube, rewarders: list[Rewarder]) -> tuple[Placement, Re
 
 
 def likely_placement(tube: Tube, others: list[Placement]) -> Placement:
-    """Return a placement that makes a cave as wide and as long as others of the project are, its near end at 0.
+    """Return a placement that makes a cave as wide and long as others are, its near end at 0, the other towards +x.
 
     For caves whose panels are not in the project, so that nothing says where they stood.
     """
     along = int(np.argmax(np.ptp(tube.line, axis=0)[:2]))
     size = np.median([other.extent for other in others]) / np.ptp(tube.line, axis=0)[along]
     width = np.median([other.radius for other in others]) / np.mean(tube.radii)
-    num_quarters = 0 if along == 0 else 3
+    # The original's vehicle always starts looking along +x, and its policies see velocities in the world's frame.
+    far = max(tube.line[[0, -1]], key=lambda end: float(np.linalg.norm(end)))
+    num_quarters = ((0 if far[0] > 0.0 else 2), (3 if far[1] > 0.0 else 1))[along]
     scale = np.array([size, width, width])
     ends = turned(tube.line[[0, -1]], num_quarters) * scale
     move = -ends[np.argmin(np.linalg.norm(ends, axis=1))]

@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from aquanav_tools.build.original.fbx import read_fbx
 from aquanav_tools.build.original.placement import Placement, best_placement, likely_placement
 from aquanav_tools.build.original.rewarder import Rewarder, read_rewarders
@@ -19,6 +21,8 @@ logger = logging.getLogger(__name__)
 
 ASSETS_DIR = "Assets"
 MAX_MODELS = 500
+GOAL_BEFORE_EXIT = 3.5
+"""Of the original's caves whose panels are known, the goals lie 3 to 4 m before the exit, m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +43,15 @@ class OriginalCave:
     """Whose panels stood in it; None where none fits and the placement was chosen by the other caves' size."""
 
     @property
-    def goal(self) -> Array | None:
-        """(3,) centre of the last panel, m, at most 0.6 m from the goal of the original's training settings."""
-        return None if self.rewarder is None else self.rewarder.centres[-1]
+    def goal(self) -> Array:
+        """(3,) centre of the last panel, m, at most 0.6 m from the goal of the original's training settings.
+
+        Without panels, a place on the middle line as far before the exit as the original's goals are.
+        """
+        if self.rewarder is not None:
+            return self.rewarder.centres[-1]
+        ways = np.linalg.norm(self.line - self.line[-1], axis=1)
+        return self.line[np.flatnonzero(ways >= GOAL_BEFORE_EXIT)[-1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +96,7 @@ def read_project(folder: Path) -> list[OriginalCave]:
     for name, model, fit in zip(names, models, fits, strict=True):
         placement, rewarder = fit if fit is not None else (likely_placement(model.tube, placed), None)
         line, radii = placement.apply(model.tube.line), model.tube.radii * placement.scale[2]
-        if rewarder is not None and placement.runs_backwards(line, rewarder.centres):
+        if placement.runs_backwards(line, rewarder.centres) if rewarder is not None else bool(line[0, 0] > line[-1, 0]):
             line, radii = line[::-1], radii[::-1]
         caves.append(OriginalCave(name, model.path, placement.place(model.mesh), line, radii, placement, rewarder))
     return sorted(caves, key=lambda cave: cave.name)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from aquanav_tools.build import cave_stages
@@ -18,7 +20,7 @@ from aquanav_tools.evaluate.protocol import plan_episodes
 from aquanav_tools.evaluate.rollout import run_episode
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import FANS
-from aquanav_tools.types import Array, IntArray, silent
+from aquanav_tools.types import IntArray, silent
 
 CAVES = ("cave-easy", "cave-medium", "cave-eval1")
 EPISODES = 25
@@ -30,6 +32,7 @@ class Swapped:
     """A policy that gets the rays of its left side as those of its right."""
 
     def __init__(self, policy: LoadedPolicy) -> None:
+        """Wrap a policy."""
         self._policy = policy.policy
         self._order = mirrored_values()
 
@@ -37,10 +40,9 @@ class Swapped:
         """Begin an episode."""
         self._policy.reset(seed)
 
-    def act(self, observation: Array) -> IntArray:
+    def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Act on the swapped observation."""
-        chosen: IntArray = self._policy.act(observation[self._order].astype(np.float32))
-        return chosen
+        return self._policy.act(observation[self._order])
 
 
 def mirrored_values() -> IntArray:

@@ -61,7 +61,6 @@ def test_a_cave_is_placed_as_its_panels_say(project: Path) -> None:
     truth = world_from_cave(winding_line())
     np.testing.assert_allclose(cave.line[[0, -1]], truth[[0, -1]], atol=1.0)
     np.testing.assert_allclose(cave.placement.scale, SCALE[[1, 0, 2]], rtol=0.02)
-    assert cave.goal is not None
     np.testing.assert_allclose(cave.goal, truth[STATIONS[-1]], atol=1e-6)
 
 
@@ -83,7 +82,9 @@ def test_a_cave_without_panels_becomes_as_wide_and_long_as_the_others(project: P
     line = np.stack([x, 6.0 * np.cos(0.2 * x), 3.0 * np.sin(0.3 * x)], axis=1)
     write_cave(project / "Assets" / "Other.fbx", line)
     other, cave = read_project(project)
-    assert other.rewarder is None and other.goal is None
+    assert other.rewarder is None
+    assert other.line[0, 0] < other.line[-1, 0]  # looking along +x, as the original's vehicle starts
+    assert np.linalg.norm(other.goal - other.line[-1]) == pytest.approx(3.5, abs=0.6)
     assert np.ptp(other.line, axis=0).max() == pytest.approx(np.ptp(cave.line, axis=0).max(), rel=0.03)
     assert other.placement.radius == pytest.approx(cave.placement.radius, rel=0.03)
 
