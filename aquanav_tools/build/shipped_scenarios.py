@@ -11,7 +11,7 @@ import numpy as np
 
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_cave
-from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
@@ -42,6 +42,7 @@ class ShippedScenario:
     """Vehicle that must be able to pass."""
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
+    water: WaterOptions = field(default_factory=WaterOptions)
 
 
 def read_shipped(name: str) -> ShippedScenario:
@@ -82,6 +83,7 @@ def build_shipped(
             vehicle=recipe.vehicle,
             panels=recipe.panels,
             starts=recipe.starts,
+            water=recipe.water,
             overwrite=True,
         )
         result = build_cave(options, display, announce)
