@@ -15,7 +15,7 @@ from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.progress import progress_measure
-from aquanav_tools.envs.reward import Decision, RewardWeights, load_weights, reward_terms
+from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, load_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
@@ -32,6 +32,7 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
+TERM_KEYS = {name: f"reward/{name}" for name in TERMS}
 
 
 class CaveEnv(gymnasium.Env[Observation, Any]):
@@ -188,11 +189,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         rays = self._sensor.sense(self._world.state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
-        cut_off = len(rays) - float(rays @ self._inverse_lengths)
+        cut_off = len(rays) - float(rays @ self._inverse_lengths) if self._weights.proximity else 0.0
         terms = reward_terms(self._weights, Decision(gained, len(touched), sum(touched), cut_off, outcome))
         terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
         info = self._info(rays, any(touched), terms)
-        observation = self._observations.through(self._observe(rays, before, command))
+        observation = self._observations.through(self._observe(rays, before, command)).copy()
         return observation, sum(terms.values()), terminated, truncated, info
 
     def close(self) -> None:
@@ -204,7 +205,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         The state is that before the last step where the observation asks for it.
         """
-        commands, current = self._actuators.apply(*command), self._water_velocity()
+        commands = self._actuators.apply(*command)
+        current = self._water_velocity()
         if not self._observation_model.is_original:
             return self._world.step(commands, current), self._world.state
         touched = self._world.step(commands[:-1], current)
@@ -249,8 +251,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "start_index": self._start_index,
             "gate": self._gate,
         }
-        for name, value in terms.items():
-            info["reward/" + name] = value
+        for name, key in TERM_KEYS.items():
+            info[key] = terms[name]
         return info
 
 

@@ -114,7 +114,8 @@ class Guide:
 
     def follow(self, position: Array, gate: int) -> tuple[int, float]:
         """Return `track` and, in that gate, `remaining`: one call for both."""
-        return _follow(position, gate, self._arcs, *self._tracked)  # type: ignore[no-any-return]
+        gate, remaining = _follow(position, gate, self._arcs, *self._tracked)
+        return gate, remaining
 
     def progress(self, position: Array, gate: int) -> float:
         """Return the metres along the guide, in [0, length], of a (3,) world position in `gate`."""
@@ -156,10 +157,9 @@ class Guide:
         return np.array(rows)
 
     @cached_property
-    def _tracked(self) -> tuple[Array, ...]:
+    def _tracked(self) -> tuple[Array | IntArray, ...]:
         """What the compiled functions read."""
-        corners, ends = self.outlines
-        return self.centres, self.normals, self.axes, self.radii, corners, ends
+        return self.centres, self.normals, self.axes, self.radii, *self.outlines
 
 
 def _across(normal: Array) -> Array:

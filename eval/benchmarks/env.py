@@ -1,0 +1,217 @@
+"""Measure the environment: decisions per second on one core, where the time goes, reset, memory.
+
+    python eval/benchmarks/env.py [scenario folder ...]
+
+Without a folder it takes a tube of about 50,000 triangles. All times are this process's own CPU time on one thread, the
+best of several runs, since other processes on the machine disturb. "ahead" swims along the route with the reactive
+habit of steering to the goal; "random" draws actions and soon rubs along the walls, which is the dearest there is.
+
+Each row of the breakdown is the environment without one of its parts, so that what the part costs is the difference.
+Where gym-pybullet-drones is installed (pip install gym-pybullet-drones), its hover task is stepped in the same run: no
+cave, no rays, 8 physics steps of 1/240 s per decision.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("NUMBA_NUM_THREADS", "1")
+
+import argparse
+import contextlib
+import dataclasses
+import importlib.util
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
+
+from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.observation import layout
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import Mesh
+from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
+
+DECISIONS, REPEATS = 1000, 4
+NUM_RESETS, NUM_EXTRA, DRIFT = 200, 4, 200
+GOAL = layout("full")["goal"]
+CURRENT = (0.1, 0.0, 0.0)
+"""m/s, along the passage."""
+DRONES = "gym_pybullet_drones"
+
+
+def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
+    """Return the tests' tube with a wall of about 50,000 well-shaped triangles."""
+    x, angle = np.linspace(0, TUBE_LENGTH, num_along + 1), np.linspace(0, 2 * np.pi, num_around, endpoint=False)
+    x, angle = (grid.ravel() for grid in np.meshgrid(x, angle, indexing="ij"))
+    wall = np.stack([x, TUBE_RADIUS * np.cos(angle), TUBE_RADIUS * np.sin(angle)], axis=1)
+    vertices = np.concatenate([wall, [[0, 0, 0], [TUBE_LENGTH, 0, 0]]])
+    first, column = np.arange(num_along)[:, None] * num_around, np.arange(num_around)
+    after = np.roll(column, -1)
+    a, b, c, d = (first + side for side in (column, after, num_around + column, num_around + after))
+    quads = [np.stack(corners, axis=-1).reshape(-1, 3) for corners in ((a, b, c), (b, d, c))]
+    last = num_along * num_around
+    ends = [
+        np.stack([after, column, np.full(num_around, len(wall))], axis=1),
+        np.stack([last + column, last + after, np.full(num_around, len(wall) + 1)], axis=1),
+    ]
+    mesh = Mesh(vertices, np.concatenate([*quads, *ends]).astype(np.int64))
+    labels = np.zeros(len(mesh.faces), dtype=np.int64)
+    tube = tube_scenario()
+    cavity = dataclasses.replace(tube.cavity, mesh=mesh, labels=labels, observed=labels == 0)
+    prove_watertight(mesh)
+    return dataclasses.replace(tube, cavity=cavity, collision=mesh)
+
+
+def steer_to_goal(env: CaveEnv, obs: np.ndarray) -> list[int]:
+    """Return an action that swims to the goal and does not look at the rays."""
+    _, azimuth, elevation = obs[GOAL].tolist()
+    turn = 0 if azimuth > 0.03 else 2 if azimuth < -0.03 else 1
+    return [0 if elevation > 0.1 else 2 if elevation < -0.1 else 1, turn, 2]
+
+
+def act_at_random(env: CaveEnv, obs: np.ndarray) -> Any:
+    """Return any action."""
+    return env.action_space.sample()
+
+
+def microseconds(function: Callable[[], object], calls: int) -> float:
+    """Return the CPU time of one call, the best of several runs."""
+    best = np.inf
+    for _ in range(REPEATS):
+        start = time.process_time()
+        for _ in range(calls):
+            function()
+        best = min(best, time.process_time() - start)
+    return best / calls * 1e6
+
+
+def per_decision(env: Any, act: Callable[[Any, Any], Any]) -> float:
+    """Return the microseconds of a decision, resets included."""
+    obs = env.reset(seed=0)[0]
+
+    def step() -> None:
+        nonlocal obs
+        obs, _, terminated, truncated, _ = env.step(act(env, obs))
+        if terminated or truncated:
+            obs = env.reset()[0]
+
+    step()  # compiles
+    return microseconds(step, DECISIONS)
+
+
+@contextlib.contextmanager
+def without(env: CaveEnv, part: str) -> Iterator[None]:
+    """Switch one part of the environment off for a while."""
+    state, rays = env._world.state, env._sensor.sense(env._world.state)
+    held = env._actuators.apply(0.0, 0.0, 0.0)
+    still, info = (
+        np.zeros(3),
+        env._info(
+            rays,
+            False,
+            dict.fromkeys(("progress", "time", "contact", "proximity", "goal", "collision", "timeout"), 0.0),
+        ),
+    )
+    observation = env._observe(rays, state, env._action_model.command([1, 1, 1]))
+    replaced: dict[str, tuple[Any, str, Any]] = {
+        "physics, 5 substeps": (env._world, "step", lambda commands, current: [False] * len(commands)),
+        "28 rays": (env._sensor, "sense", lambda state: rays),
+        "current": (env, "_water_velocity", lambda: still),
+        "actuators": (env._actuators, "apply", lambda *command: held),
+        "progress": (env, "_update_progress", lambda: 0.0),
+        "observation": (env, "_observe", lambda rays, before, command: observation),
+        "info, clearance": (env, "_info", lambda rays, is_touched, terms: info),
+    }
+    owner, name, stub = replaced[part]
+    setattr(owner, name, stub)
+    try:
+        yield
+    finally:
+        delattr(owner, name)
+
+
+PARTS = ("physics, 5 substeps", "28 rays", "current", "actuators", "progress", "observation", "info, clearance")
+
+
+def idle_step(env: CaveEnv) -> float:
+    """Return the microseconds of a decision that lets the vehicle drift along the passage, away from the walls."""
+    best = np.inf
+    for _ in range(10 * REPEATS):
+        env.reset(seed=0, options={"start": 0})
+        start = time.process_time()
+        for _ in range(DRIFT):
+            env.step([1, 1, 1])
+        best = min(best, time.process_time() - start)
+    return best / DRIFT * 1e6
+
+
+def resident_mb() -> float:
+    """Return this process's memory, MB."""
+    return psutil.Process().memory_info().rss / 1e6
+
+
+def memory_per_env(scenario: Scenario) -> float:
+    """Return the megabytes that one more environment of the same scenario takes."""
+    envs = [CaveEnv(scenario)]
+    envs[0].reset(seed=0)
+    before = resident_mb()
+    for _ in range(NUM_EXTRA):
+        envs.append(CaveEnv(scenario))
+        envs[-1].reset(seed=0)
+    grown = resident_mb() - before
+    for env in envs:
+        env.close()
+    return grown / NUM_EXTRA
+
+
+def report(scenario: Scenario) -> None:
+    """Print everything about one scenario."""
+    env = CaveEnv(scenario, reward="safe", current=CURRENT)
+    triangles = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
+    print(f"{scenario.name}: {triangles}, {scenario.settings.limits.substeps} substeps")
+    for name, act in (("ahead", steer_to_goal), ("random", act_at_random)):
+        duration = per_decision(env, act)
+        print(f"  {name:<8}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
+    whole = idle_step(env)
+    print(f"  one decision in free water {whole:6.1f} us; without ...")
+    for part in PARTS:
+        with without(env, part):
+            print(f"    {part:<24}{idle_step(env):6.1f} us")
+    print(f"  reset {microseconds(env.reset, NUM_RESETS) / 1000:.3f} ms")
+    env.close()
+    print(f"  memory per extra environment {memory_per_env(scenario):.1f} MB")
+
+
+def report_drones() -> None:
+    """Print the speed of gym-pybullet-drones' hover task, where it is installed."""
+    if importlib.util.find_spec(DRONES) is None:
+        print("gym-pybullet-drones is not installed: no comparison.")
+        return
+    from gym_pybullet_drones.envs.HoverAviary import HoverAviary
+
+    env = HoverAviary(ctrl_freq=30, pyb_freq=240)
+    duration = per_decision(env, lambda env, obs: env.action_space.sample())
+    print(f"gym-pybullet-drones, HoverAviary: {1e6 / duration:.0f} decisions/s, {duration:.1f} us each")
+    env.close()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenario", type=Path, nargs="*")
+    for scenario in [read_scenario(path) for path in parser.parse_args().scenario] or [fine_tube()]:
+        report(scenario)
+    report_drones()
+
+
+if __name__ == "__main__":
+    main()
