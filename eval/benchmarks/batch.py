@@ -1,6 +1,6 @@
 """Measure the batched environment beside PyBullet's: decisions per second, and what a million of them cost.
 
-    python eval/benchmarks/batch.py [scenario folder] [--sizes 1 64 1024 16384] [--seconds 4] [--threads 2]
+    python eval/benchmarks/batch.py [scenario folder] [--only pybullet mesh field] [--sizes 1 64 1024 16384]
 
 All in one run: PyBullet one after the other (dummy) and in processes (subproc), Warp with exact rays (mesh) and with
 rays traced through the distance field (field). Every vehicle flies the same habit of steering to the goal and away
@@ -132,24 +132,26 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[1, 64, 1024, 16384])
     parser.add_argument("--seconds", type=float, default=4.0, help="by the clock, for each line")
     parser.add_argument("--threads", type=int, default=None, help="of the batch; as many as there are by default")
+    parser.add_argument("--only", nargs="+", default=["pybullet", "mesh", "field"], help="what to measure")
     options = parser.parse_args()
     scenario = fine_tube() if options.scenario is None else read_scenario(options.scenario)
     faces = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m")
     print(f"  {'':<26}{'N':>7}{'per second':>12}{'CPU-s / 1e6':>12}{'per CPU-s':>13}{'episodes':>9}{'touched':>9}")
     acts = {"": steer, " + policy": with_network()}
-    for kind, sizes in PYBULLET_SIZES.items():
+    for kind, sizes in PYBULLET_SIZES.items() if "pybullet" in options.only else ():
         for num in sizes:
             env = pybullet_env(kind, num, scenario)
             measure(f"PyBullet {kind}", env, steer, options.seconds)
             env.close()
-    for rays in ("mesh", "field"):
+    sources = [rays for rays in ("mesh", "field") if rays in options.only]
+    for rays in sources:
         for num in options.sizes:
             env = CaveVecEnv(scenario, num, rays=rays, num_threads=options.threads, **OPTIONS)
             for suffix, act in acts.items():
                 measure(f"Warp {rays}{suffix}", env, act, options.seconds)
             env.close()
-    for rays in ("mesh", "field"):
+    for rays in sources:
         parts(scenario, max(options.sizes), rays)
 
 

@@ -20,8 +20,8 @@ MASK = wp.constant(water_field.BRICK - 1)
 ROW = wp.constant(water_field.APRON)
 PLANE = wp.constant(water_field.APRON**2)
 VOLUME = wp.constant(water_field.APRON**3)
-MIN_STEP = wp.constant(0.5)
-"""Least step of a ray along the wall, spacings: one that slips by in it has hardly touched."""
+MIN_STEP = wp.constant(1.0)
+"""Least step of a ray along the wall, spacings. Half of it takes a tenth more samples and errs by a tenth less."""
 
 
 @wp.struct

@@ -7,6 +7,7 @@ from typing import Any
 import warp as wp
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import stderr_silenced
 
 OPTIONS = {"enable_backward": False, "fast_math": False}
 """For every module with kernels: nothing is differentiated, and float64 is meant as such."""
@@ -21,8 +22,9 @@ def find_device(name: str) -> Any:
     Raises:
         InputError: there is no such device; the message lists those at hand.
     """
-    wp.config.log_level = wp.LOG_ERROR  # a machine without a GPU would be told so on every start
-    wp.init()
+    wp.config.log_level = wp.LOG_ERROR
+    with stderr_silenced():  # a machine without a GPU would be told so on every start
+        wp.init()
     try:
         return wp.get_device(name)
     except (ValueError, RuntimeError) as cause:
