@@ -12,10 +12,13 @@ from itertools import pairwise
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, closed_surface, one_water_body, without
 from aquanav_tools.cave.synthetic.noise import fractal
 from aquanav_tools.types import Array
+
+Float32Array = npt.NDArray[np.float32]
 
 STEP = 0.2
 """Distance between the balls of a gallery, m."""
@@ -186,7 +189,7 @@ def _grid(options: GalleryOptions, parts: list[Gallery]) -> tuple[Array, Array, 
     return x, y, z
 
 
-def _balls(parts: list[Gallery], axes: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+def _balls(parts: list[Gallery], axes: tuple[Array, Array, Array]) -> tuple[Float32Array, Float32Array, Float32Array]:
     """Return (X, Y, Z) distances to all balls together, negative inside; the floor's height and the radius there."""
     shape = tuple(len(axis) for axis in axes)
     distance, floor, scale = (np.full(shape, value, np.float32) for value in (MARGIN, 0.0, RELIEF_RADIUS))
