@@ -16,7 +16,7 @@ from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
 from aquanav_tools.cave.closing.dents import carve_dents
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, IntArray, Mesh
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)
 
@@ -118,7 +118,10 @@ def cut_portals(
 
 
 def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) -> Opening:
-    """Return an opening whose cut passes outside of the cameras before it: they were in the water that is kept."""
+    """Return an opening whose cut passes outside of the cameras before it: they were in the water that is kept.
+
+    Cameras that the invented surface shuts out count too. The water is then drawn out to the cut (`carve_dents`).
+    """
     import igl
 
     is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
@@ -126,14 +129,25 @@ def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) 
         return opening
     offsets = cameras - opening.centre
     ahead = offsets @ opening.normal
-    is_cut = (ahead > opening.innermost - CAMERA_VOXELS * voxel) & (np.linalg.norm(offsets, axis=1) < opening.radius)
-    is_cut[is_cut] = igl.fast_winding_number(mesh.vertices, mesh.faces, cameras[is_cut]) > 0.5
-    if not is_cut.any():
+    is_near = (ahead > opening.innermost - CAMERA_VOXELS * voxel) & (np.linalg.norm(offsets, axis=1) < opening.radius)
+    if not is_near.any():
         return opening
-    farthest = float(ahead[is_cut].max())
-    # Half-way to the top of the patch at most: beyond it there is no water to cut through.
-    moved = min(farthest + CAMERA_VOXELS * voxel, 0.5 * (farthest + opening.outermost))
+    near, ahead = cameras[is_near], ahead[is_near]
+    is_inside = np.asarray(igl.fast_winding_number(mesh.vertices, mesh.faces, near)) > 0.5
+    is_shut_out = ~is_inside & _are_before(opening, mesh, near)
+    farthest = float(ahead[is_inside | is_shut_out].max(initial=-np.inf))
+    moved = farthest + CAMERA_VOXELS * voxel
+    if not is_shut_out.any():
+        # Half-way to the top of the patch at most: beyond it there is no water to cut through.
+        moved = min(moved, 0.5 * (farthest + opening.outermost))
     return replace(opening, innermost=max(opening.innermost, moved))
+
+
+def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
+    """Return the (N,) flags of places from which the way into the cave, against the normal, first meets the patch."""
+    directions = np.broadcast_to(-opening.normal, places.shape)
+    hits = mesh.to_trimesh().ray.intersects_first(places, directions)
+    return np.isin(hits, opening.faces)
 
 
 def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float) -> Any:

@@ -12,7 +12,7 @@ from aquanav_tools.cave.cavity import WALL, Cavity, from_manifold, prove_waterti
 from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.dents import carve_dents
 from aquanav_tools.cave.closing.openings import find_openings
-from aquanav_tools.cave.closing.portals import NO_CAMERAS, cut_portals
+from aquanav_tools.cave.closing.portals import CAMERA_VOXELS, NO_CAMERAS, cut_portals
 from aquanav_tools.types import Array, Mesh
 
 VOXEL = 0.1
@@ -141,3 +141,19 @@ def test_a_passage_that_goes_on_beside_an_end_stays_whole() -> None:
     check_end(cavity, LENGTH - 0.5 * DEPTH)
     kept = tube().trim_by_plane((-1.0, 0.0, 0.0), -(LENGTH - 0.5 * DEPTH)) + rear + beside
     assert cavity.volume == pytest.approx(kept.volume(), rel=1e-3)
+
+
+def test_cameras_that_a_dent_shuts_out_are_kept_in_water() -> None:
+    cameras = np.array([[LENGTH - 0.3, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    x = LENGTH - 0.3 + CAMERA_VOXELS * VOXEL
+    cavity = cut(tube() - dent(), cameras=cameras)
+    prove_watertight(cavity.mesh)
+    check_end(cavity, x)
+    assert cavity.volume == pytest.approx(TUBE_AREA * x, rel=FACETS)
+
+
+def test_a_camera_behind_observed_rock_moves_no_end() -> None:
+    pillar = manifold3d.Manifold.cylinder(4.0, 0.2, circular_segments=8).rotate((0, 90, 0)).translate((6.0, 0.0, 0.0))
+    cavity = cut(tube() - dent() - pillar, cameras=np.array([[LENGTH - 0.3, 0.0, 0.0]]))
+    (end,) = (lid for lid in cavity.portals if lid.centre[0] > 1.0)
+    assert end.centre[0] == pytest.approx(LENGTH - 0.5 * DEPTH, abs=0.05)
