@@ -291,7 +291,7 @@ def _beyond(solid: Any, lid: Opening, patch: Array, voxel: float) -> Any:
     # In the plane's frame. A dent's water was carved to beyond the plane: look for it there.
     water = solid.transform(np.column_stack([axes.T, -axes.T @ base])) ^ box
     places = (patch - base) @ axes
-    places[:, 2] = np.maximum(places[:, 2], 0.5 * voxel)
+    places[places[:, 2] < 0.0, 2] = 0.5 * voxel
     end, passages = _divided(water, places, voxel)
     if not passages.is_empty():
         margin = 0.5 * end.min_gap(passages, voxel)
