@@ -1,40 +1,86 @@
-"""What an episode and an evaluation are worth.
+"""What an episode is worth.
 
 success: the goal was reached, whatever was touched on the way. Collision-free success: reached without touching the
 wall once; the headline, as in the original benchmark, where one collision is a failure. collisions: separate contacts.
-clearance: from the hull to the nearest wall. SPL: success weighted by path length.
+clearance: from the hull to the nearest wall. SPL: success weighted by path length. energy: work done against drag.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.evaluate.statistics import Proportion, wilson
-from aquanav_tools.report.track import Track
+from aquanav_tools.evaluate.energy import drag_power, to_world, water_relative
+from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.types import Array
 
-OUTCOMES = ("success", "collision", "timeout")
+OUTCOMES = ("success", "collision", "timeout", FAILED)
+REGIONS = ("first third", "middle third", "last third")
+"""Of the route, by the length of the shortest way that is left at the start."""
+
+
+@dataclass(frozen=True)
+class Course:
+    """What an episode is held against."""
+
+    scenario: str
+    condition: str
+    """Name of the conditions it ran under."""
+    vehicle: Vehicle
+    route_length: float
+    """Of the guide, m."""
+    top_speed: float
+    """That the vehicle keeps ahead in still water, m/s."""
 
 
 @dataclass(frozen=True)
 class EpisodeMetrics:
-    """One episode in numbers: metres, seconds."""
+    """One episode in numbers: metres, seconds, joules."""
 
+    index: int
+    """Place in the evaluation, from 0."""
+    scenario: str
+    condition: str
+    region: str
+    """Where on the route it began: one of REGIONS."""
     seed: int
     start: int
+    """Index in the scenario's list of starts; -1 for one drawn anywhere."""
     outcome: str
+    """One of OUTCOMES."""
+    reason: str
+    """Why the policy failed; empty unless it did."""
     collisions: int
     min_clearance: float
+    clearance_p5: float
+    """5th percentile over time."""
     mean_clearance: float
+    time_close: float
+    """With less clearance than the vehicle is wide."""
     time: float
+    time_ratio: float | None
+    """Time over that of the shortest way at the vehicle's top speed in still water; None without success."""
     path_length: float
+    geodesic: float
+    """Length of the shortest way through the water from the start to the goal."""
     progress: float
-    """Metres along the guide at the end."""
+    """Along the guide at the end."""
     spl: float
     reward: float
     cost: float
+    control_effort: float
+    """Mean over decisions of the square of ballast, steer and thrust, each in [-1, 1], over 3: 0 idle to 1 full."""
+    control_change: float
+    """Mean over decisions of the change of ballast, steer and thrust from the last decision, in size, over 3."""
+    energy: float
+    """Work done against the water's drag."""
+    jerk: float
+    """Root mean square of the rate of change of acceleration over ground, m/s^3: smaller is smoother."""
+    digest: str
+    """SHA-256 of its states, actions and rewards: equal only where an episode repeats to the bit."""
 
     @property
     def is_success(self) -> bool:
@@ -47,27 +93,6 @@ class EpisodeMetrics:
         return self.is_success and self.collisions == 0
 
 
-@dataclass(frozen=True)
-class Summary:
-    """All episodes in numbers. Means are over episodes; rates carry 95 % Wilson intervals."""
-
-    episodes: int
-    success: Proportion
-    collision_free_success: Proportion
-    outcomes: dict[str, int]
-    """Number of episodes per outcome."""
-    collisions_per_episode: float
-    min_clearance: float
-    """Smallest over all episodes, m."""
-    mean_clearance: float
-    spl: float
-    time: float
-    path_length: float
-    progress: float
-    reward: float
-    cost: float
-
-
 def spl(is_success: bool, geodesic: float, path_length: float) -> float:
     """Return success weighted by path length, in [0, 1]: 0 for a failure, 1 for the shortest way.
 
@@ -76,42 +101,65 @@ def spl(is_success: bool, geodesic: float, path_length: float) -> float:
     return geodesic / max(geodesic, path_length, 1e-9) if is_success else 0.0
 
 
-def measure(track: Track, geodesic: float) -> EpisodeMetrics:
+def region_of(geodesic: float, route_length: float) -> str:
+    """Return which third of a route a start lies in, from the way that is left to the goal."""
+    done = 1.0 - geodesic / route_length
+    return REGIONS[int(np.clip(done * len(REGIONS), 0, len(REGIONS) - 1))]
+
+
+def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> EpisodeMetrics:
     """Return the metrics of one episode whose start is `geodesic` metres from the goal."""
+    is_success = track.outcome == "success"
+    time, steps = float(track.times[-1]), np.diff(track.times)
+    width = 2.0 * course.vehicle.capsule.radius
+    relative = water_relative(track.velocities, track.currents, track.orientations)
+    power = drag_power(course.vehicle, relative)
     return EpisodeMetrics(
+        index=index,
+        scenario=course.scenario,
+        condition=course.condition,
+        region=region_of(geodesic, course.route_length),
         seed=track.seed,
         start=track.start_index,
         outcome=track.outcome,
+        reason=track.reason,
         collisions=track.num_collisions,
         min_clearance=float(track.clearances.min()),
+        clearance_p5=float(np.percentile(track.clearances, 5.0)),
         mean_clearance=float(track.clearances.mean()),
-        time=float(track.times[-1]),
+        time_close=float(steps[track.clearances[1:] < width].sum()),
+        time=time,
+        time_ratio=time * course.top_speed / max(geodesic, 1e-9) if is_success else None,
         path_length=track.path_length,
+        geodesic=geodesic,
         progress=float(track.progress[-1]),
-        spl=spl(track.outcome == "success", geodesic, track.path_length),
+        spl=spl(is_success, geodesic, track.path_length),
         reward=float(track.rewards.sum()),
         cost=float(track.costs.sum()),
+        control_effort=_mean(track.commands**2),
+        control_change=_mean(np.abs(np.diff(track.commands, axis=0))),
+        energy=float((0.5 * (power[1:] + power[:-1]) * steps).sum()),
+        jerk=_jerk(track),
+        digest=digest_of(track),
     )
 
 
-def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
-    """Return the summary of at least one episode."""
+def digest_of(track: Track) -> str:
+    """Return the SHA-256 of a track's numbers."""
+    total = hashlib.sha256()
+    for values in (track.positions, track.orientations, track.velocities, track.actions, track.rewards):
+        total.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
+    return total.hexdigest()
 
-    def mean(name: str) -> float:
-        return float(np.mean([getattr(episode, name) for episode in episodes]))
 
-    return Summary(
-        episodes=len(episodes),
-        success=wilson(sum(episode.is_success for episode in episodes), len(episodes)),
-        collision_free_success=wilson(sum(episode.is_collision_free_success for episode in episodes), len(episodes)),
-        outcomes={outcome: sum(episode.outcome == outcome for episode in episodes) for outcome in OUTCOMES},
-        collisions_per_episode=mean("collisions"),
-        min_clearance=min(episode.min_clearance for episode in episodes),
-        mean_clearance=mean("mean_clearance"),
-        spl=mean("spl"),
-        time=mean("time"),
-        path_length=mean("path_length"),
-        progress=mean("progress"),
-        reward=mean("reward"),
-        cost=mean("cost"),
-    )
+def _jerk(track: Track) -> float:
+    """Return the root mean square of the second difference of the velocity in the world, m/s^3."""
+    if track.num_decisions < 2:
+        return 0.0
+    velocities = to_world(track.velocities[:, :3], track.orientations)
+    jerk = np.diff(velocities, n=2, axis=0) / (track.times[1] - track.times[0]) ** 2
+    return float(np.sqrt((jerk**2).sum(axis=1).mean()))
+
+
+def _mean(values: Array) -> float:
+    return float(values.mean()) if values.size else 0.0

@@ -1,10 +1,25 @@
-"""Which episodes an evaluation runs: fixed by its seed alone, so that policies meet the same episodes."""
+"""Which episodes an evaluation runs: fixed by its options alone, so that policies meet the same episodes."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.metrics import region_of
+from aquanav_tools.evaluate.options import MAX_CONDITIONS, Grid, ProtocolOptions
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.shipped import shipped_path
+from aquanav_tools.tables import from_table, read_toml
+
+FOLDER = "eval/protocols"
+NOMINAL = "as given"
 
 
 @dataclass(frozen=True)
@@ -15,6 +30,47 @@ class EpisodePlan:
     """Seed of the environment and of the policy."""
     start_index: int | None
     """Which of the scenario's starts; None where the environment draws one."""
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Circumstances under which a policy is evaluated."""
+
+    name: str
+    changes: dict[str, Any]
+    """Options of the task that differ from the protocol's."""
+    region: str | None = None
+    """Third of the route to start in; None for all."""
+
+
+def read_protocol(name: str) -> dict[str, Any]:
+    """Return the options in a protocol: a shipped one by its name, or a file by a path that ends in .toml.
+
+    Raises:
+        InputError: no such protocol (with the closest name), or an unknown or senseless value in it.
+    """
+    path = Path(name) if name.endswith(".toml") else shipped_path(FOLDER, name)
+    table = read_toml(path)
+    options = from_table(ProtocolOptions, table, path.name)
+    return {key: getattr(options, key) for key in table}
+
+
+def conditions_of(grid: Grid) -> tuple[Condition, ...]:
+    """Return every combination of a grid's values; a single one without changes for an empty grid.
+
+    Raises:
+        InputError: they are more than MAX_CONDITIONS.
+    """
+    axes: list[list[tuple[str, Any, str]]] = [
+        [("current", value, f"current x{value:g}") for value in grid.current],
+        [("sensor_noise", value, f"noise {value:g} m") for value in grid.sensor_noise],
+        [("action_delay", value, f"delay {value}") for value in grid.action_delay],
+        [("region", value, str(value)) for value in grid.region],
+    ]
+    combinations = list(itertools.product(*(axis for axis in axes if axis)))
+    if len(combinations) > MAX_CONDITIONS:
+        raise InputError(f"The grid has {len(combinations)} conditions, more than {MAX_CONDITIONS}. Give fewer values.")
+    return tuple(_condition(combination) for combination in combinations)
 
 
 def plan_episodes(num_starts: int, num_episodes: int, seed: int, is_anywhere: bool = False) -> tuple[EpisodePlan, ...]:
@@ -29,3 +85,38 @@ def plan_episodes(num_starts: int, num_episodes: int, seed: int, is_anywhere: bo
     rounds = -(-num_episodes // num_starts)
     order = np.concatenate([rng.permutation(num_starts) for _ in range(rounds)])[:num_episodes]
     return tuple(EpisodePlan(seed + i, int(start)) for i, start in enumerate(order))
+
+
+def plan_condition(scenario: Scenario, options: ProtocolOptions, condition: Condition) -> tuple[EpisodePlan, ...]:
+    """Return the episodes of one scenario under one condition.
+
+    Raises:
+        InputError: none of the scenario's starts lies in the condition's region.
+    """
+    starts = [
+        index
+        for index, start in enumerate(scenario.starts)
+        if condition.region in (None, region_of(start.geodesic_to_goal, scenario.guide.length))
+    ]
+    if not starts:
+        raise InputError(
+            f"None of the {len(scenario.starts)} starts of {scenario.name} lies in the {condition.region} of its route."
+            " Leave out that region, or build the scenario with more starts."
+        )
+    plans = plan_episodes(len(starts), options.episodes, options.seed, options.starts == "anywhere")
+    return tuple(_mapped(plans, starts))
+
+
+def _mapped(plans: Sequence[EpisodePlan], starts: Sequence[int]) -> Iterator[EpisodePlan]:
+    for plan in plans:
+        chosen = None if plan.start_index is None else starts[plan.start_index]
+        yield dataclasses.replace(plan, start_index=chosen)
+
+
+def _condition(combination: tuple[tuple[str, Any, str], ...]) -> Condition:
+    values = {key: value for key, value, _ in combination}
+    region = values.pop("region", None)
+    if "current" in values:
+        share = values.pop("current")
+        values["current_range"] = (share, share)
+    return Condition(", ".join(text for *_, text in combination) or NOMINAL, values, region)

@@ -2,144 +2,343 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shlex
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from aquanav_tools import __version__
-from aquanav_tools.evaluate.metrics import EpisodeMetrics, Summary
+from aquanav_tools.evaluate.journal import Journal, worst_first
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
-from aquanav_tools.evaluate.statistics import Proportion, wilson
-from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
+from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, wilson
+from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
+from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.track import Trail
+from aquanav_tools.task import TaskOptions, choices_of
 
 if TYPE_CHECKING:
     from aquanav_tools.scenario.schema import Scenario
 
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
+GOAL_HALF_WIDTH = 0.02
+"""Interval that the advice on the number of episodes aims at."""
+MAX_TRAILS = 100
+"""Drawn and plotted at most; a report does not grow with the number of episodes."""
+NUM_WORST = 10
+MAX_ROWS = 500
+"""Of the table of episodes; the rest is in episodes.parquet."""
+MEAN_ROWS = {
+    "spl": ("SPL, success weighted by path length", "2f", ""),
+    "progress": ("progress along the route", "1f", "m"),
+    "collisions": ("collisions per episode", "2f", ""),
+    "min_clearance": ("clearance, least of an episode", "2f", "m"),
+    "clearance_p5": ("clearance, 5th percentile over time", "2f", "m"),
+    "mean_clearance": ("clearance, mean over time", "2f", "m"),
+    "time_close": ("time closer to a wall than the vehicle is wide", "1f", "s"),
+    "time": ("time", "1f", "s"),
+    "time_ratio": ("time over the shortest way's at top speed, successes", "2f", ""),
+    "path_length": ("way travelled", "1f", "m"),
+    "reward": ("reward", "1f", ""),
+    "cost": ("safety cost, decisions in contact", "1f", ""),
+    "control_effort": ("control effort, 0 idle to 1 full", "2f", ""),
+    "control_change": ("change of the controls between decisions", "2f", ""),
+    "energy": ("energy, work done against the water's drag", "0f", "J"),
+    "jerk": ("jerk, root mean square", "1f", "m/s³"),
+}
 EPISODE_COLUMNS = (
-    "seed", "start", "outcome", "collisions", "min clearance, m", "mean clearance, m", "time, s", "path, m",
-    "progress, m", "SPL", "reward", "cost",
+    "episode", "scenario", "condition", "seed", "start", "outcome", "collisions", "min clearance, m",
+    "5 % clearance, m", "time, s", "path, m", "SPL", "energy, J", "reason",
 )  # fmt: skip
 
 
 def write_report(
-    scenario: Scenario,
-    tracks: Sequence[Track],
-    episodes: Sequence[EpisodeMetrics],
-    summary: Summary,
+    scenarios: Sequence[Scenario],
+    journal: Journal,
+    results: tuple[Summary, tuple[Group, ...]],
     provenance: Provenance,
+    recordings: Mapping[int, str],
     folder: Path,
 ) -> Path:
     """Draw the pictures and plots into `folder`/pictures and write `folder`/report.html; return the report's path."""
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
-    shown = worst_track(tracks, episodes)
-    picture = CavePicture(scenario)
-    picture.draw(pictures / "trail.png", [shown])
-    picture.draw(pictures / "trails.png", tracks)
-    plot_outcomes(_rates(summary), pictures / "outcomes.png")
-    plot_progress(tracks, scenario.guide.length, pictures / "progress.png")
-    plot_clearance(tracks, pictures / "clearance.png")
-    figures = (
-        Figure(pictures / "trail.png", f"The cave, cut open, with the trail of the worst episode: {_describe(shown)}."),
-        Figure(pictures / "outcomes.png", "Share of episodes with 95 % Wilson intervals.", columns=1),
-        Figure(pictures / "progress.png", "A line per episode; it ends where the episode ended.", columns=1),
-        Figure(pictures / "clearance.png", "From the hull to the nearest wall, over all episodes.", columns=1),
-        Figure(pictures / "trails.png", f"The trails of all {len(tracks)} episodes."),
-    )
+    summary, groups = results
+    episodes = [entry.metrics for entry in journal.entries]
+    sections = tuple(_cave_section(scenario, journal, episodes, pictures) for scenario in scenarios)
     page = Page(
-        title=f"{provenance.policy} in {scenario.name}",
+        title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
         summary=sentence(summary),
         facts=_facts(summary),
         warnings=_warnings(summary),
-        figures=figures,
-        tables=(_episode_table(episodes), _provenance_table(provenance)),
-        footer=f"aquanav {__version__}. Numbers for programs: results.json. Recordings: rerun episodes/*.rrd.",
+        figures=_plots(scenarios, journal, summary, pictures),
+        tables=(_worst_table(episodes, recordings), _mean_table(summary), *_group_tables(groups)),
+        sections=(
+            *sections,
+            Section("Every episode", tables=(_episode_table(episodes, recordings),)),
+            Section("To repeat it", _repetition(), tables=(_repeat_table(provenance, journal),)),
+        ),
+        footer=f"aquanav {__version__}. Numbers for programs: results.json, episodes.parquet. Recordings: rerun *.rrd.",
     )
     path = folder / "report.html"
     write_page(page, path)
     return path
 
 
-def worst_track(tracks: Sequence[Track], episodes: Sequence[EpisodeMetrics]) -> Track:
-    """Return the episode most worth a look: a failure before a success, then most collisions, then least clearance."""
-    order = [(episode.is_success, -episode.collisions, episode.min_clearance) for episode in episodes]
-    return tracks[order.index(min(order))]
-
-
 def sentence(summary: Summary) -> str:
     """Return how it went, in one sentence."""
-    free = round(summary.collision_free_success.rate * summary.episodes)
+    free = round(summary.collision_free_success.rate * summary.distinct_episodes)
+    clearance = summary.means["mean_clearance"].mean
     return (
-        f"It reached the goal in {summary.outcomes['success']} of {summary.episodes} episodes, in {free} of them "
-        f"without touching the wall, and kept {summary.mean_clearance:.2f} m from the walls on average."
+        f"It reached the goal without touching the wall in {free} of {summary.distinct_episodes} episodes, and kept "
+        f"{clearance:.2f} m from the walls on average. With 95 % confidence it fails in at most "
+        f"{share(summary.failure_bound)} of such episodes."
     )
 
 
 def percent(proportion: Proportion) -> str:
     """Return a rate with its interval: 80 % [66, 89]."""
-    return f"{proportion.rate:.0%} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]".replace("%", " %")
+    return f"{share(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
 
 
-def _describe(track: Track) -> str:
-    return f"seed {track.seed}, start {track.start_index}, {track.outcome}, {track.num_collisions} collisions"
+def share(value: float) -> str:
+    """Return a share in per cent, with a decimal where it is small: 80 %, 2.3 %."""
+    return f"{100 * value:.1f} %" if 0.0 < value < 0.095 else f"{100 * value:.0f} %"
+
+
+def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
+    """Return a mean with its interval: 12.3 m [11.9, 12.8]."""
+    unit = f" {unit}" if unit else ""
+    return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
+
+
+def _cave_section(scenario: Scenario, journal: Journal, episodes: Sequence[EpisodeMetrics], pictures: Path) -> Section:
+    own = [episode for episode in episodes if episode.scenario == scenario.name]
+    worst = own[worst_first(own)[0]]
+    picture = CavePicture(scenario)
+    paths = {kind: pictures / f"{scenario.name}-{kind}.png" for kind in ("worst", "trails", "collisions")}
+    picture.draw(paths["worst"], [journal.trail(worst.index)])
+    shown = [journal.trail(index) for index in _drawn([episode.index for episode in own])]
+    picture.draw(paths["trails"], shown)
+    contacts = [
+        trail.positions[trail.contact_states]
+        for trail in (journal.trail(episode.index) for episode in own if episode.collisions)
+    ]
+    figures = [Figure(paths["worst"], f"The worst episode: {_describe(worst)}.")]
+    if contacts:
+        together = np.concatenate(contacts)
+        picture.draw(paths["collisions"], contacts=together)
+        figures.insert(
+            0, Figure(paths["collisions"], f"Where the {len(together)} collisions of all episodes happened.")
+        )
+    count = f"all {len(own)}" if len(shown) == len(own) else f"{len(shown)} of {len(own)}"
+    figures.append(Figure(paths["trails"], f"The trails of {count} episodes."))
+    return Section(f"In {scenario.name}", figures=tuple(figures))
+
+
+def _drawn(indices: Sequence[int]) -> list[int]:
+    """Return at most MAX_TRAILS of the indices, evenly spread."""
+    count = min(len(indices), MAX_TRAILS)
+    return [indices[n * len(indices) // count] for n in range(count)]
+
+
+def _plots(scenarios: Sequence[Scenario], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
+    trails: list[Trail] = [journal.trail(index) for index in _drawn(range(len(journal.entries)))]
+    plot_outcomes(_rates(summary), pictures / "outcomes.png")
+    plot_progress(trails, max(scenario.guide.length for scenario in scenarios), pictures / "progress.png")
+    plot_clearance(trails, pictures / "clearance.png")
+    which = "episode" if len(trails) == summary.episodes else f"episode, {len(trails)} of {summary.episodes}"
+    return (
+        Figure(pictures / "outcomes.png", "Share of episodes with 95 % Wilson intervals.", columns=1),
+        Figure(pictures / "progress.png", f"A line per {which}; it ends where the episode ended.", columns=1),
+        Figure(pictures / "clearance.png", f"From the hull to the nearest wall, {len(trails)} episodes.", columns=1),
+    )
+
+
+def _describe(episode: EpisodeMetrics) -> str:
+    start = "start drawn anywhere" if episode.start < 0 else f"start {episode.start}"
+    contacts = f"{episode.collisions} collision" + ("" if episode.collisions == 1 else "s")
+    return f"episode {episode.index}, seed {episode.seed}, {start}, {episode.outcome}, {contacts}"
 
 
 def _rates(summary: Summary) -> dict[str, tuple[float, tuple[float, float]]]:
     rates = {"collision-free": summary.collision_free_success}
-    rates |= {outcome: wilson(count, summary.episodes) for outcome, count in summary.outcomes.items()}
-    return {name: (share.rate, (share.low, share.high)) for name, share in rates.items()}
+    for outcome, count in summary.outcomes.items():
+        if outcome != "failed" or count:
+            rates[outcome] = wilson(count, summary.episodes)
+    return {name: (rate.rate, (rate.low, rate.high)) for name, rate in rates.items()}
 
 
 def _facts(summary: Summary) -> tuple[Fact, ...]:
-    def interval(share: Proportion) -> str:
-        return f"95 % interval {share.low:.0%} to {share.high:.0%}"
+    def interval(rate: Proportion) -> str:
+        return f"95 % interval {rate.low:.0%} to {rate.high:.0%}"
 
-    free, success = summary.collision_free_success, summary.success
+    free, success, means = summary.collision_free_success, summary.success, summary.means
+    per_100m = summary.collisions_per_100m
     return (
-        Fact("collision-free success", f"{free.rate:.0%}", interval(free)),
-        Fact("success", f"{success.rate:.0%}", interval(success)),
-        Fact("SPL", f"{summary.spl:.2f}", "success weighted by path length"),
-        Fact("collisions per episode", f"{summary.collisions_per_episode:.2f}"),
-        Fact("clearance", f"{summary.mean_clearance:.2f} m", f"smallest {summary.min_clearance:.2f} m"),
-        Fact("time", f"{summary.time:.0f} s", f"path {summary.path_length:.1f} m"),
+        Fact("collision-free success", share(free.rate), interval(free)),
+        Fact("fails in at most", share(summary.failure_bound), "of episodes, at 95 % confidence"),
+        Fact("success", share(success.rate), interval(success)),
+        Fact("SPL", f"{means['spl'].mean:.2f}", "success weighted by path length"),
+        Fact(
+            "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
+        ),
+        Fact("clearance", f"{means['mean_clearance'].mean:.2f} m", f"smallest {summary.min_clearance:.2f} m"),
+        Fact("time", f"{means['time'].mean:.0f} s", f"path {means['path_length'].mean:.1f} m"),
     )
 
 
 def _warnings(summary: Summary) -> tuple[Notice, ...]:
-    if summary.episodes >= FEW_EPISODES:
-        return ()
-    width = 100 * (summary.success.high - summary.success.low)
-    text = (
-        f"Only {summary.episodes} episodes were run, so the success rate is only known to within {width:.0f} points. "
-        f"Run {FEW_EPISODES} or more before comparing policies."
+    notices = []
+    free = summary.collision_free_success
+    if summary.distinct_episodes < summary.episodes:
+        text = (
+            f"Only {summary.distinct_episodes} of the {summary.episodes} episodes differ: nothing in them is random, "
+            "and starts came again. The intervals count each once. Use --starts anywhere for more that differ."
+        )
+        notices.append(Notice("repeated-episodes", text))
+    if summary.distinct_episodes < FEW_EPISODES:
+        width = 100 * (free.high - free.low)
+        text = (
+            f"{summary.distinct_episodes} different episodes were run, so the rate of collision-free success is only "
+            f"known to within {width:.0f} points. {_advice(free)}"
+        )
+        notices.append(Notice("few-episodes", text))
+    if summary.outcomes["failed"]:
+        text = (
+            f"In {summary.outcomes['failed']} episodes the policy itself failed: it raised an error, hung, or gave "
+            "what is no action. They count as failures; the table of episodes has the reasons."
+        )
+        notices.append(Notice("policy-failed", text))
+    return tuple(notices)
+
+
+def _advice(rate: Proportion) -> str:
+    """Return how many episodes would be enough, from the end of the interval that needs more."""
+    hardest = min((rate.low, rate.high, rate.rate), key=lambda value: abs(value - 0.5))
+    count = episodes_for(0.5 if rate.low <= 0.5 <= rate.high else hardest, GOAL_HALF_WIDTH)
+    return f"For an interval of ±{100 * GOAL_HALF_WIDTH:.0f} points, run up to {count}."
+
+
+def _worst_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, str]) -> Table:
+    rows = []
+    for index in worst_first(episodes)[:NUM_WORST]:
+        episode = episodes[index]
+        rows.append(
+            (
+                _link(episode, recordings), episode.scenario, episode.outcome, str(episode.collisions),
+                f"{episode.min_clearance:.2f}", f"{episode.progress:.1f}", f"{episode.time:.0f}",
+                f"aquanav-eval replay results.json --episode {episode.index}",
+            )
+        )  # fmt: skip
+    columns = (
+        "recording", "scenario", "outcome", "collisions", "min clearance, m", "progress, m", "time, s", "to watch it",
+    )  # fmt: skip
+    return Table("The worst episodes", columns, tuple(rows))
+
+
+def _link(episode: EpisodeMetrics, recordings: Mapping[int, str]) -> str:
+    label = f"episode {episode.index}"
+    return Link(label, recordings[episode.index]) if episode.index in recordings else label
+
+
+def _mean_table(summary: Summary) -> Table:
+    rows: list[tuple[str, ...]] = [
+        ("collisions per 100 m", f"{summary.collisions_per_100m.mean:.2f}", _ends(summary.collisions_per_100m, "2f"))
+    ]
+    for name, estimate in summary.means.items():
+        label, form, unit = MEAN_ROWS[name]
+        rows.append((label, f"{estimate.mean:.{form}} {unit}".strip(), _ends(estimate, form)))
+    rate = summary.collision_free_success
+    rows.append(
+        (f"episodes for ±{100 * GOAL_HALF_WIDTH:.0f} points of collision-free success", _advice_count(rate), "")
     )
-    return (Notice("few-episodes", text),)
+    return Table("On average over episodes", ("", "mean", "95 % interval"), tuple(rows))
 
 
-def _episode_table(episodes: Sequence[EpisodeMetrics]) -> Table:
+def _ends(estimate: Estimate, form: str) -> str:
+    return f"{estimate.low:.{form}} to {estimate.high:.{form}}"
+
+
+def _advice_count(rate: Proportion) -> str:
+    return f"{episodes_for(rate.rate, GOAL_HALF_WIDTH)} at this rate"
+
+
+def _group_tables(groups: Sequence[Group]) -> tuple[Table, ...]:
+    tables = []
+    columns = (
+        "", "episodes", "collision-free success", "success", "SPL", "collisions per 100 m", "clearance, 5 %, m",
+        "energy, J",
+    )  # fmt: skip
+    for by in GROUPINGS:
+        own = [group for group in groups if group.by == by]
+        if len(own) < 2:
+            continue
+        rows = tuple(
+            (
+                group.name, str(group.summary.distinct_episodes), percent(group.summary.collision_free_success),
+                percent(group.summary.success), estimate_text(group.summary.means["spl"]),
+                estimate_text(group.summary.collisions_per_100m),
+                estimate_text(group.summary.means["clearance_p5"]),
+                estimate_text(group.summary.means["energy"], "0f"),
+            )
+            for group in own
+        )  # fmt: skip
+        title = {"scenario": "By scenario", "region": "By start on the route", "condition": "By condition"}[by]
+        tables.append(Table(title, columns, rows))
+    return tuple(tables)
+
+
+def _episode_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, str]) -> Table:
     rows = tuple(
         (
-            str(episode.seed), str(episode.start), episode.outcome, str(episode.collisions),
-            f"{episode.min_clearance:.2f}", f"{episode.mean_clearance:.2f}", f"{episode.time:.1f}",
-            f"{episode.path_length:.1f}", f"{episode.progress:.1f}", f"{episode.spl:.2f}", f"{episode.reward:.1f}",
-            f"{episode.cost:.1f}",
+            _link(episode, recordings), episode.scenario, episode.condition, str(episode.seed), str(episode.start),
+            episode.outcome, str(episode.collisions), f"{episode.min_clearance:.2f}", f"{episode.clearance_p5:.2f}",
+            f"{episode.time:.1f}", f"{episode.path_length:.1f}", f"{episode.spl:.2f}", f"{episode.energy:.0f}",
+            episode.reason,
         )
-        for episode in episodes
+        for episode in episodes[:MAX_ROWS]
     )  # fmt: skip
-    return Table("Episodes", EPISODE_COLUMNS, rows)
+    rest = f", the first {MAX_ROWS} of {len(episodes)}; all are in episodes.parquet" if len(episodes) > MAX_ROWS else ""
+    return Table(f"Episodes{rest}", EPISODE_COLUMNS, rows)
 
 
-def _provenance_table(provenance: Provenance) -> Table:
-    rows = (
-        ("policy", provenance.policy),
-        ("policy, SHA-256", provenance.policy_sha256 or "none: a baseline"),
-        ("scenario", provenance.scenario),
-        ("scenario, content hash", provenance.scenario_hash),
-        *((name, str(value)) for name, value in provenance.options.items()),
+def _repetition() -> str:
+    return (
+        "The same policy, scenarios and options give the same results.json to the byte on the same machine. "
+        "aquanav-eval replay flies one episode again and checks that it repeats to the bit."
     )
-    return Table("What was evaluated", ("", ""), rows)
+
+
+def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
+    policy, protocol = provenance.policy, provenance.protocol
+    rows: list[tuple[str, str]] = [
+        ("command", repeat_command(provenance)),
+        ("policy", str(policy["name"])),
+        ("policy, SHA-256", policy["sha256"] or "none: a baseline"),
+    ]
+    for scenario in provenance.scenarios:
+        rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
+    rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid")]
+    rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
+    rows.append(("episodes flown", str(len(journal.entries))))
+    return Table("What was evaluated", ("", ""), tuple(rows))
+
+
+def repeat_command(provenance: Provenance) -> str:
+    """Return the command line that repeats an evaluation."""
+    protocol, plain = provenance.protocol, choices_of(TaskOptions())
+    words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
+    words += [scenario["path"] for scenario in provenance.scenarios]
+    for name in ("episodes", "seed", "max_decisions", *plain):
+        value = protocol[name]
+        if name in ("episodes", "seed") or (value is not None and value != plain.get(name)):
+            words += ["--" + name.replace("_", "-"), *(value if isinstance(value, list | tuple) else [value])]
+    for name, values in protocol["grid"].items():
+        words += ["--grid." + name.replace("_", "-"), *values] if values else []
+    return shlex.join(map(str, words))

@@ -1,7 +1,7 @@
-"""results.json: what an evaluation found, in a versioned form that other programs can rely on.
+"""results.json and episodes.parquet: what an evaluation found, in forms that other programs can rely on.
 
-Everything but the table `run` follows from the policy, the scenario and the options: repeated on the same machine, it
-is the same to the byte.
+Both follow from the policy, the scenarios and the options alone: repeated on the same machine, they are the same to the
+byte. results.schema.json describes the first; the second has a row per episode with the same columns.
 """
 
 from __future__ import annotations
@@ -16,9 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
-from aquanav_tools.evaluate.metrics import EpisodeMetrics, Summary
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.summary import Group, Summary
 
-FORMAT = 1
+FORMAT = 2
 SCHEMA = Path(__file__).with_name("results.schema.json")
 DIGITS = 6
 """Decimals kept: micrometres and microseconds."""
@@ -26,41 +28,33 @@ DIGITS = 6
 
 @dataclasses.dataclass(frozen=True)
 class Provenance:
-    """What was evaluated, where and how."""
+    """What was evaluated, where and how; the tables are those of results.json."""
 
-    policy: str
-    """File name of the zip, or the name of the baseline."""
-    policy_sha256: str | None
-    """Of the zip; None for a baseline."""
-    scenario: str
-    scenario_hash: str
-    options: dict[str, Any]
+    policy: dict[str, Any]
+    """Its name, SHA-256 (None for a baseline) and path."""
+    scenarios: list[dict[str, Any]]
+    """The name, content hash and path of each."""
+    protocol: dict[str, Any]
     """Resolved options that change the numbers."""
 
-
-@dataclasses.dataclass(frozen=True)
-class Run:
-    """What differs from one run to the next."""
-
-    started: str
-    """ISO 8601, UTC."""
-    seconds: float
-    decisions_per_second: float
+    def identity(self, versions: dict[str, str]) -> dict[str, Any]:
+        """Return what must be the same for two runs to give the same episodes."""
+        hashes = [{key: scenario[key] for key in ("name", "content_hash")} for scenario in self.scenarios]
+        policy = {key: self.policy[key] for key in ("name", "sha256")}
+        return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
 
 
 def results_table(
-    provenance: Provenance, summary: Summary, episodes: Sequence[EpisodeMetrics], run: Run
+    provenance: Provenance, summary: Summary, groups: Sequence[Group], episodes: Sequence[EpisodeMetrics]
 ) -> dict[str, Any]:
     """Return the table that results.json holds."""
     table = {
         "format": FORMAT,
-        "policy": {"name": provenance.policy, "sha256": provenance.policy_sha256},
-        "scenario": {"name": provenance.scenario, "content_hash": provenance.scenario_hash},
-        "options": provenance.options,
-        "versions": _versions(),
+        **dataclasses.asdict(provenance),
+        "versions": versions(),
         "summary": dataclasses.asdict(summary),
+        "groups": [dataclasses.asdict(group) for group in groups],
         "episodes": [dataclasses.asdict(episode) for episode in episodes],
-        "run": dataclasses.asdict(run),
     }
     rounded: dict[str, Any] = _rounded(table)
     return rounded
@@ -82,10 +76,53 @@ def write_results(table: dict[str, Any], path: Path) -> None:
     os.replace(partial, path)
 
 
-def _versions() -> dict[str, str]:
+def read_results(path: Path) -> dict[str, Any]:
+    """Return the table in a results.json.
+
+    Raises:
+        InputError: no such file, or it does not follow this version's schema.
+    """
+    import jsonschema
+
+    if not path.is_file():
+        raise InputError(f"There is no file {path}. Name the results.json, or the folder, of a finished evaluation.")
+    try:
+        table: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        check_results(table)
+    except (UnicodeDecodeError, json.JSONDecodeError) as cause:
+        raise InputError(f"{path} is not JSON: {cause}. Run the evaluation again.") from cause
+    except jsonschema.ValidationError as cause:
+        place = "/".join(map(str, cause.absolute_path)) or "the top"
+        raise InputError(
+            f"{path} is no result of format {FORMAT}: at {place}, {cause.message[:200]}. Another version of aquanav "
+            "wrote it. Run the evaluation again."
+        ) from cause
+    return table
+
+
+def episodes_of(table: dict[str, Any]) -> list[EpisodeMetrics]:
+    """Return the episodes in the table of a results.json."""
+    return [EpisodeMetrics(**episode) for episode in table["episodes"]]
+
+
+def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
+    """Write a row per episode as Parquet, whole or not at all."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [_rounded(dataclasses.asdict(episode)) for episode in episodes]
+    types = {"int": pa.int64(), "str": pa.string(), "float": pa.float64(), "float | None": pa.float64()}
+    schema = pa.schema([(field.name, types[str(field.type)]) for field in dataclasses.fields(EpisodeMetrics)])
+    partial = path.with_name(path.name + ".partial")
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), partial)
+    os.replace(partial, path)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what the numbers depend on."""
     packages = ("numpy", "gymnasium", "pybullet", "torch", "stable-baselines3")
-    versions = {name: importlib.metadata.version(name) for name in packages}
-    return {"aquanav": __version__, "python": platform.python_version(), **versions}
+    found = {name: importlib.metadata.version(name) for name in packages}
+    return {"aquanav": __version__, "python": platform.python_version(), **found}
 
 
 def _rounded(value: Any) -> Any:

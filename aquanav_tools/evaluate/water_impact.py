@@ -167,6 +167,8 @@ def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Track:
     try:
         for plan in plans:
             track = run_episode(env, policy.policy, plan)
+            if track.reason:
+                raise InputError(f"{policy.name} failed: {track.reason}. Mend it, or name another with --policy.")
             if track.outcome == "success" and track.num_collisions == 0:
                 return track
     finally:

@@ -49,9 +49,21 @@ class Figure:
             )
 
 
+class Link(str):
+    """A text that leads somewhere, for a table."""
+
+    href: str
+
+    def __new__(cls, text: str, href: str) -> Link:
+        """Make a text that leads to `href`."""
+        link = super().__new__(cls, text)
+        link.href = href
+        return link
+
+
 @dataclass(frozen=True)
 class Table:
-    """Rows of text below a heading."""
+    """Rows of texts or links below a heading."""
 
     title: str
     columns: tuple[str, ...]

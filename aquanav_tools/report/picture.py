@@ -10,8 +10,8 @@ import numpy as np
 
 from aquanav_tools.report.figures import INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
-from aquanav_tools.report.track import Track
-from aquanav_tools.types import Mesh, rotation_matrix
+from aquanav_tools.report.track import Trail
+from aquanav_tools.types import Array, Mesh, rotation_matrix
 
 if TYPE_CHECKING:
     from aquanav_tools.scenario.schema import Scenario
@@ -44,31 +44,33 @@ class CavePicture:
         pixel = 1.0 / (SUPERSAMPLING * self._inches * DPI)
         self._reliefs = [cut_away(scenario.cavity.mesh, view, pixel) for view in self._views]
 
-    def draw(self, path: Path, tracks: Sequence[Track] = ()) -> None:
+    def draw(self, path: Path, tracks: Sequence[Trail] = (), contacts: Array | None = None) -> None:
         """Write a PNG with the route, its panels, entrance and goal.
 
         Without tracks it shows the starts; with them, their trails coloured by clearance and a cross wherever the hull
-        touched the wall.
+        touched the wall; with (C, 3) contacts, where they crowd.
         """
         height = 0.5 * MARGIN_IN + FOOT_IN + sum(TITLE_IN + self._inches * relief.height for relief in self._reliefs)
         figure = new_figure(WIDTH_IN, height)
         bottom = height - 0.5 * MARGIN_IN
-        trails = None
+        scale: tuple[Any, str] | None = None
         for view, relief, name in zip(self._views, self._reliefs, NAMES, strict=True):
             bottom -= TITLE_IN + self._inches * relief.height
             axes = _add_view(figure, (self._inches * relief.width, self._inches * relief.height), bottom, height)
             axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
             _draw_relief(axes, relief)
-            _draw_route(axes, self._scenario, view, "white" if tracks else ROUTE)
-            if tracks:
-                trails = _draw_trails(axes, tracks, view)
+            _draw_route(axes, self._scenario, view, ROUTE if contacts is None and not tracks else "white")
+            if contacts is not None:
+                scale = _draw_crowds(axes, view.project(contacts), 0.12 / self._inches), "collisions per spot"
+            elif tracks:
+                scale = _draw_trails(axes, tracks, view), "trail: clearance, m"
             else:
                 _draw_starts(axes, self._scenario, view)
             _label_ends(axes, self._scenario, view)
         draw_scale_bar(figure, self._inches, MARGIN_IN, 0.28)
-        _draw_key(figure, height, tracks)
-        if trails is not None:
-            _draw_clearance_bar(figure, height, trails)
+        _draw_key(figure, height, tracks, contacts is None)
+        if scale is not None:
+            _draw_colour_bar(figure, height, *scale)
         save_figure(figure, path, DPI)
 
 
@@ -123,7 +125,7 @@ def _draw_starts(axes: Any, scenario: Scenario, view: View) -> None:
     axes.scatter(*view.project(positions).T, s=16, color="white", edgecolors=INK, linewidths=0.7, zorder=6)
 
 
-def _draw_trails(axes: Any, tracks: Sequence[Track], view: View) -> Any:
+def _draw_trails(axes: Any, tracks: Sequence[Trail], view: View) -> Any:
     """Draw every track's trail and return the lines, whose colours the clearance bar explains."""
     from matplotlib.collections import LineCollection
 
@@ -137,7 +139,8 @@ def _draw_trails(axes: Any, tracks: Sequence[Track], view: View) -> Any:
         list(segments), cmap="plasma", linewidths=2.2 if is_alone else 1.1, zorder=6, capstyle="round"
     )
     trails.set_array(clearances)
-    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1))
+    # No segment at all: the policies failed before they chose an action.
+    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1) if len(clearances) else 0.1)
     axes.add_collection(trails)
     contacts = np.concatenate([line[track.contact_states] for line, track in zip(lines, tracks, strict=True)])
     size = float(np.clip(46.0 * FEW_CONTACTS / max(len(contacts), 1), 4.0, 46.0))
@@ -145,6 +148,18 @@ def _draw_trails(axes: Any, tracks: Sequence[Track], view: View) -> Any:
     beginnings = np.array([line[0] for line in lines])
     axes.scatter(*beginnings.T, s=34 if is_alone else 14, color="white", edgecolors=INK, linewidths=0.8, zorder=8)
     return trails
+
+
+def _draw_crowds(axes: Any, contacts: Array, spot: float) -> Any:
+    """Draw how many (C, 2) contacts fall into each hexagonal spot, `spot` metres wide, and return the spots."""
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    across = max(int((right - left) / spot), 1)
+    spots = axes.hexbin(
+        *contacts.T, gridsize=(across, max(int((top - bottom) / spot / np.sqrt(3.0)), 1)), mincnt=1, cmap="YlOrRd",
+        extent=(left, right, bottom, top), linewidths=0.3, edgecolors=INK, zorder=7,
+    )  # fmt: skip
+    spots.set_clim(0.0, max(float(spots.get_array().max()), 1.0))
+    return spots
 
 
 def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
@@ -164,15 +179,18 @@ def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
         )  # fmt: skip
 
 
-def _draw_key(figure: Any, height: float, tracks: Sequence[Track]) -> None:
+def _draw_key(figure: Any, height: float, tracks: Sequence[Trail], has_starts: bool) -> None:
     from matplotlib.lines import Line2D
 
-    route = "#d5dee3" if tracks else ROUTE  # white would not show on the page
+    route = "#d5dee3" if tracks or not has_starts else ROUTE  # white would not show on the page
     entries = [
         Line2D([], [], color=route, linewidth=2.0, label="route"),
         Line2D([], [], color="#9fb3bd", marker="|", linestyle="", markersize=11, label="panel"),
-        Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start"),
     ]
+    if has_starts:
+        entries.append(
+            Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start")
+        )
     if any(track.collided.any() for track in tracks):
         entries.append(
             Line2D([], [], color=CRASH, marker="x", linestyle="", markeredgewidth=1.8, label="touched the wall")
@@ -183,9 +201,9 @@ def _draw_key(figure: Any, height: float, tracks: Sequence[Track]) -> None:
     )  # fmt: skip
 
 
-def _draw_clearance_bar(figure: Any, height: float, trails: Any) -> None:
+def _draw_colour_bar(figure: Any, height: float, coloured: Any, label: str) -> None:
     axes = figure.add_axes((0.38, 0.42 / height, 0.2, 0.10 / height))
-    bar = figure.colorbar(trails, cax=axes, orientation="horizontal")
-    bar.set_label("trail: clearance, m", color=INK, fontsize=9, labelpad=1)
+    bar = figure.colorbar(coloured, cax=axes, orientation="horizontal")
+    bar.set_label(label, color=INK, fontsize=9, labelpad=1)
     bar.outline.set_visible(False)
     axes.tick_params(labelsize=8, colors=INK, length=2, pad=1)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.report.figures import BLUE, INK, MUTED, OUTCOME_COLOURS, new_figure, save_figure
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.track import Trail
 
 DPI = 140
 SIZE_IN = (4.7, 3.5)
@@ -17,7 +17,7 @@ SIZE_IN = (4.7, 3.5)
 Interval = tuple[float, float]
 
 
-def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path) -> None:
+def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path, title: str = "How the episodes ended") -> None:
     """Write bars of rates in [0, 1] with their 95 % intervals: {label: (rate, (low, high))}."""
     figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
@@ -30,12 +30,12 @@ def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path) -> None:
     axes.invert_yaxis()
     axes.set_xlim(0.0, 1.14)
     axes.set_xticks(np.linspace(0.0, 1.0, 6), [f"{share:.0%}" for share in np.linspace(0.0, 1.0, 6)])
-    axes.set_title("How the episodes ended", loc="left", fontweight="bold")
+    axes.set_title(title, loc="left", fontweight="bold")
     axes.tick_params(axis="y", length=0, labelsize=11)
     _finish(figure, axes, path)
 
 
-def plot_clearance(tracks: Sequence[Track], path: Path) -> None:
+def plot_clearance(tracks: Sequence[Trail], path: Path) -> None:
     """Write the histogram of clearance over all states of all episodes."""
     clearances = np.concatenate([track.clearances for track in tracks])
     figure = new_figure(*SIZE_IN)
@@ -50,7 +50,7 @@ def plot_clearance(tracks: Sequence[Track], path: Path) -> None:
     _finish(figure, axes, path)
 
 
-def plot_progress(tracks: Sequence[Track], route_length: float, path: Path) -> None:
+def plot_progress(tracks: Sequence[Trail], route_length: float, path: Path) -> None:
     """Write the progress along the guide over time, a line per episode, coloured by outcome; the goal is dashed."""
     figure = new_figure(*SIZE_IN)
     axes = figure.subplots()

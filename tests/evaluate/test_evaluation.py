@@ -5,20 +5,24 @@ import dataclasses
 import hashlib
 import json
 import resource
+import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import jsonschema
 import numpy as np
+import pyarrow.parquet
 import pytest
+from scipy.stats import binomtest
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import run_episode
@@ -57,24 +61,27 @@ def table(finished: tuple[Path, str]) -> Any:
 def test_evaluation_leaves_results_report_pictures_and_recordings(finished: tuple[Path, str]) -> None:
     output, _ = finished
     names = {path.name for path in output.iterdir()}
-    assert names == {"results.json", "report.html", "pictures", *(f"episode-0000{seed}.rrd" for seed in (5, 6, 7, 8))}
+    files = {"results.json", "episodes.parquet", "report.html", "run.json", "episodes.jsonl", "pictures", "trails"}
+    assert names == files | {f"episode-0000{index}.rrd" for index in range(4)}
     assert len(list((output / "pictures").glob("*.png"))) == 5
 
 
 def test_command_prints_the_rates_and_where_to_look(finished: tuple[Path, str]) -> None:
     output, printed = finished
-    for part in ("100 % [51, 100]", "SPL", "report.html", "results.json", f"rerun {output}/episode-00005.rrd"):
+    for part in ("100 % [51, 100]", "SPL", "report.html", "results.json", f"rerun {output}/episode-00000.rrd"):
         assert part in printed  # [51, 100] is the Wilson interval of 4 of 4: 4 / (4 + 1.96^2) = 0.510
 
 
 def test_results_follow_the_schema_and_the_protocol(table: Any) -> None:
     check_results(table)
     assert [episode["seed"] for episode in table["episodes"]] == [5, 6, 7, 8]
-    assert table["policy"] == {"name": "baseline:reactive", "sha256": None}
-    assert len(table["scenario"]["content_hash"]) == 64
+    assert table["policy"] == {"name": "baseline:reactive", "sha256": None, "path": "baseline:reactive"}
+    assert len(table["scenarios"][0]["content_hash"]) == 64
 
 
-@pytest.mark.parametrize("path", [("summary", "spl"), ("policy", "sha256"), ("episodes", 0, "outcome"), ("format",)])
+@pytest.mark.parametrize(
+    "path", [("summary", "means", "spl"), ("policy", "sha256"), ("episodes", 0, "outcome"), ("format",)]
+)
 def test_schema_refuses_results_without_a_part(table: Any, path: tuple[str | int, ...]) -> None:
     broken = copy.deepcopy(table)
     parent = broken
@@ -91,16 +98,105 @@ def run(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
     monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
 
     def evaluate_here(policy: str, **options: Any) -> Any:
-        evaluation = evaluate(EvaluateOptions(policy, folder, tmp_path / "eval", **options), lambda done, total: None)
+        evaluation = evaluate(
+            EvaluateOptions((policy,), (folder,), tmp_path / "eval", **options), lambda done, total: None
+        )
         return json.loads(evaluation.results.read_text())
 
     return evaluate_here
 
 
-def test_repeated_evaluation_gives_the_same_bytes_but_for_the_run(table: Any, run: Callable[..., Any]) -> None:
+def test_repeated_evaluation_gives_the_same_bytes(table: Any, run: Callable[..., Any]) -> None:
     repeated = run("baseline:reactive", episodes=4, seed=5, record="none")
-    del table["run"], repeated["run"]
     assert json.dumps(repeated) == json.dumps(table)
+
+
+def test_parquet_has_the_rows_of_results(finished: tuple[Path, str], table: Any) -> None:
+    rows = pyarrow.parquet.read_table(finished[0] / "episodes.parquet").to_pylist()
+    assert rows == table["episodes"]
+
+
+def test_rates_follow_from_the_table_of_episodes_by_another_route(finished: tuple[Path, str], table: Any) -> None:
+    rows = pyarrow.parquet.read_table(finished[0] / "episodes.parquet").to_pylist()
+    clean = [row["outcome"] == "success" and row["collisions"] == 0 for row in rows]
+    interval = binomtest(sum(clean), len(clean)).proportion_ci(0.95, method="wilson")
+    rate = table["summary"]["collision_free_success"]
+    assert (rate["low"], rate["high"]) == pytest.approx((interval.low, interval.high), abs=1e-6)
+    bound = binomtest(len(clean) - sum(clean), len(clean), alternative="less").proportion_ci(0.95).high
+    assert table["summary"]["failure_bound"] == pytest.approx(bound, abs=1e-6)
+    assert table["summary"]["means"]["spl"]["mean"] == pytest.approx(np.mean([row["spl"] for row in rows]), abs=1e-6)
+
+
+def test_stopped_evaluation_goes_on_to_the_same_files(finished: tuple[Path, str], folder: Path, tmp_path: Path) -> None:
+    whole, output = finished[0], tmp_path / "eval"
+    output.mkdir()
+    shutil.copytree(whole / "trails", output / "trails")
+    lines = (whole / "episodes.jsonl").read_bytes().splitlines(keepends=True)
+    (output / "episodes.jsonl").write_bytes(b"".join(lines[:3]) + lines[3][:40])  # two episodes, and a cut line
+    again = ("baseline:reactive", "--scenario", folder, "--episodes", 4, "--seed", 5, "-o", output, "--resume")
+    result = aquanav_eval(*again, "--record", "none")
+    assert result.returncode == 0, result.stderr
+    for name in ("results.json", "episodes.parquet"):
+        assert (output / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_episodes_of_another_evaluation_are_not_gone_on_with(finished: tuple[Path, str], folder: Path) -> None:
+    output = finished[0]
+    result = aquanav_eval("baseline:random", "--scenario", folder, "--episodes", 4, "-o", output, "--resume")
+    assert result.returncode == 2
+    assert "policy, seed differ" in result.stderr
+
+
+def test_replay_repeats_to_the_bit_and_records(finished: tuple[Path, str], tmp_path: Path) -> None:
+    result = aquanav_eval("replay", finished[0], "--episode", 2, "-o", tmp_path / "again.rrd")
+    assert result.returncode == 0, result.stderr
+    assert "Episode 2 repeats to the bit: success" in result.stdout
+    assert (tmp_path / "again.rrd").stat().st_size > 10_000
+
+
+class Broken:
+    def __init__(self, act: Callable[[], Any]) -> None:
+        self.num_episodes, self._act = 0, act
+
+    def reset(self, seed: int) -> None:
+        self.num_episodes += 1
+
+    def act(self, observation: Any) -> Any:
+        return self._act() if self.num_episodes == 1 else np.array([1, 1, 2])
+
+
+@pytest.mark.parametrize(
+    ("act", "reason"),
+    [
+        (lambda: 1 / 0, "ZeroDivisionError"),
+        (lambda: np.array([np.nan, 0.0, 0.0]), "not finite"),
+        (lambda: np.array([7, 0, 0]), "3 choices from 0 to 2"),
+        (lambda: time.sleep(60.0), "no action within 0.2 s"),
+    ],
+)
+def test_failing_policy_costs_its_episode_only(tube: Scenario, act: Callable[[], Any], reason: str) -> None:
+    env, policy = CaveEnv(tube, max_decisions=5), Broken(act)
+    first = run_episode(env, policy, EpisodePlan(0, 0), time_limit=0.2)
+    second = run_episode(env, policy, EpisodePlan(1, 0), time_limit=5.0)
+    env.close()
+    assert first.outcome == "failed"
+    assert reason in first.reason
+    assert (second.outcome, second.reason, second.num_decisions) == ("timeout", "", 5)
+
+
+def test_policy_that_never_acts_fails_every_episode_and_gets_its_report(
+    tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def load_silent(name: str) -> LoadedPolicy:
+        loaded = load_policy(name)
+        return dataclasses.replace(loaded, policy=Broken(lambda: 1 / 0))
+
+    monkeypatch.setattr("aquanav_tools.evaluate.evaluation.load_policy", load_silent)
+    table = run("baseline:random", episodes=1)
+    assert table["episodes"][0]["outcome"] == "failed"
+    assert table["summary"]["collision_free_success"]["rate"] == 0.0
+    assert "ZeroDivisionError" in (tmp_path / "eval" / "report.html").read_text()
+    assert (tmp_path / "eval" / "episode-00000.rrd").is_file()
 
 
 def test_only_failures_are_recorded_on_request_and_old_recordings_go(tmp_path: Path, run: Callable[..., Any]) -> None:
@@ -114,14 +210,14 @@ def test_saved_policy_is_evaluated_with_its_hash(tmp_path: Path, run: Callable[.
     make_model(action="discrete", num_observations=31).save(tmp_path / "policy.zip")
     table = run(str(tmp_path / "policy.zip"), episodes=1)
     digest = hashlib.sha256((tmp_path / "policy.zip").read_bytes()).hexdigest()
-    assert table["policy"] == {"name": "policy.zip", "sha256": digest}
-    assert (table["options"]["observation"], table["options"]["action"]) == ("paper", "discrete")
+    assert table["policy"] == {"name": "policy.zip", "sha256": digest, "path": str(tmp_path / "policy.zip")}
+    assert (table["protocol"]["observation"], table["protocol"]["action"]) == ("paper", "discrete")
 
 
 def test_contact_ends_the_episode_on_request(run: Callable[..., Any]) -> None:
     table = run("baseline:random", episodes=2, on_collision="end", record="none")
     assert {episode["outcome"] for episode in table["episodes"]} == {"collision"}
-    assert table["summary"]["collisions_per_episode"] == 1.0
+    assert table["summary"]["means"]["collisions"]["mean"] == 1.0
 
 
 @pytest.mark.parametrize(

@@ -2,36 +2,72 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
-from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure, spl, summarise
+from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure, region_of, spl
+from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.sim.vehicle import load_vehicle
 from tests.report.tracks import straight_track
+
+COURSE = Course("tube", "as given", load_vehicle("bluerov2"), route_length=18.0, top_speed=1.0)
 
 
 def episode(**overrides: object) -> EpisodeMetrics:
-    return dataclasses.replace(measure(straight_track(), geodesic=18.0), **overrides)  # type: ignore[arg-type]
+    values = {"digest": str(overrides), **overrides}
+    return dataclasses.replace(measure(straight_track(), 18.0, COURSE), **values)  # type: ignore[arg-type]
 
 
 def test_metrics_of_a_straight_episode_are_those_computed_by_hand() -> None:
-    result = measure(straight_track(100), geodesic=9.0)
+    result = measure(straight_track(100), 9.0, COURSE)
     assert result.time == pytest.approx(10.0)
     assert result.path_length == pytest.approx(18.0)
     assert result.progress == pytest.approx(18.0)
-    assert (result.min_clearance, result.mean_clearance) == pytest.approx((0.5, 0.75))
-    assert result.reward == pytest.approx(50.0)
-    assert result.cost == 3.0
-    assert result.collisions == 1
+    assert (result.min_clearance, result.clearance_p5, result.mean_clearance) == pytest.approx((0.5, 0.525, 0.75))
+    assert (result.reward, result.cost, result.collisions) == pytest.approx((50.0, 3.0, 1))
     assert result.spl == pytest.approx(0.5)
+    assert result.time_ratio == pytest.approx(10.0 / 9.0)
+    assert result.time_close == 0.0  # never below 0.34 m, the vehicle's width
+    assert (result.control_effort, result.control_change) == pytest.approx((1 / 3, 0.0))
+    assert result.jerk == pytest.approx(0.0, abs=1e-9)
 
 
-def test_contact_over_several_states_is_drawn_once() -> None:
-    assert straight_track(100).contact_states.tolist() == [50]
+def test_energy_at_constant_speed_is_drag_times_way() -> None:
+    speed, way = 1.8, 18.0
+    drag = 4.03 * speed + 18.18 * speed**2  # the BlueROV2's surge damping, N
+    assert measure(straight_track(), 18.0, COURSE).energy == pytest.approx(drag * way)
 
 
-def test_spl_is_one_for_the_shortest_way_and_zero_for_a_failure() -> None:
-    assert spl(True, 10.0, 10.0) == 1.0
+def test_drifting_with_the_water_costs_no_energy() -> None:
+    track = straight_track()
+    drifting = dataclasses.replace(track, currents=np.tile([1.8, 0.0, 0.0], (101, 1)))
+    assert measure(drifting, 18.0, COURSE).energy == pytest.approx(0.0, abs=1e-9)
+
+
+def test_velocity_that_grows_by_the_square_of_time_has_constant_jerk() -> None:
+    track = straight_track()
+    velocities = np.zeros((101, 6))
+    velocities[:, 1] = 0.5 * 0.7 * track.times**2
+    assert measure(dataclasses.replace(track, velocities=velocities), 18.0, COURSE).jerk == pytest.approx(0.7)
+
+
+def test_time_below_the_vehicles_width_is_counted_in_seconds() -> None:
+    clearances = np.where(np.arange(101) <= 30, 0.33, 0.35)
+    assert measure(straight_track(clearances=clearances), 18.0, COURSE).time_close == pytest.approx(3.0)
+
+
+def test_spl_of_three_episodes_is_the_one_computed_by_hand() -> None:
+    values = [spl(True, 10.0, 12.5), spl(False, 10.0, 10.0), spl(True, 8.0, 8.0)]
+    assert values == pytest.approx([0.8, 0.0, 1.0])
+    summary = summarise([episode(spl=value) for value in values])
+    assert summary.means["spl"].mean == pytest.approx(0.6)
     assert spl(True, 10.0, 9.5) == 1.0  # the goal's tolerance can save half a metre
-    assert spl(False, 10.0, 10.0) == 0.0
+
+
+def test_region_is_the_third_of_the_route_that_the_start_lies_in() -> None:
+    assert [region_of(way, 9.0) for way in (9.5, 7.0, 5.0, 1.0)] == [
+        "first third", "first third", "middle third", "last third",
+    ]  # fmt: skip
 
 
 def test_one_contact_spoils_collision_free_success_but_not_success() -> None:
@@ -40,14 +76,17 @@ def test_one_contact_spoils_collision_free_success_but_not_success() -> None:
     )
     assert summary.success.rate == pytest.approx(2 / 3)
     assert summary.collision_free_success.rate == pytest.approx(1 / 3)
-    assert summary.outcomes == {"success": 2, "collision": 0, "timeout": 1}
-    assert summary.collisions_per_episode == pytest.approx(1 / 3)
-    assert summary.spl == pytest.approx(2 / 3)
+    assert summary.outcomes == {"success": 2, "collision": 0, "timeout": 1, "failed": 0}
+    assert summary.collisions_per_100m.mean == pytest.approx(100.0 * 1 / (3 * 18.0))
 
 
-def test_minimum_clearance_is_over_episodes_and_the_mean_is_of_means() -> None:
-    summary = summarise(
-        [episode(min_clearance=0.1, mean_clearance=0.2), episode(min_clearance=0.3, mean_clearance=0.6)]
-    )
-    assert summary.min_clearance == 0.1
-    assert summary.mean_clearance == pytest.approx(0.4)
+def test_episode_that_repeats_to_the_bit_counts_once() -> None:
+    summary = summarise([episode(digest="a"), episode(digest="a"), episode(digest="b", outcome="timeout")])
+    assert (summary.episodes, summary.distinct_episodes) == (3, 2)
+    assert summary.success.rate == 0.5
+
+
+def test_groups_hold_the_episodes_of_their_name() -> None:
+    groups = group([episode(condition="calm", seed=1), episode(condition="rough", outcome="timeout", seed=2)])
+    rates = {part.name: part.summary.success.rate for part in groups if part.by == "condition"}
+    assert rates == {"calm": 1.0, "rough": 0.0}

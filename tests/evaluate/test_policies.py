@@ -7,30 +7,29 @@ import pytest
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.metrics import Summary, measure, summarise
+from aquanav_tools.evaluate.evaluation import plan_flights
+from aquanav_tools.evaluate.flight import open_hangar
+from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
-from aquanav_tools.evaluate.protocol import plan_episodes
-from aquanav_tools.evaluate.rollout import run_episode
+from aquanav_tools.evaluate.protocol import conditions_of
+from aquanav_tools.evaluate.summary import Summary, summarise
 from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.models import make_model
 from tests.evaluate.winding import winding_scenario
 
 
 def score(scenario: Scenario, spec: str, num_episodes: int, max_decisions: int = 1200) -> Summary:
-    loaded = load_policy(spec)
-    env = CaveEnv(scenario, observation=loaded.observation, action=loaded.action, max_decisions=max_decisions)
-    plans = plan_episodes(len(scenario.starts), num_episodes, seed=0)
-    tracks = [run_episode(env, loaded.policy, plan) for plan in plans]
-    env.close()
-    return summarise([measure(t, scenario.starts[t.start_index].geodesic_to_goal) for t in tracks])
+    options = ProtocolOptions(episodes=num_episodes, max_decisions=max_decisions)
+    flights = plan_flights([scenario], conditions_of(options.grid), options)
+    with open_hangar(load_policy(spec), options) as hangar:
+        return summarise([hangar.fly(flight)[1] for flight in flights])
 
 
 def test_reactive_policy_dives_through_the_tube_without_a_collision(tube: Scenario) -> None:
     summary = score(tube, "baseline:reactive", 20)
     assert summary.collision_free_success.rate == 1.0
-    assert summary.spl > 0.95
+    assert summary.means["spl"].mean > 0.95
 
 
 def test_reactive_policy_finds_a_goal_that_is_out_of_sight() -> None:
@@ -41,7 +40,7 @@ def test_reactive_policy_finds_a_goal_that_is_out_of_sight() -> None:
 def test_random_policy_is_a_floor_below_the_reactive_one(tube: Scenario) -> None:
     summary = score(tube, "baseline:random", 5, max_decisions=600)
     assert summary.collision_free_success.rate == 0.0
-    assert summary.collisions_per_episode > 1
+    assert summary.means["collisions"].mean > 1
 
 
 def test_random_policy_repeats_with_its_seed() -> None:

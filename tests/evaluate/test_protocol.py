@@ -2,7 +2,12 @@ from __future__ import annotations
 
 from collections import Counter
 
-from aquanav_tools.evaluate.protocol import plan_episodes
+import pytest
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.options import EvaluateOptions, Grid
+from aquanav_tools.evaluate.protocol import FOLDER, conditions_of, plan_episodes, read_protocol
+from aquanav_tools.shipped import shipped_names
 
 
 def test_same_seed_gives_the_same_episodes_and_another_seed_another_order() -> None:
@@ -23,3 +28,25 @@ def test_no_start_comes_twice_more_often_than_another() -> None:
 
 def test_short_evaluation_is_the_beginning_of_a_long_one() -> None:
     assert plan_episodes(10, 50, seed=5)[:12] == plan_episodes(10, 12, seed=5)
+
+
+def test_grid_gives_every_combination() -> None:
+    conditions = conditions_of(Grid(sensor_noise=(0.0, 0.1), action_delay=(0, 2, 4)))
+    assert len(conditions) == 6
+    assert {"sensor_noise": 0.1, "action_delay": 4} in [condition.changes for condition in conditions]
+    assert conditions_of(Grid())[0].changes == {}
+
+
+@pytest.mark.parametrize("name", shipped_names(FOLDER))
+def test_shipped_protocols_are_options_of_an_evaluation(name: str) -> None:
+    assert EvaluateOptions(("baseline:random",), ("cave",), **read_protocol(name)).episodes >= 10  # type: ignore[arg-type]
+
+
+def test_paper_starts_anywhere_and_one_collision_ends_it() -> None:
+    assert read_protocol("paper")["starts"] == "anywhere"
+    assert read_protocol("paper")["on_collision"] == "end"
+
+
+def test_misspelt_protocol_gets_the_closest_match() -> None:
+    with pytest.raises(InputError, match="Did you mean 'paper'"):
+        read_protocol("papr")

@@ -1,0 +1,107 @@
+"""Flying the episodes of an evaluation: each scenario under each condition in an environment of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
+from aquanav_tools.evaluate.options import ProtocolOptions
+from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.rollout import run_episode
+from aquanav_tools.report.recording.cave import CaveModel
+from aquanav_tools.report.recording.episode import record_episode
+from aquanav_tools.report.track import Track
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.trial import try_out
+from aquanav_tools.task import choices_of
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One planned episode with its circumstances."""
+
+    index: int
+    """Place in the evaluation, from 0."""
+    scenario: Scenario
+    condition: Condition
+    plan: EpisodePlan
+
+
+class Hangar:
+    """Keeps what flights share, one environment at a time: flights come sorted by scenario and condition."""
+
+    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions) -> None:
+        self._policy, self._options = policy, options
+        self._env: CaveEnv | None = None
+        self._course: Course | None = None
+        self._cave: CaveModel | None = None
+        self._place: tuple[Scenario, Condition] | None = None
+
+    def fly(self, flight: Flight) -> tuple[Track, EpisodeMetrics]:
+        """Return the track of an episode and its metrics."""
+        env, course = self._prepare(flight)
+        track = run_episode(env, self._policy.policy, flight.plan)
+        way = env.starts.way_to_goal(track.positions[0], track.start_index)
+        return track, measure(track, way, course, flight.index)
+
+    def record(self, flight: Flight, track: Track, path: Path) -> None:
+        """Write the recording of a flight."""
+        env, _ = self._prepare(flight)
+        if self._cave is None or self._cave.scenario is not flight.scenario:
+            self._cave = CaveModel(flight.scenario)
+        record_episode(self._cave, track, env.vehicle.capsule, original_pattern().directions, path)
+
+    def close(self) -> None:
+        """Free the environment."""
+        if self._env is not None:
+            self._env.close()
+        self._env = self._place = None
+
+    def _prepare(self, flight: Flight) -> tuple[CaveEnv, Course]:
+        place = (flight.scenario, flight.condition)
+        is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
+        if self._env is None or self._course is None or not is_here:
+            self.close()
+            task = {**choices_of(self._options), **flight.condition.changes}
+            self._env = CaveEnv(
+                flight.scenario,
+                observation=self._policy.observation,
+                action=self._policy.action,
+                max_decisions=self._options.max_decisions,
+                **task,
+            )
+            self._place = place
+            self._course = _course(self._env, flight)
+        return self._env, self._course
+
+
+@contextmanager
+def open_hangar(policy: LoadedPolicy, options: ProtocolOptions) -> Iterator[Hangar]:
+    """Yield a hangar that is closed at the end."""
+    hangar = Hangar(policy, options)
+    try:
+        yield hangar
+    finally:
+        hangar.close()
+
+
+def numbered(flights: Sequence[Flight]) -> tuple[Flight, ...]:
+    """Return the flights with their places in the sequence."""
+    return tuple(replace(flight, index=index) for index, flight in enumerate(flights))
+
+
+def _course(env: CaveEnv, flight: Flight) -> Course:
+    scenario = flight.scenario
+    return Course(
+        scenario=scenario.name,
+        condition=flight.condition.name,
+        vehicle=env.vehicle,
+        route_length=scenario.guide.length,
+        top_speed=try_out(env.vehicle, scenario.settings.water.density).ahead,
+    )

@@ -1,0 +1,128 @@
+"""The journal of an evaluation: each episode reaches the disk as it ends, so that a stopped one can go on.
+
+`episodes.jsonl` begins with a line that says what is evaluated, and has a line per finished episode. What belongs to an
+episode is written before its line, and a line that was cut off is dropped, so that a line stands for a whole episode.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.report.track import Trail
+
+JOURNAL = "episodes.jsonl"
+TRAILS = "trails"
+COLUMNS = ("times", "positions", "clearances", "collided", "progress")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One finished episode."""
+
+    metrics: EpisodeMetrics
+    recording: str | None
+    """Name of its recording in the output folder."""
+
+
+class Journal:
+    """Finished episodes on disk, in their order."""
+
+    def __init__(self, folder: Path, identity: dict[str, Any], is_resumed: bool) -> None:
+        """Open the journal in an output folder.
+
+        Args:
+            folder: Of the evaluation.
+            identity: What is evaluated and how; a stopped evaluation is only gone on with when it is the same.
+            is_resumed: Whether to keep the episodes that are there.
+
+        Raises:
+            InputError: the episodes there are of another evaluation.
+        """
+        self._folder = folder
+        self._path = folder / JOURNAL
+        self.entries: list[Entry] = []
+        identity = json.loads(json.dumps(identity))
+        lines = _whole_lines(self._path) if is_resumed else []
+        if lines:
+            _check_identity(json.loads(lines[0]), identity, folder)
+            self.entries = [_entry(json.loads(line)) for line in lines[1:]]
+        (folder / TRAILS).mkdir(exist_ok=True)
+        partial = self._path.with_name(self._path.name + ".partial")
+        partial.write_bytes(b"".join(line + b"\n" for line in lines or [_line(identity)]))
+        os.replace(partial, self._path)
+
+    def add(self, metrics: EpisodeMetrics, trail: Trail, recording: str | None) -> None:
+        """Keep a finished episode."""
+        path = self._trail_path(metrics.index)
+        partial = path.with_name(path.name + ".partial")
+        with partial.open("wb") as stream:
+            np.savez_compressed(stream, **{name: _small(getattr(trail, name)) for name in COLUMNS})
+        os.replace(partial, path)
+        line = _line({"metrics": dataclasses.asdict(metrics), "recording": recording})
+        with self._path.open("ab", buffering=0) as stream:
+            stream.write(line + b"\n")
+        self.entries.append(Entry(metrics, recording))
+
+    def trail(self, index: int) -> Trail:
+        """Return where a finished episode led, in single precision."""
+        metrics = self.entries[index].metrics
+        with np.load(self._trail_path(index), allow_pickle=False) as columns:
+            return Trail(
+                seed=metrics.seed,
+                start_index=metrics.start,
+                outcome=metrics.outcome,
+                num_collisions=metrics.collisions,
+                **{name: columns[name] for name in COLUMNS},
+            )
+
+    def _trail_path(self, index: int) -> Path:
+        return self._folder / TRAILS / f"{index:06d}.npz"
+
+
+def clear_journal(folder: Path) -> None:
+    """Remove a journal and what belongs to its episodes."""
+    (folder / JOURNAL).unlink(missing_ok=True)
+    for path in (folder / TRAILS).glob("*.npz*"):
+        path.unlink()
+
+
+def _whole_lines(path: Path) -> list[bytes]:
+    """Return the lines that were written to their end."""
+    return path.read_bytes().split(b"\n")[:-1] if path.is_file() else []
+
+
+def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
+    different = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
+    if different:
+        raise InputError(
+            f"The episodes in {folder} are of another evaluation: {', '.join(different)} differ. Go on with the "
+            "options it was begun with, or leave out --resume to begin anew."
+        )
+
+
+def _entry(table: dict[str, Any]) -> Entry:
+    return Entry(EpisodeMetrics(**table["metrics"]), table["recording"])
+
+
+def _line(table: dict[str, Any]) -> bytes:
+    return json.dumps(table, allow_nan=False).encode()
+
+
+def _small(values: Any) -> Any:
+    return values.astype(np.float32) if values.dtype == np.float64 else values
+
+
+def worst_first(episodes: Sequence[EpisodeMetrics]) -> list[int]:
+    """Return the indices of the episodes most worth a look: failures first, then collisions, then least clearance."""
+    order = [(episode.is_success, -episode.collisions, episode.min_clearance) for episode in episodes]
+    return sorted(range(len(episodes)), key=order.__getitem__)

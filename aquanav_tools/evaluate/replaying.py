@@ -1,0 +1,104 @@
+"""Flying an episode of an evaluation again, to see that it repeats and to watch it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from aquanav_tools.errors import AquanavError, InputError
+from aquanav_tools.evaluate.flight import Flight, open_hangar
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions
+from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.results import episodes_of, read_results, versions
+from aquanav_tools.report.track import FAILED
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import TaskOptions, choices_of
+
+RECORDING = "replay-{index:05d}.rrd"
+
+
+class ReplayError(AquanavError):
+    """An episode did not repeat."""
+
+
+def replay(options: ReplayOptions) -> str:
+    """Fly the episode, write its recording, and return what to tell.
+
+    Raises:
+        InputError: no such results or episode, or the policy or the scenario is missing or another one.
+        ReplayError: the episode came out differently; its recording is written all the same.
+    """
+    path = options.results / "results.json" if options.results.is_dir() else options.results
+    table = read_results(path)
+    episode = _find(episodes_of(table), options.episode, path)
+    policy = _policy(table, options)
+    scenario = _scenario(table, episode.scenario, options)
+    condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
+    start = None if table["protocol"]["starts"] == "anywhere" else episode.start
+    flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
+    output = options.output or path.with_name(RECORDING.format(index=episode.index))
+    with open_hangar(policy, _rules(table["protocol"])) as hangar:
+        track, metrics = hangar.fly(flight)
+        hangar.record(flight, track, output)
+    if metrics.digest != episode.digest:
+        raise ReplayError(_difference(episode, metrics, table["versions"], output))
+    return (
+        f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
+        f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\nLook at it with: rerun {output}"
+    )
+
+
+def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetrics:
+    if not 0 <= index < len(episodes):
+        raise InputError(f"{path} has the episodes 0 to {len(episodes) - 1}, not {index}. Choose one of them.")
+    return episodes[index]
+
+
+def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
+    expected = table["policy"]
+    policy = load_policy(options.policy or expected["path"])
+    if policy.sha256 != expected["sha256"]:
+        raise InputError(
+            f"The policy {policy.name} is another one than was evaluated ({policy.sha256} instead of "
+            f"{expected['sha256']}). Name the right file with --policy."
+        )
+    return policy
+
+
+def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Scenario:
+    expected = next(item for item in table["scenarios"] if item["name"] == name)
+    scenario = read_scenario(options.scenario or expected["path"])
+    if scenario.content_hash != expected["content_hash"]:
+        raise InputError(
+            f"The scenario {scenario.name} is another one than was evaluated: its content hash is "
+            f"{scenario.content_hash} instead of {expected['content_hash']}. Name the right folder with --scenario."
+        )
+    return scenario
+
+
+def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
+    task = {name: protocol[name] for name in choices_of(TaskOptions())}
+    for name, value in task.items():
+        task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
+    return ProtocolOptions(max_decisions=protocol["max_decisions"], **task)
+
+
+def _difference(before: EpisodeMetrics, now: EpisodeMetrics, made_with: dict[str, str], output: Path) -> str:
+    here = versions()
+    other = [
+        f"{name} {made_with.get(name)} then, {here[name]} now" for name in here if made_with.get(name) != here[name]
+    ]
+    cause = (
+        "; ".join(other) if other else "the versions are the same, so another machine or the policy may be the cause"
+    )
+    if FAILED in (before.outcome, now.outcome):
+        cause += f"; the policy failed ({before.reason or now.reason})"
+    return (
+        f"Episode {before.index} did not repeat to the bit: {before.outcome} after {before.time:.2f} s with "
+        f"{before.collisions} collisions then, {now.outcome} after {now.time:.2f} s with {now.collisions} now "
+        f"({cause})."
+        f" What happened now is in {output}."
+    )
