@@ -27,6 +27,7 @@ PACKAGE_OF = {
     "igl": "libigl",
     "rerun": "rerun-sdk",
     "skimage": "scikit-image",
+    "warp": "warp-lang",
 }
 """Packages whose modules have another name."""
 

@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.options import ClosingOptions, PanelOptions, RouteOptions, ScanOptions, StartOptions
+from aquanav_tools.cave.options import (
+    ClosingOptions,
+    PanelOptions,
+    RouteOptions,
+    ScanOptions,
+    StartOptions,
+    WaterOptions,
+)
 from aquanav_tools.cli.command import file_after, run_command
 from aquanav_tools.reconstruct.intake.options import IntakeOptions, Quality
 from aquanav_tools.tables import from_table, read_toml
@@ -81,6 +88,7 @@ class _Stages:
     panels: PanelOptions = field(default_factory=PanelOptions)
     starts: StartOptions = field(default_factory=StartOptions)
     intake: IntakeOptions = field(default_factory=IntakeOptions)
+    water: WaterOptions = field(default_factory=WaterOptions)
 
 
 def _run(options: Options) -> None:

@@ -4,22 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
 from aquanav_tools.envs.cave_env import _episode_rules, _load_vehicle
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
-from aquanav_tools.envs.reward import TERMS, load_weights
+from aquanav_tools.envs.reward import TERMS, RewardWeights, load_weights
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import PRESETS, Current, Scenario, check_current
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.task import TaskOptions, choices_of, task_options
+
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
 Floats = npt.NDArray[np.float32]
 RAY_SOURCES = ("field", "mesh")
@@ -72,7 +77,6 @@ class BatchTask:
             InputError: an option is unknown, senseless or not batched.
         """
         from aquanav_tools.sim.batch.fleet import BatchWorld
-        from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         if not self.scenario.starts:
@@ -88,20 +92,10 @@ class BatchTask:
         lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, lengths, goal, entrance).space
         self._commands_of = _CONVERTERS[action]
-        numbers = TaskNumbers(
-            goal=goal,
-            tolerance=rules.tolerance,
-            max_decisions=rules.max_decisions,
-            ends_on_collision=rules.ends_on_collision,
-            weights=tuple(getattr(weights, name) for name in TERMS),
-            scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
-            entrance_height=float(entrance[2]),
-            size=int(self.observation_space.shape[0]),  # type: ignore[index]  # a box has a shape
-        )
         self.world = BatchWorld(
             self.scenario,
             _load_vehicle(vehicle, self.scenario),
-            numbers,
+            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
             num,
             current=_uniform_current(settings.water.current if current is None else current),
             rays="mesh" if rays == "mesh" else "field",
@@ -124,6 +118,27 @@ class BatchTask:
     def copy_of(self, name: str) -> Any:
         """Return a copy of an array of `sim.batch.fleet_arrays.Fleet` that later steps leave alone."""
         return np.array(self.world.as_numpy(name))
+
+
+def _numbers(
+    goal: npt.NDArray[np.float64],
+    entrance_height: float,
+    rules: EpisodeRules,
+    weights: RewardWeights,
+    observations: spaces.Space[Any],
+) -> TaskNumbers:
+    from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
+
+    return TaskNumbers(
+        goal=goal,
+        tolerance=rules.tolerance,
+        max_decisions=rules.max_decisions,
+        ends_on_collision=rules.ends_on_collision,
+        weights=tuple(getattr(weights, name) for name in TERMS),
+        scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
+        entrance_height=entrance_height,
+        size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
+    )
 
 
 def _check_batched(options: TaskOptions) -> None:

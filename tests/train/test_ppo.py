@@ -48,7 +48,7 @@ def test_training_leaves_a_policy_a_record_and_a_curve(tube: Scenario, tmp_path:
     record, curve = read_files(tmp_path)
     assert record["is_finished"] is True
     assert record["steps"] == 1024
-    assert record["settings"] == {**dataclasses.asdict(TINY), "hidden": [16]}
+    assert record["settings"] == {**dataclasses.asdict(TINY), "hidden": [16], "current_range": [1.0, 1.0]}
     assert [int(row["steps"]) for row in curve] == [512, 1024]
     policy = PPO.load(tmp_path / "policy.zip")
     assert policy.observation_space.shape == (31,)
