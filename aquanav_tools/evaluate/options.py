@@ -27,7 +27,8 @@ class Grid:
     action_delay: tuple[int, ...] = ()
     """Decisions between choosing an action and its effect."""
     region: tuple[Region, ...] = ()
-    """Thirds of the route to start in, by the way to the goal; needs the scenario's own starts."""
+    """Thirds of the route to start in, by the way to the goal; needs the scenario's own starts, of which those that
+    aquanav chooses keep off the last third."""
 
 
 @dataclass(frozen=True, kw_only=True)
