@@ -76,13 +76,13 @@ class BuiltCave:
 
     @property
     def method(self) -> str:
-        """How the surface was closed: "lids" or "winding"."""
+        """How the surface was closed: "lids" or "winding"; "made-up" where it was closed from the start."""
         return self.closed.method
 
 
 @dataclass(frozen=True, eq=False)
-class _Closing:
-    """The cavity in a scan, and what it was made from."""
+class Closing:
+    """The cavity in a scan, or a made-up one, and what it was made from."""
 
     resolution: Resolution
     surface: Surface
@@ -111,12 +111,28 @@ def build_scenario(
     Raises:
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
+    closing = _closing(scan, options, journal, load_vehicle(options.vehicle).capsule.radius, evidence, store)
+    if measured is not None:
+        observed = _near_points(closing.cavity, measured, 2.0 * closing.resolution.voxel)
+        closing = replace(closing, cavity=replace(closing.cavity, observed=observed))
+    return scenario_in(closing, options, journal, options.kind)
+
+
+def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind: str) -> BuiltCave:
+    """Return the scenario in a cavity.
+
+    Args:
+        closing: the cavity.
+        options: settings of the stages.
+        journal: collects their cost and what is poor but usable.
+        kind: how the cavity came about, for the scenario's settings.
+
+    Raises:
+        MeshError: the vehicle cannot dive it; the message says why.
+    """
     vehicle = load_vehicle(options.vehicle)
     rng = np.random.default_rng(options.seed)
-    closing = _closing(scan, options, journal, vehicle.capsule.radius, evidence, store)
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
-    if measured is not None:
-        cavity = replace(cavity, observed=_near_points(cavity, measured, 2.0 * resolution.voxel))
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
         share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
@@ -134,7 +150,7 @@ def build_scenario(
         fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
         statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
-    settings = _settings(options, guide, vehicle.name, collision)
+    settings = _settings(options, kind, guide, vehicle.name, collision)
     vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
@@ -150,11 +166,13 @@ def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options:
     return place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
 
 
-def _settings(options: BuildOptions, guide: Guide, vehicle: str, collision: CollisionMesh) -> ScenarioSettings:
+def _settings(
+    options: BuildOptions, kind: str, guide: Guide, vehicle: str, collision: CollisionMesh
+) -> ScenarioSettings:
     """Return what the scenario says of itself; its goal is the last panel."""
     return ScenarioSettings(
         name=options.name or options.output.resolve().name,
-        built=BuiltBy(__version__, options.kind),
+        built=BuiltBy(__version__, kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle,
         water=water_settings(options.water),
@@ -169,20 +187,20 @@ def _closing(
     vehicle_radius: float,
     evidence: Evidence,
     store: StageStore | None,
-) -> _Closing:
+) -> Closing:
     """Return what `_close` returns, from the store where it is kept there."""
     if store is None:
         return _close(scan, options, journal, vehicle_radius, evidence)
     inputs = (scan, evidence, options.closing, vehicle_radius, options.seed)
     with store.open("closed", _close, *inputs) as folder:
         return kept_value(
-            _Closing, folder / "closed.npz", lambda: _close(scan, options, journal, vehicle_radius, evidence)
+            Closing, folder / "closed.npz", lambda: _close(scan, options, journal, vehicle_radius, evidence)
         )
 
 
 def _close(
     scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, evidence: Evidence
-) -> _Closing:
+) -> Closing:
     """Return the cavity in a scan, and what it was made from; once more and coarser where noise asks for it."""
     given = np.array(options.closing.inside).reshape(-1, 3)
     evidence = replace(evidence, inside=np.concatenate([evidence.inside, given]))
@@ -197,7 +215,7 @@ def _close(
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
         resolution = replace(resolution, voxel=coarser, reason="the noise that a first, finer surface showed")
         surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
-    return _Closing(resolution, surface, closed, cavity)
+    return Closing(resolution, surface, closed, cavity)
 
 
 def _close_at(

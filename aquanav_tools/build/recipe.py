@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
-from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
+from aquanav_tools.build.cave_stages import BuiltCave, Closing, build_scenario, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
 from aquanav_tools.build.options import BuildOptions
@@ -109,6 +109,19 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
     if survey is not None:
         facts["survey"] = hold_against(survey, built.scenario.cavity.mesh, scan.offset, journal)
     return _finish(built, scan.surface, options, journal, inputs, facts)
+
+
+def build_made_up(closing: Closing, options: BuildOptions, journal: Journal, inputs: dict[str, str]) -> BuildResult:
+    """Build a scenario folder around a made-up cavity, which needs no closing; errors as in `build_cave`."""
+    check_output(options, "")
+    with told_when_full(options.output):
+        try:
+            built = scenario_in(closing, options, journal, "synthetic")
+        except MeshError as error:
+            options.output.mkdir(parents=True, exist_ok=True)
+            _report_failure(error, options, journal, inputs, {}, closing.cavity.mesh)
+            raise
+        return _finish(built, closing.surface.mesh, options, journal, inputs, {})
 
 
 def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:

@@ -9,13 +9,21 @@ from typing import Literal
 
 import numpy as np
 
+from aquanav_tools.build.cave_stages import Closing
+from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.recipe import BuildResult, build_cave
+from aquanav_tools.build.recipe import BuildResult, build_made_up
+from aquanav_tools.cave.cavity import WALL
+from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
+from aquanav_tools.cave.scan.resolution import Resolution
+from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
+from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.errors import InputError
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.scenario.shipped import CONTENT, named_folder
+from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, named_folder
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
@@ -24,6 +32,8 @@ from aquanav_tools.types import Stages, silent
 
 Split = Literal["train", "validation", "test"]
 WORK_SUFFIX = ".work"
+MERGED_VOXELS = 0.1
+"""Triangles are merged where that moves the wall by no more than this, voxels."""
 TURN_LENGTH = 1.0
 """Turns are measured between stretches of the way of this length, m."""
 
@@ -65,19 +75,19 @@ def build_shipped(
     """
     recipe = read_shipped(name)
     folder = named_folder(name)
+    if (folder / SETTINGS_FILE).is_file():
+        return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
     work.mkdir(parents=True, exist_ok=True)
     with locked(work):
-        if (folder / "scenario.toml").is_file():
+        if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
-        try:
-            mesh = gallery_cave(recipe.cave).mesh
-        except ValueError as cause:
-            raise InputError(f"{name}: {cause}") from cause
-        scan = work / f"{name}.ply"
-        scan.write_bytes(mesh.to_trimesh().export(file_type="ply"))
+        journal = Journal(display) if announce is None else Journal(display, announce)
+        journal.announce(f"Building {name}, {recipe.title}, in {folder}: about a minute on a free core, and only once.")
+        with journal.stage("Making up the cave"):
+            closing = _made_up(name, recipe)
         options = BuildOptions(
-            input=scan,
+            input=shipped_path(CONTENT, name),
             output=folder,
             name=name,
             vehicle=recipe.vehicle,
@@ -86,9 +96,21 @@ def build_shipped(
             water=recipe.water,
             overwrite=True,
         )
-        result = build_cave(options, display, announce)
+        result = build_made_up(closing, options, journal, {options.input.name: file_hash(options.input)})
     shutil.rmtree(work, ignore_errors=True)
     return result
+
+
+def _made_up(name: str, recipe: ShippedScenario) -> Closing:
+    """Return the cavity of a recipe. It is closed from the start and proven; nothing has to be resampled."""
+    try:
+        cave = gallery_cave(recipe.cave)
+    except ValueError as cause:
+        raise InputError(f"{name}: {cause}") from cause
+    cavity = made_up_cavity(cave.truth, MERGED_VOXELS * recipe.cave.voxel)
+    closed = ClosedSurface(cavity.mesh, cavity.labels == WALL, "made-up")
+    resolution = Resolution(recipe.cave.voxel, "the grid the cave was made up on", 0.0)
+    return Closing(resolution, Surface(cave.mesh, cave.mesh.vertices), closed, cavity)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class BuiltBy:
     aquanav: str
     """Version of aquanav."""
     kind: str
-    """Way it was built: photos, scan or synthetic."""
+    """Way it was built: photos, scan, survey or synthetic."""
 
 
 Current = str | float | tuple[float, float, float]

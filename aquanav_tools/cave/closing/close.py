@@ -59,7 +59,7 @@ class ClosedSurface:
     is_scan: BoolArray
     """(F,) whether the face follows the scan; the others were invented to close it."""
     method: str
-    """"lids" (the scan's own triangles) or "winding" (resampled)."""
+    """"lids" (the scan's own triangles), "winding" (resampled), or "made-up" (closed from the start)."""
     cautions: tuple[tuple[str, str], ...] = ()
     """Codes and sentences about what had to be changed or left out."""
 

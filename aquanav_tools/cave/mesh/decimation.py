@@ -16,16 +16,18 @@ PROTECTED_TOLERANCES = 10.0
 """Wall within this many tolerances of faces that cross is left as it is in the next round."""
 
 
-def without_excess(mesh: Mesh, tolerance: float) -> Mesh:
+def without_excess(mesh: Mesh, tolerance: float, labels: IntArray | None = None) -> Mesh:
     """Return a closed mesh with triangles merged where that moves it by about `tolerance` (m), none crossing.
 
     A merger moves the surface by no more than the tolerance, and in one place they add up to more than that (measured:
     twice). Where merged faces would cross, the wall is left as it is and the rest merged anew. Coordinates are rounded
-    to 32-bit floats, which is what a scenario keeps.
+    to 32-bit floats, which is what a scenario keeps. Where faces have (F,) labels, the rims between these stay.
     """
+    names = np.zeros(len(mesh.faces), dtype=np.int64) if labels is None else labels
+    single = names.max() + 1 + np.arange(len(mesh.faces))
     is_protected = np.zeros(len(mesh.faces), dtype=np.bool_)
     for _ in range(MAX_ROUNDS):
-        merged = merge_faces(mesh, np.where(is_protected, 1 + np.arange(len(mesh.faces)), 0), tolerance)
+        merged = merge_faces(mesh, np.where(is_protected, single, names), tolerance)
         crossing = np.unique(self_intersections(merged))
         if not len(crossing):
             return merged
