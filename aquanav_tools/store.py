@@ -14,6 +14,7 @@ import fcntl
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -62,7 +63,8 @@ class StageStore:
         folder = self.folder / f"{name}-{digest(code_digest(maker.__module__), inputs)}"
         with told_when_full(self.folder):
             folder.mkdir(parents=True, exist_ok=True)
-            os.utime(folder)
+            now = time.time_ns()  # finer than the kernel's ticks, within which several small stages may end
+            os.utime(folder, ns=(now, now))
             check_room(self.folder)
             yield folder
             if is_finished(folder):
