@@ -100,7 +100,7 @@ def field_from_bricks(
     """
     samples = np.full((len(cores), APRON, APRON, APRON), -BAND * spacing, dtype=np.float32)
     samples[1:, :BRICK, :BRICK, :BRICK] = cores[1:]
-    _fill_aprons(bricks, samples)
+    fill_aprons(bricks, samples)
     return DistanceField(np.asarray(origin, dtype=np.float64), float(spacing), bricks, samples)
 
 
@@ -151,8 +151,11 @@ def _interpolate_many(bricks, samples, origin, spacing, points):  # type: ignore
 
 
 @numba.njit(cache=True)
-def _fill_aprons(bricks, samples):  # type: ignore[no-untyped-def]
-    """Copy the first samples of the next bricks behind the last ones of each; beyond the grid is rock already."""
+def fill_aprons(bricks, samples):  # type: ignore[no-untyped-def]
+    """Copy the first samples (numbers or vectors) of the next bricks behind the last ones of each, in place.
+
+    Beyond the grid they stay as they are: rock, or still water.
+    """
     for x in range(bricks.shape[0]):
         for y in range(bricks.shape[1]):
             for z in range(bricks.shape[2]):

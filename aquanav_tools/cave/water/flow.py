@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import APRON, BRICK, BRICK_BITS, ROCK, DistanceField, number_bricks
+from aquanav_tools.cave.water.field import APRON, BRICK, BRICK_BITS, ROCK, DistanceField, fill_aprons, number_bricks
 from aquanav_tools.cave.water.flow_cells import FlowCells, cut_cells, find_lids
 from aquanav_tools.cave.water.potential import narrowest_section, solve_potential
 from aquanav_tools.cave.water.velocity import cell_velocities
@@ -169,7 +169,7 @@ def flow_from_bricks(
     """Return the flow of (B, BRICK, BRICK, BRICK, 3) velocities per brick, the apron taken from the next bricks."""
     samples = np.zeros((len(cores), APRON, APRON, APRON, 3), dtype=np.float32)
     samples[1:, :BRICK, :BRICK, :BRICK] = cores[1:]
-    _fill_aprons(bricks, samples)
+    fill_aprons(bricks, samples)
     return Flow(np.asarray(origin, dtype=np.float64), float(spacing), bricks, samples, narrowest, shares)
 
 
@@ -201,26 +201,3 @@ def _add_velocities(bricks, samples, origin, spacing, points, velocities):  # ty
     for n in range(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         add_velocity(bricks, samples, origin, spacing, x, y, z, 1.0, velocities[n])
-
-
-@numba.njit(cache=True)
-def _fill_aprons(bricks, samples):  # type: ignore[no-untyped-def]
-    """Copy the first samples of the next bricks behind the last ones of each; beyond the grid the water is still."""
-    for x in range(bricks.shape[0]):
-        for y in range(bricks.shape[1]):
-            for z in range(bricks.shape[2]):
-                if bricks[x, y, z] != ROCK:
-                    _fill_apron(bricks, samples, x, y, z)
-
-
-@numba.njit(cache=True)
-def _fill_apron(bricks, samples, x, y, z):  # type: ignore[no-untyped-def]
-    own = samples[bricks[x, y, z]]
-    for step in range(1, 8):
-        dx, dy, dz = step & 1, (step >> 1) & 1, step >> 2
-        if x + dx < bricks.shape[0] and y + dy < bricks.shape[1] and z + dz < bricks.shape[2]:
-            following = samples[bricks[x + dx, y + dy, z + dz]]
-            for i in range(1 if dx else BRICK):
-                for j in range(1 if dy else BRICK):
-                    for k in range(1 if dz else BRICK):
-                        own[i + dx * BRICK, j + dy * BRICK, k + dz * BRICK] = following[i, j, k]
