@@ -13,12 +13,12 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
-from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
+from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
-from aquanav_tools.cave.closing.openings import find_openings
-from aquanav_tools.cave.closing.portals import NO_CAMERAS, Cut, cut_portals
+from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
+from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.guide import Guide
@@ -28,7 +28,7 @@ from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
-from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh, without_gaps
+from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
@@ -207,15 +207,15 @@ def _close(
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
-    surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
-    points = _sample(surface.points, np.random.default_rng(options.seed))
-    misfit = measure_fit(cavity, points, resolution.voxel).median
+    found = _close_at(resolution, scan, options, journal, min_portal, evidence)
+    points = _sample(found.surface.points, np.random.default_rng(options.seed))
+    misfit = measure_fit(found.cavity, points, resolution.voxel).median
     coarser = VOXELS_OF_MISFIT * misfit
     is_loose = misfit > MAX_MEDIAN_VOXELS * resolution.voxel
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
         resolution = replace(resolution, voxel=coarser, reason="the noise that a first, finer surface showed")
-        surface, closed, cavity = _close_at(resolution, scan, options, journal, min_portal, evidence)
-    return Closing(resolution, surface, closed, cavity)
+        found = _close_at(resolution, scan, options, journal, min_portal, evidence)
+    return Closing(resolution, found.surface, found.closed, found.cavity)
 
 
 def _close_at(
@@ -225,7 +225,7 @@ def _close_at(
     journal: Journal,
     min_portal: float,
     evidence: Evidence,
-) -> tuple[Surface, ClosedSurface, Cavity]:
+) -> ClosedScan:
     """Return the cavity in a scan at a resolution, and what it was made from."""
     journal.announce(
         f"Closing at {1000 * resolution.voxel:.0f} mm ({resolution.reason}); this takes about "
@@ -238,22 +238,18 @@ def _close_at(
             surface_from_mesh(scan, voxel, lamps) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel, lamps)
         )
     with journal.stage("Closing the cavity") as progress:
-        closed = close_surface(
-            surface.mesh,
+        found = close_scan(
+            surface,
             voxel,
             keep_triangles=isinstance(scan, Mesh),
             min_portal=min_portal,
+            cuts=tuple(_cut(plane) for plane in options.closing.cut),
             evidence=evidence,
             progress=progress,
         )
-        surface = without_gaps(surface, closed.mesh, voxel)
-        openings = find_openings(closed, min_portal, evidence.sight)
-        cuts = tuple(_cut(plane) for plane in options.closing.cut)
-        cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
-        cavity = cut_portals(closed, surface.mesh, openings, voxel, cuts, cameras)
         if not len(evidence.inside) and not len(evidence.legs):
-            check_is_hollow(cavity, float(closed.is_scan.mean()))
-    return surface, closed, cavity
+            check_is_hollow(found.cavity, float(found.closed.is_scan.mean()))
+    return found
 
 
 def _near_points(cavity: Cavity, points: Array, distance: float) -> BoolArray:

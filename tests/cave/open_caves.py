@@ -28,6 +28,25 @@ def without_faces_near(mesh: Mesh, point: np.ndarray, distance: float) -> Mesh:
     return Mesh(mesh.vertices, mesh.faces[far])
 
 
+def disc(x: float, inner: float, towards: float) -> Mesh:
+    """A disc, or a ring, across the tube at x, its normal along x or against it."""
+    angle = np.linspace(0.0, 2.0 * np.pi, SECTIONS, endpoint=False)
+    rings = [np.column_stack([np.full(SECTIONS, x), r * np.cos(angle), r * np.sin(angle)]) for r in (inner, RADIUS)]
+    here, there = np.arange(SECTIONS), np.roll(np.arange(SECTIONS), -1)
+    faces = np.concatenate(
+        [np.stack([here, here + SECTIONS, there], 1), np.stack([there, here + SECTIONS, there + SECTIONS], 1)]
+    )
+    mesh = Mesh(np.concatenate(rings), faces)
+    return mesh if mesh.normals[0, 0] * towards > 0.0 else Mesh(mesh.vertices, faces[:, ::-1])
+
+
+def joined(*meshes: Mesh) -> Mesh:
+    """All in one."""
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
+    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
+
+
 def tube_volume(length: float) -> float:
     """Volume of a prism over the regular polygon that stands for the circle, m^3."""
     return float(0.5 * SECTIONS * np.sin(2 * np.pi / SECTIONS) * RADIUS**2 * length)

@@ -1,8 +1,8 @@
 """Closing: from an open, damaged surface to a solid that encloses the water.
 
 A sound surface is closed exactly, by a lid over each hole (`lids`). Anything else is resampled (`winding`). Whatever
-the way, the result is one solid, holds all that is known to be water, and has no tunnel that nobody scanned. What is
-kept of it is proven after the open ends were cut (`portals`).
+the way, the result is one solid and has no tunnel that nobody scanned. What is kept of it is proven after the open ends
+were cut (`portals`), and held against what is known to be water (`from_scan`).
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import from_manifold, to_manifold
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, NO_LEGS, Evidence, contradictions
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.winding import NO_CARVING, Carving, water_surface
 from aquanav_tools.cave.mesh.decimation import without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
+from aquanav_tools.types import Array, BoolArray, Mesh, Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
 
@@ -71,9 +71,13 @@ def close_surface(
     keep_triangles: bool,
     min_portal: float,
     evidence: Evidence = NO_EVIDENCE,
+    water: Array = NO_LEGS,
     progress: Progress = ignore_progress,
 ) -> ClosedSurface:
     """Return the solid enclosed by an open surface, normals out of the water.
+
+    Legs between two places in its water are dug free where rock blocks them. Evidence outside of it stays there: ends
+    are not drawn out here.
 
     Args:
         surface: normals out of the water.
@@ -82,12 +86,13 @@ def close_surface(
             which smooths the false handles that noise makes.
         min_portal: holes narrower than this are filled with the curvature of the wall around them, m.
         evidence: what is known to be water.
+        water: (M, 2, 3) lines that become water whatever the surface says, m.
         progress: called with (parts done, parts in all).
 
     Raises:
-        MeshError: no space is enclosed, two caves are, or known water cannot be kept.
+        MeshError: no space is enclosed, or two caves are.
     """
-    if keep_triangles:
+    if keep_triangles and not len(water):
         try:
             lidded = close_with_lids(surface, min_portal)
             if not contradictions(lidded.mesh, evidence, voxel).count:
@@ -95,7 +100,7 @@ def close_surface(
             logger.info("Lids seal a place that is known to be water; resampling the surface at %.3g m", voxel)
         except MeshError as reason:
             logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, voxel)
-    return _resample(surface, voxel, evidence, progress)
+    return _resample(surface, voxel, evidence, water, progress)
 
 
 def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
@@ -108,26 +113,34 @@ def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
     return near
 
 
-def _resample(surface: Mesh, voxel: float, evidence: Evidence, progress: Progress) -> ClosedSurface:
-    """Return the resampled solid, corrected until it keeps known water and has no tunnel that nobody scanned."""
-    carving = replace(NO_CARVING, sight=evidence.sight)
+def _resample(surface: Mesh, voxel: float, evidence: Evidence, water: Array, progress: Progress) -> ClosedSurface:
+    """Return the resampled solid, corrected until no leg in it is blocked and no tunnel left that nobody scanned."""
+    carving = replace(NO_CARVING, legs=water, leg_radius=LEG_VOXELS * voxel, sight=evidence.sight)
     for fault_voxels in (*FAULT_VOXELS, None):
-        solid, cautions = _main_water(water_surface(surface, voxel, carving, progress), surface, evidence, voxel)
+        waters = water_surface(surface, voxel, carving, progress)
+        solid, cautions = _main_water(waters, surface, evidence, voxel)
         mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
-        wrong = contradictions(mesh, evidence, voxel)
-        faults = _false_handles(mesh, surface, voxel)
-        if fault_voxels is None or not (wrong.count or faults):
+        if fault_voxels is None:
             break
-        carving = _carve(carving, evidence, wrong.legs, faults, fault_voxels, voxel)
-    if wrong.count:
-        raise _sealed(evidence, wrong.points, wrong.legs)
+        blocked = _blocked(mesh, waters, evidence, voxel)
+        faults = _false_handles(mesh, surface, voxel)
+        if not (len(blocked) or faults):
+            break
+        carving = _carve(carving, blocked, faults, fault_voxels, voxel)
     return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
+
+
+def _blocked(mesh: Mesh, waters: Mesh, evidence: Evidence, voxel: float) -> Array:
+    """Return the (M, 2, 3) legs that rock blocks although both their ends lie in water, be it of two bodies."""
+    legs = evidence.legs[contradictions(mesh, evidence, voxel).legs]
+    dry = contradictions(waters, Evidence(legs.reshape(-1, 3)), voxel).points
+    blocked: Array = np.delete(legs, np.unique(dry // 2), axis=0)
+    return blocked
 
 
 def _carve(
     before: Carving,
-    evidence: Evidence,
-    blocked: IntArray,
+    blocked: Array,
     faults: tuple[Handle, ...],
     fault_voxels: float,
     voxel: float,
@@ -142,8 +155,8 @@ def _carve(
         for handle in faults
     ]
     return Carving(
-        np.concatenate([before.legs, evidence.legs[blocked]]),
-        LEG_VOXELS * voxel,
+        np.concatenate([before.legs, blocked]),
+        before.leg_radius,
         np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
         fault_voxels * voxel,
         before.sight,
@@ -256,14 +269,3 @@ def _middle(body: Any) -> Array:
     low, high = np.array(body.bounding_box()).reshape(2, 3)
     middle: Array = 0.5 * (low + high)
     return middle
-
-
-def _sealed(evidence: Evidence, points: IntArray, legs: IntArray) -> MeshError:
-    dry = evidence.inside[points]
-    blocked = evidence.legs[legs].mean(axis=1)
-    places = [(tuple(place.tolist()), "known water in rock") for place in (*dry, *blocked)]
-    return MeshError(
-        f"{len(points)} places and {len(legs)} legs that are known to be water end up in rock, the first at "
-        f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
-        places,
-    )

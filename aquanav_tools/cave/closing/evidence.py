@@ -19,21 +19,17 @@ TOLERANCE_VOXELS = 1.0
 """A place in rock still counts as water this close to the wall: stations are marked on walls."""
 
 
-def _no_points() -> Array:
-    return np.zeros((0, 3))
-
-
-def _no_legs() -> Array:
-    return np.zeros((0, 2, 3))
+NO_POINTS: Array = np.zeros((0, 3))
+NO_LEGS: Array = np.zeros((0, 2, 3))
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """Places and lines in the water."""
 
-    inside: Array = field(default_factory=_no_points)
+    inside: Array = field(default_factory=lambda: NO_POINTS)
     """(N, 3) points, m."""
-    legs: Array = field(default_factory=_no_legs)
+    legs: Array = field(default_factory=lambda: NO_LEGS)
     """(M, 2, 3) straight lines that nothing blocks, m."""
     sight: Sight | None = None
     """What the cameras saw; None without photos."""
@@ -42,6 +38,15 @@ class Evidence:
         """Return the same with a (3,) offset added, m."""
         sight = None if self.sight is None else self.sight.moved(Sim3(1.0, np.eye(3), offset))
         return Evidence(self.inside + offset, self.legs + offset, sight)
+
+    def chosen(self, among: Contradictions) -> Evidence:
+        """Return only the places and legs that were found to be contradicted, without sight."""
+        return Evidence(self.inside[among.points], self.legs[among.legs])
+
+    @property
+    def count(self) -> int:
+        """How many places and legs there are."""
+        return len(self.inside) + len(self.legs)
 
 
 NO_EVIDENCE = Evidence()

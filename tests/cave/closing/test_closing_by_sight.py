@@ -13,29 +13,11 @@ from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Mesh
-from tests.cave.open_caves import LENGTH, RADIUS, SECTIONS, straight, tube_volume, without_faces_near
+from tests.cave.open_caves import LENGTH, RADIUS, disc, joined, straight, tube_volume, without_faces_near
 from tests.cave.sights import sight_of
 
 VOXEL = 0.1
 MIN_PORTAL = 0.8
-
-
-def disc(x: float, inner: float, towards: float) -> Mesh:
-    """A disc, or a ring, across the tube, its normal along x."""
-    angle = np.linspace(0.0, 2.0 * np.pi, SECTIONS, endpoint=False)
-    rings = [np.column_stack([np.full(SECTIONS, x), r * np.cos(angle), r * np.sin(angle)]) for r in (inner, RADIUS)]
-    here, there = np.arange(SECTIONS), np.roll(np.arange(SECTIONS), -1)
-    faces = np.concatenate(
-        [np.stack([here, here + SECTIONS, there], 1), np.stack([there, here + SECTIONS, there + SECTIONS], 1)]
-    )
-    mesh = Mesh(np.concatenate(rings), faces)
-    return mesh if mesh.normals[0, 0] * towards > 0.0 else Mesh(mesh.vertices, faces[:, ::-1])
-
-
-def joined(*meshes: Mesh) -> Mesh:
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=False)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
 
 
 def places(*xs: float) -> np.ndarray:

@@ -5,10 +5,12 @@ import pytest
 
 from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.evidence import Evidence, contradictions
+from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Mesh
-from tests.cave.open_caves import straight, tube_volume
+from tests.cave.open_caves import LENGTH, disc, joined, straight, tube_volume
+from tests.cave.sights import sight_of
 
 VOXEL = 0.1
 
@@ -53,6 +55,43 @@ def test_a_leg_through_a_stretch_that_was_not_scanned_keeps_it_open() -> None:
     assert np.ptp(closed.mesh.vertices[:, 0]) == pytest.approx(21.0, abs=4 * VOXEL)
 
 
+def cavity_in(mesh: Mesh, evidence: Evidence, *, keep_triangles: bool = True) -> ClosedScan:
+    surface = surface_from_mesh(mesh, VOXEL)
+    return close_scan(surface, VOXEL, keep_triangles=keep_triangles, min_portal=0.8, evidence=evidence)
+
+
 def test_water_that_the_scan_contradicts_is_an_error() -> None:
-    with pytest.raises(MeshError, match="known to be water end up in rock"):
-        close(straight(), Evidence(np.array([[5.0, 5.0, 0.0]])))
+    with pytest.raises(MeshError, match="1 places and 0 legs that are known to be water end up in rock"):
+        cavity_in(straight(), Evidence(np.array([[5.0, 5.0, 0.0]])))
+
+
+def half_open() -> Mesh:
+    """A tube whose lower half was scanned to 8 m only: what is invented across its end slants inwards."""
+    mesh = straight()
+    x, _, z = mesh.triangles.mean(axis=1).T
+    return Mesh(mesh.vertices, mesh.faces[(x < 8.0) | (z > 0.0)])
+
+
+def test_an_end_is_drawn_out_to_the_cameras_that_were_shut_out_of_it() -> None:
+    cameras = np.array([[3.0, 0.0, 0.0], [6.0, 0.0, 0.0], [9.3, 0.0, -0.2]])
+    legs = np.stack([cameras[:-1], cameras[1:]], axis=1)
+    evidence = Evidence(cameras, legs, sight_of(straight(), cameras, 0.0))
+    scan = cavity_in(half_open(), evidence, keep_triangles=False)
+    shut_out = contradictions(scan.closed.mesh, evidence, VOXEL)
+    assert shut_out.points.tolist() == [2]
+    assert shut_out.legs.tolist() == [1]
+    assert contradictions(scan.cavity.mesh, evidence, VOXEL).count == 0
+    assert scan.cavity.mesh.to_trimesh().contains(cameras).all()
+    assert len(scan.cavity.portals) == 2
+    assert tube_volume(8.0) < scan.cavity.volume < tube_volume(LENGTH)
+
+
+def test_a_camera_that_nothing_opens_to_is_dug_free_along_a_leg() -> None:
+    # Beyond a wall across the passage, scanned from one side: no end that could be drawn out.
+    cameras = np.array([[3.0, 0.0, 0.0], [6.0, 0.0, 0.0], [8.0, 0.0, 0.0]])
+    legs = np.stack([cameras[:-1], cameras[1:]], axis=1)
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    blind = joined(Mesh(mesh.vertices, mesh.faces[middles[:, 0] < 7.0]), disc(7.0, 0.01, 1.0))
+    evidence = Evidence(cameras, legs)
+    assert contradictions(cavity_in(blind, evidence).closed.mesh, evidence, VOXEL).count == 0

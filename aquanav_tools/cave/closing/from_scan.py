@@ -1,0 +1,99 @@
+"""From a prepared scan to its cavity: closed, its ends found and cut, and held against what is known to be water.
+
+The surface invented across an end may shut out cameras that stood in it. They are judged only after the end was drawn
+out past them; what is in rock then was sealed, and is dug free along the legs that lead there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, NO_LEGS, Evidence, contradictions
+from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.portals import NO_CAMERAS, Cut, cut_portals
+from aquanav_tools.cave.scan.surface import Surface, without_gaps
+from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Array, Progress, ignore_progress
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedScan:
+    """The cavity in a scan, and what it was made from."""
+
+    surface: Surface
+    """The scan without what the closing passed by."""
+    closed: ClosedSurface
+    """The solid before its ends were cut."""
+    cavity: Cavity
+
+
+def close_scan(
+    surface: Surface,
+    voxel: float,
+    *,
+    keep_triangles: bool,
+    min_portal: float,
+    cuts: tuple[Cut, ...] = (),
+    evidence: Evidence = NO_EVIDENCE,
+    progress: Progress = ignore_progress,
+) -> ClosedScan:
+    """Return the cavity in a prepared scan.
+
+    Args:
+        surface: normals out of the water.
+        voxel: size of the grid's cells where the surface is resampled, m.
+        keep_triangles: try lids first; see `close_surface`.
+        min_portal: narrower openings are no portals, m.
+        cuts: where the user ends the cave.
+        evidence: what is known to be water.
+        progress: called with (parts done, parts in all), from the start again where water has to be dug free.
+
+    Raises:
+        MeshError: no space is enclosed, two caves are, or known water cannot be kept.
+    """
+
+    def close(water: Array) -> ClosedSurface:
+        return close_surface(
+            surface.mesh,
+            voxel,
+            keep_triangles=keep_triangles,
+            min_portal=min_portal,
+            evidence=evidence,
+            water=water,
+            progress=progress,
+        )
+
+    def finish(closed: ClosedSurface) -> ClosedScan:
+        kept = without_gaps(surface, closed.mesh, voxel)
+        openings = find_openings(closed, min_portal, evidence.sight)
+        cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
+        return ClosedScan(kept, closed, cut_portals(closed, kept.mesh, openings, voxel, cuts, cameras))
+
+    closed = close(NO_LEGS)
+    dry = _dry(closed, evidence, voxel)
+    scan = finish(closed)
+    sealed = dry.chosen(contradictions(scan.cavity.mesh, dry, voxel))
+    if not sealed.count:
+        return scan
+    closed = close(sealed.legs)
+    dry = _dry(closed, evidence, voxel)
+    if dry.count:
+        raise _contradiction(dry)
+    return finish(closed)
+
+
+def _dry(closed: ClosedSurface, evidence: Evidence, voxel: float) -> Evidence:
+    return evidence.chosen(contradictions(closed.mesh, evidence, voxel))
+
+
+def _contradiction(dry: Evidence) -> MeshError:
+    places = [(tuple(place.tolist()), "known water in rock") for place in (*dry.inside, *dry.legs.mean(axis=1))]
+    return MeshError(
+        f"{len(dry.inside)} places and {len(dry.legs)} legs that are known to be water end up in rock, the first at "
+        f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
+        places,
+    )
