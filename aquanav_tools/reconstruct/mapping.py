@@ -25,6 +25,9 @@ _SNAPSHOTS_FROM = 300
 """Photos from which snapshots are kept. Smaller sets take minutes, and a run that begins again ends the same."""
 _SNAPSHOT_PHOTOS = 50
 """Placed between two snapshots: a killed run loses two of them at most."""
+_GROWTH = 1.3
+"""All cameras are adjusted together whenever the model has grown by this factor. With COLMAP's 1.1, three rendered sets
+of 85 to 120 photos took half as long again; mean errors were the same to 0.1 mm."""
 _LENIENT = ((15, 0.15), (8, 0.8))
 """Matches that a photo left over needs with the model, and the share of them that must agree on its pose: first more,
 then fewer that nearly all agree. While the model grows 30 are needed, where a wrong camera would mislead others."""
@@ -232,6 +235,7 @@ def _pipeline(photos: PhotoSet, options: MappingOptions) -> Any:
     pipeline = load_pycolmap().IncrementalPipelineOptions()
     pipeline.min_model_size = 3
     pipeline.num_threads = 1  # with more, sums are added in another order every time
+    pipeline.ba_global_frames_ratio = pipeline.ba_global_points_ratio = _GROWTH
     for part in (pipeline, pipeline.mapper, pipeline.triangulation):
         part.random_seed = options.seed
     tolerance = _tolerance_px(photos)

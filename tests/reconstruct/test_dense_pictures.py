@@ -189,6 +189,22 @@ def test_planes_to_start_with_pass_through_the_points(rng: np.random.Generator) 
     np.testing.assert_allclose(np.median(slopes, axis=(0, 1)), slope, rtol=1e-3)
 
 
+def test_planes_to_start_with_are_those_of_scipy_between_any_points(rng: np.random.Generator) -> None:
+    from scipy.interpolate import LinearNDInterpolator
+
+    matrix = np.array([[60.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]])
+    z = rng.uniform(1.0, 5.0, 40)
+    points = np.column_stack([rng.uniform(-0.4, 0.4, (40, 2)), np.ones(40)]) * z[:, None]
+    inverse, _ = guess_planes(points, matrix, (40, 60))
+    projected = (points / z[:, None]) @ matrix.T
+    u, v = np.meshgrid(np.arange(60) + 0.5, np.arange(40) + 0.5)
+    expected = LinearNDInterpolator(projected[:, :2], 1.0 / z)(u, v)
+    is_inside = np.isfinite(expected)
+    assert 0.5 < is_inside.mean() < 1.0
+    np.testing.assert_allclose(inverse[is_inside], expected[is_inside], rtol=1e-5)
+    assert np.isin(np.unique(inverse[~is_inside]), (1.0 / z).astype(np.float32)).all()
+
+
 def test_points_in_a_line_still_give_a_depth_to_start_with() -> None:
     matrix = np.array([[60.0, 0.0, 30.0], [0.0, 60.0, 20.0], [0.0, 0.0, 1.0]])
     inverse, slopes = guess_planes(

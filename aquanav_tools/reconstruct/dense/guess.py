@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from aquanav_tools.reconstruct.dense.state import FloatArray
@@ -27,7 +28,8 @@ def guess_planes(points: Array, matrix: Array, size: tuple[int, int]) -> tuple[F
     projected = points @ matrix.T
     at, inverse_depth = projected[:, :2] / projected[:, 2:], 1.0 / points[:, 2]
     pixels = np.stack(np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5), axis=-1).reshape(-1, 2)
-    corners, triangle = _triangulate(at, pixels)
+    corners = _triangles(at)
+    triangle = _paint(at, corners, height, width).ravel()
     is_inside = triangle >= 0
     slopes = np.zeros((len(pixels), 2))
     inverse = np.empty(len(pixels))
@@ -38,15 +40,35 @@ def guess_planes(points: Array, matrix: Array, size: tuple[int, int]) -> tuple[F
     return inverse.reshape(size).astype(np.float32), slopes.reshape(*size, 2).astype(np.float32)
 
 
-def _triangulate(at: Array, pixels: Array) -> tuple[IntArray, IntArray]:
-    """Return the (T, 3) corners of triangles and the one of each pixel, -1 for none; none of points in a line."""
+def _triangles(at: Array) -> IntArray:
+    """Return the (T, 3) corners of the triangles between (P, 2) points; none where these lie in a line."""
     from scipy.spatial import Delaunay, QhullError
 
     try:
-        mesh = Delaunay(at)
+        return np.asarray(Delaunay(at).simplices, dtype=np.int64)
     except QhullError:
-        return np.zeros((0, 3), np.int64), np.full(len(pixels), -1)
-    return mesh.simplices.astype(np.int64), mesh.find_simplex(pixels).astype(np.int64)
+        return np.zeros((0, 3), np.int64)
+
+
+# Delaunay.find_simplex tries every triangle for every pixel as soon as one is a sliver: seconds per photo.
+@numba.njit(cache=True)
+def _paint(at, corners, height, width):  # type: ignore[no-untyped-def]
+    """Return the (H, W) triangle that each pixel's centre lies in, -1 for none."""
+    painted = np.full((height, width), -1, np.int64)
+    for index in range(len(corners)):
+        (ax, ay), (bx, by), (cx, cy) = at[corners[index, 0]], at[corners[index, 1]], at[corners[index, 2]]
+        area = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+        if abs(area) <= _NO_AREA:
+            continue
+        first, last = max(0, int(min(ax, bx, cx) - 0.5)), min(width - 1, int(max(ax, bx, cx)))
+        for row in range(max(0, int(min(ay, by, cy) - 0.5)), min(height - 1, int(max(ay, by, cy))) + 1):
+            for column in range(first, last + 1):
+                x, y = column + 0.5, row + 0.5
+                to_b = ((x - ax) * (cy - ay) - (y - ay) * (cx - ax)) / area
+                to_c = ((bx - ax) * (y - ay) - (by - ay) * (x - ax)) / area
+                if to_b >= 0.0 and to_c >= 0.0 and to_b + to_c <= 1.0:
+                    painted[row, column] = index
+    return painted
 
 
 def _slopes(at: Array, values: Array) -> Array:
