@@ -18,7 +18,7 @@ from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.intake.names import name_of, natural_key
 from aquanav_tools.reconstruct.joining import join
 from aquanav_tools.reconstruct.misplaced import misplaced_photos
-from aquanav_tools.reconstruct.refinement import refine_optical_centres
+from aquanav_tools.reconstruct.refinement import TOLERANCE, refined_optical_centres
 from aquanav_tools.types import Array, Progress, ignore_progress
 
 _SNAPSHOTS_FROM = 300
@@ -216,9 +216,9 @@ def last_snapshot(folder: Path) -> Path | None:
 
 def _refine(path: Path) -> None:
     """Give the cameras of a model on disk their optical centres."""
-    model = load_pycolmap().Reconstruction(path)
-    if refine_optical_centres(model):
-        model.write(path)
+    refined = refined_optical_centres(load_pycolmap().Reconstruction(path))
+    if refined is not None:
+        refined.write(path)
 
 
 def _replace_if_larger(model: Path, folder: Path) -> None:
@@ -236,6 +236,7 @@ def _pipeline(photos: PhotoSet, options: MappingOptions) -> Any:
     pipeline.min_model_size = 3
     pipeline.num_threads = 1  # with more, sums are added in another order every time
     pipeline.ba_global_frames_ratio = pipeline.ba_global_points_ratio = _GROWTH
+    pipeline.ba_global_function_tolerance = TOLERANCE
     for part in (pipeline, pipeline.mapper, pipeline.triangulation):
         part.random_seed = options.seed
     tolerance = _tolerance_px(photos)

@@ -19,26 +19,30 @@ _TYPICAL_SHARE = 0.01
 _SURE = 3.0
 """A centre is moved when that is known this many times better than guessed, and found this many times its error off."""
 
+TOLERANCE = 1e-6
+"""Adjustment ends with a step that lowers the sum of squares by less than this share of it. COLMAP goes on until
+nothing moves: for 120 photos 29 steps instead of 2, which move the optical centre by 0.001 px (measured)."""
 
-def refine_optical_centres(model: Any) -> bool:
-    """Move the optical centres of a model's cameras where its photos tell them well, and all else with them, in place.
+
+def refined_optical_centres(model: Any) -> Any | None:
+    """Return a model with the optical centres moved that its photos tell well, and all else with them; None for none.
 
     Args:
-        model: pycolmap.Reconstruction.
-
-    Returns:
-        Whether any was moved.
+        model: pycolmap.Reconstruction; stays as it is.
     """
-    trial = load_pycolmap().Reconstruction(model)
+    pycolmap = load_pycolmap()
     used = sorted({model.images[image_id].camera_id for image_id in model.reg_image_ids()})
-    errors = _adjust(trial, used)
+    trial = pycolmap.Reconstruction(model)
+    errors = _errors(trial, used, _adjust(trial, used))
     moved = [
         camera_id for camera_id, error in errors.items() if _is_sure(model.cameras[camera_id], trial, camera_id, error)
     ]
     if not moved:
-        return False
-    _adjust(model, moved)
-    return True
+        return None
+    if moved != used:
+        trial = pycolmap.Reconstruction(model)
+        _adjust(trial, moved)
+    return trial
 
 
 def _is_sure(before: Any, trial: Any, camera_id: int, error: Array) -> bool:
@@ -52,16 +56,13 @@ def _is_sure(before: Any, trial: Any, camera_id: int, error: Array) -> bool:
     return is_known and bool(np.any(np.abs(shift) > _SURE * error))
 
 
-def _adjust(model: Any, free: list[int]) -> dict[int, Array]:
-    """Adjust everything in place, some cameras' optical centres too.
-
-    Returns:
-        Of those, the (2,) standard deviations of the centre, px; infinite where the photos do not tell.
-    """
+def _adjust(model: Any, free: list[int]) -> Any:
+    """Adjust everything in place, some cameras' optical centres too; return the adjuster."""
     pycolmap = load_pycolmap()
     options = pycolmap.BundleAdjustmentOptions()
     options.refine_principal_point = True
     options.print_summary = False
+    options.ceres.solver_options.function_tolerance = TOLERANCE
     options.ceres.solver_options.num_threads = 1  # with more the sums, and so the last digits, vary
     config = pycolmap.BundleAdjustmentConfig()
     for image_id in sorted(model.reg_image_ids()):
@@ -72,13 +73,19 @@ def _adjust(model: Any, free: list[int]) -> dict[int, Array]:
     adjuster = pycolmap.create_default_ceres_bundle_adjuster(options, config, model)
     adjuster.solve()
     model.update_point_3d_errors()
+    return adjuster
+
+
+def _errors(model: Any, cameras: list[int], adjuster: Any) -> dict[int, Array]:
+    """Return the (2,) standard deviations, px, of the centres of cameras; infinite where the photos do not tell."""
+    pycolmap = load_pycolmap()
     question = pycolmap.BACovarianceOptions()
     question.params = pycolmap.BACovarianceOptionsParams.ALL
     answer = pycolmap.estimate_ba_covariance(question, model, adjuster)
     # The covariance is that of residuals of 1 px; their mean length is 1.25 standard deviations: on the safe side.
     residual = model.compute_mean_reprojection_error()
     errors = {}
-    for camera_id in free:
+    for camera_id in cameras:
         camera = model.cameras[camera_id]
         found = None if answer is None else answer.get_other_params_cov(camera.params)
         centre = list(camera.principal_point_idxs())

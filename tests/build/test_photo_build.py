@@ -18,14 +18,16 @@ from PIL import Image
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
-from aquanav_tools.cave.synthetic.caves import tube
+from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError
+from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.reconstruct.features import extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Mesh, PointCloud, Sim3, silent
 from tests.build.test_scan_build import run
 from tests.disks import fill, small_disk
+from tests.reconstruct.scenes import SMALL_CAVE, SMALL_DIVE
 
 
 @pytest.fixture
@@ -189,3 +191,22 @@ def test_the_fountain_is_reconstructed_and_then_refused_as_no_cave(data_dir: Pat
     assert report["registered"] == 11
     assert (tmp_path / "out" / "cloud.ply").stat().st_size > 1_000_000
     assert not (tmp_path / "out" / "scenario.toml").exists()
+
+
+@pytest.mark.slow
+def test_of_photos_of_two_places_the_larger_is_used_and_the_other_named(tmp_path: Path) -> None:
+    folder = tmp_path / "photos"
+    folder.mkdir()
+    for seed, (place, photos) in enumerate((("pool", 12), ("shaft", 8))):
+        cave, capture = demo_cave(replace(SMALL_CAVE, seed=seed)), replace(SMALL_DIVE.capture, photos=photos)
+        photograph(cave, tmp_path / place, replace(SMALL_DIVE, capture=capture, seed=seed))
+        for path in sorted((tmp_path / place).glob("*.jpg")):
+            path.rename(folder / f"{place}_{path.name}")
+    result = run(folder, "-o", tmp_path / "out", "--passage-height", "2.4", "--quality", "draft")
+    report = json.loads((tmp_path / "out" / "report.json").read_text())
+    other = {row["name"]: row["cause"] for row in report["unregistered"] if row["name"].startswith("shaft")}
+    assert len(other) == 8
+    assert set(other.values()) == {"detached"}
+    assert 10 <= report["registered"] <= 12
+    assert "They may show two places" in result.stdout + result.stderr
+    assert (tmp_path / "out" / "cloud.ply").exists()
