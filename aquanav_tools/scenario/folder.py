@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import os
+import weakref
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ VEHICLE_FILE = "vehicle.toml"
 FLOW_FILE = "flow.npz"
 """Only there when water flows through the cave."""
 MAX_FILE_BYTES = 4 << 30
+_in_use: weakref.WeakValueDictionary[tuple[Path, str], Scenario] = weakref.WeakValueDictionary()
 
 
 def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
@@ -54,6 +56,9 @@ def write_scenario(scenario: Scenario, folder: Path) -> Scenario:
 def read_scenario(folder: str | Path) -> Scenario:
     """Return the scenario in a folder, or the shipped one of a name, after checking all of it.
 
+    While one that was read from the same files is in use, that same one is returned: environments share it. Its arrays
+    are not to be written to.
+
     Raises:
         ScenarioError: no such folder, an unknown or missing key, a value out of range, a file that is missing,
             outside the folder, changed since it was written, or inconsistent with the others.
@@ -71,8 +76,12 @@ def read_scenario(folder: str | Path) -> Scenario:
         )
     hashes = _check_files(folder, table.pop("files", None))
     settings = from_table(ScenarioSettings, table, SETTINGS_FILE, ScenarioError)
+    content = _content_hash(folder, hashes)
+    known = _in_use.get((folder.resolve(), content))
+    if known is not None:
+        return known
     guide, portals = geometry.read_guide(folder / "guide.json")
-    return Scenario(
+    scenario = Scenario(
         settings=settings,
         cavity=geometry.read_cavity(folder / "cave.ply", portals),
         collision=geometry.read_collision(folder / "collision.obj"),
@@ -82,9 +91,11 @@ def read_scenario(folder: str | Path) -> Scenario:
         vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
         flow=read_flow(folder / FLOW_FILE) if FLOW_FILE in hashes else None,
         network=geometry.read_network(folder / "guide.json"),
-        content_hash=_content_hash(folder, hashes),
+        content_hash=content,
         folder=folder.resolve(),
     )
+    _in_use[folder.resolve(), content] = scenario
+    return scenario
 
 
 def _write_settings(settings: ScenarioSettings, names: list[str], folder: Path) -> None:

@@ -7,7 +7,9 @@ right and left alternately. Distances end at the ray's length when nothing is hi
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import dataclass
+from typing import Any
 
 import numba
 import numpy as np
@@ -77,13 +79,9 @@ class RangeSensor:
     """Casts a pattern of rays against a mesh."""
 
     def __init__(self, mesh: Mesh, pattern: RayPattern) -> None:
-        from embreex import mesh_construction, rtcore_scene
-
         # embree computes in float32, so it works near the mesh's middle.
         self._middle = mesh.vertices.mean(axis=0)
-        self._scene = rtcore_scene.EmbreeScene()
-        vertices = (mesh.vertices - self._middle).astype(np.float32)
-        mesh_construction.TriangleMesh(self._scene, vertices, mesh.faces.astype(np.int32))
+        self._scene = _scene_of(mesh, self._middle)
         self._directions = np.ascontiguousarray(pattern.directions)
         self._lengths: npt.NDArray[np.float32] = pattern.lengths.astype(np.float32)
         self.tags = np.zeros(len(pattern.lengths), dtype=np.int64)
@@ -97,6 +95,20 @@ class RangeSensor:
         distances = self._lengths.copy()  # embreex takes the rays' lengths and writes the hits over them
         self._scene.run(self._origins, self._rays, dists=distances, query="DISTANCE")
         return distances
+
+
+_scenes: weakref.WeakKeyDictionary[Mesh, Any] = weakref.WeakKeyDictionary()
+
+
+def _scene_of(mesh: Mesh, middle: Array) -> Any:
+    """Return the Embree scene of a mesh about a middle; sensors in the same cave share it."""
+    from embreex import mesh_construction, rtcore_scene
+
+    scene = _scenes.get(mesh)
+    if scene is None:
+        scene = _scenes[mesh] = rtcore_scene.EmbreeScene()
+        mesh_construction.TriangleMesh(scene, (mesh.vertices - middle).astype(np.float32), mesh.faces.astype(np.int32))
+    return scene
 
 
 @numba.njit(cache=True)

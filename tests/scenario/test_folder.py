@@ -34,6 +34,14 @@ def replace_in(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1))
 
 
+def test_a_scenario_in_use_is_shared_until_its_files_change(tube: Scenario, tmp_path: Path) -> None:
+    first = write_scenario(tube, tmp_path / "tube")
+    assert read_scenario(tmp_path / "tube") is first
+    renamed = dataclasses.replace(tube, settings=dataclasses.replace(tube.settings, name="other"))
+    assert write_scenario(renamed, tmp_path / "tube").name == "other"
+    assert first.name == tube.name
+
+
 def test_a_scenario_reads_back_as_it_was_written(tmp_path: Path) -> None:
     water = WaterSettings(density=1025.0, current=(0.1, 0.0, -0.2))
     written = tube_scenario(water=water, limits=LimitSettings(decisions=77))
