@@ -86,9 +86,18 @@ def _compare(options: CompareOptions) -> None:
 
 
 def _replay(options: ReplayOptions) -> None:
+    from tqdm import tqdm
+
     from aquanav_tools.evaluate.replaying import replay
 
-    print(replay(options))
+    with tqdm(unit="frame", file=sys.stderr, delay=0.5, disable=options.film is None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        told = replay(options, show)
+    print(told)
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:

@@ -15,6 +15,7 @@ from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.progress import progress_measure
+from aquanav_tools.envs.rendering import VehicleCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, load_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.errors import InputError, ScenarioError
@@ -93,7 +94,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
 
     def __init__(
         self,
@@ -103,6 +104,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
+        render_mode: str | None = None,
+        view: str = "chase",
+        render_size: tuple[int, int] = (480, 360),
         **task: Any,
     ) -> None:
         """Load a scenario and prepare its physics.
@@ -113,6 +117,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
+            render_mode: "rgb_array" for pictures by lamp light from `render`.
+            view: Of the pictures: "chase", from behind the vehicle, or "onboard", from its nose.
+            render_size: Their width and height, px.
             task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
                 sensor_dropout, action_delay, observation_delay, current, current_range.
 
@@ -136,6 +143,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._world = BulletWorld(self.scenario, self.vehicle)
         self.starts = Starts(self.scenario, self.vehicle.capsule, self.task.starts)
         self._episode = Episode(self._rules)
+        self._camera = self._make_camera(render_mode, view, render_size)
         self._current_share = 1.0
         self._gate = 0
         self._remaining = self.scenario.guide.length
@@ -196,9 +204,25 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         observation = self._observations.through(self._observe(rays, before, command)).copy()
         return observation, sum(terms.values()), terminated, truncated, info
 
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the (H, W, 3) picture of where the vehicle is, RGB; None and a warning without a render mode."""
+        if self._camera is None:
+            gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
+            return None
+        return self._camera.picture(self._world.state)
+
     def close(self) -> None:
-        """Free the physics client."""
+        """Let go of the physics."""
         self._world.close()
+
+    def _make_camera(self, render_mode: str | None, view: str, size: tuple[int, int]) -> VehicleCamera | None:
+        self.render_mode = render_mode
+        limits = self.scenario.settings.limits
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / (limits.dt * limits.substeps))}
+        if render_mode is None:
+            return None
+        check_choice("render mode", render_mode, self.metadata["render_modes"])
+        return VehicleCamera(self.scenario.cavity.mesh, self.vehicle.capsule, view, size)
 
     def _advance(self, command: Command) -> tuple[list[bool], Array]:
         """Hold a command for a decision; return for each physics step whether it touched, and an older state.

@@ -7,7 +7,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.rendering import VehicleCamera, film
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
@@ -20,6 +23,10 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
 from aquanav_tools.task import choices_of
+from aquanav_tools.types import Progress, ignore_progress
+
+FILM_SIZE = (640, 480)
+"""px."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +63,13 @@ class Hangar:
         if self._cave is None or self._cave.scenario is not flight.scenario:
             self._cave = CaveModel(flight.scenario)
         record_episode(self._cave, track, env.vehicle.capsule, original_pattern().directions, path)
+
+    def film(self, flight: Flight, track: Track, path: Path, view: str, progress: Progress = ignore_progress) -> None:
+        """Write a film of a flight."""
+        env, _ = self._prepare(flight)
+        camera = VehicleCamera(flight.scenario.cavity.mesh, env.vehicle.capsule, view, FILM_SIZE)
+        states = np.concatenate([track.positions, track.orientations], axis=1)
+        film(camera, states, path, 1.0 / (track.times[1] - track.times[0]), progress)
 
     def close(self) -> None:
         """Free the environment."""

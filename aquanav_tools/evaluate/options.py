@@ -114,3 +114,7 @@ class ReplayOptions:
     """The policy, where it is no longer at its path."""
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
+    film: Path | None = None
+    """Also write this MP4 of the episode by lamp light; about half a second per decision."""
+    view: str = "chase"
+    """Of the film: chase, from behind the vehicle, or onboard, from its nose."""

@@ -16,6 +16,7 @@ from aquanav_tools.report.track import FAILED
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.types import Progress, ignore_progress
 
 RECORDING = "replay-{index:05d}.rrd"
 
@@ -24,8 +25,12 @@ class ReplayError(AquanavError):
     """An episode did not repeat."""
 
 
-def replay(options: ReplayOptions) -> str:
-    """Fly the episode, write its recording, and return what to tell.
+def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
+    """Fly the episode, write its recording and its film where asked for, and return what to tell.
+
+    Args:
+        options: Which episode.
+        progress: Called with (frames of the film written, frames in all).
 
     Raises:
         InputError: no such results or episode, or the policy or the scenario is missing or another one.
@@ -43,11 +48,14 @@ def replay(options: ReplayOptions) -> str:
     with open_hangar(policy, _rules(table["protocol"])) as hangar:
         track, metrics = hangar.fly(flight)
         hangar.record(flight, track, output)
+        if options.film is not None:
+            hangar.film(flight, track, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
+    filmed = "" if options.film is None else f"\nFilm: {options.film}"
     return (
         f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
-        f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\nLook at it with: rerun {output}"
+        f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\nLook at it with: rerun {output}{filmed}"
     )
 
 

@@ -14,14 +14,14 @@ from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.photograph.sensor import blur_by_motion, develop, image_motion, moving_points, vignette
 from aquanav_tools.photograph.trajectory import Shot, plan_capture
 from aquanav_tools.photograph.water import FloatImage, blur_ahead, transmission, veil_image
-from aquanav_tools.types import Array, Progress, ignore_progress
+from aquanav_tools.types import Array, Mesh, Progress, ignore_progress
 
 
 class Photographer:
-    """A cave, a camera and a lamp: takes one photo after the other."""
+    """A cave (normals out of the water), a camera and a lamp: takes one photo after the other."""
 
-    def __init__(self, cave: SyntheticCave, options: DiveOptions) -> None:
-        self._scene, self._options = RayScene(cave.mesh), options
+    def __init__(self, cave: Mesh, options: DiveOptions) -> None:
+        self._scene, self._options = RayScene(cave), options
         self.lens: Lens = make_lens(options.camera)
         self._rays = self.lens.rays()
         self._vignette = vignette(self.lens)
@@ -75,7 +75,7 @@ def photograph(
     shots = plan_capture(cave.centreline, options.capture)
     names = files.photo_names(len(shots), options.camera.first_number)
     files.clear(folder)
-    photographer = Photographer(cave, options)
+    photographer = Photographer(cave.mesh, options)
     for index, (name, shot) in enumerate(zip(names, shots, strict=True)):
         light, depth = photographer.expose(shot)
         pixels = develop(light, options.camera, np.random.default_rng([options.seed, index]))
@@ -101,7 +101,7 @@ def film(cave: SyntheticCave, folder: Path, options: DiveOptions, progress: Prog
     shots = plan_capture(cave.centreline, options.capture)
     names = [f"frame_{index}" for index in range(len(shots))]
     files.clear(folder)
-    photographer = Photographer(cave, options)
+    photographer = Photographer(cave.mesh, options)
     rate = (len(shots) - 1) / (shots[-1].time - shots[0].time)
     with files.VideoFile(folder / files.VIDEO, rate, (options.camera.width, options.camera.height)) as video:
         for index, shot in enumerate(shots):

@@ -154,6 +154,16 @@ def test_replay_repeats_to_the_bit_and_records(finished: tuple[Path, str], tmp_p
     assert (tmp_path / "again.rrd").stat().st_size > 10_000
 
 
+@pytest.mark.slow
+def test_replay_films_an_episode(folder: Path, tmp_path: Path) -> None:
+    flags = ["--episodes", 1, "--max-decisions", 5, "--record", "none", "-o", tmp_path / "eval"]
+    assert aquanav_eval("baseline:random", "--scenario", folder, *flags).returncode == 0
+    result = aquanav_eval("replay", tmp_path / "eval", "--episode", 0, "--film", tmp_path / "dive.mp4")
+    assert result.returncode == 0, result.stderr
+    assert f"Film: {tmp_path / 'dive.mp4'}" in result.stdout
+    assert (tmp_path / "dive.mp4").stat().st_size > 10_000
+
+
 class Broken:
     def __init__(self, act: Callable[[], Any]) -> None:
         self.num_episodes, self._act = 0, act

@@ -118,7 +118,7 @@ def test_known_points_reproject_onto_the_same_rock_from_another_pose(cave: Synth
     """The rock's own texture marks the points: two photos show the same colours at a point's two projections."""
     steady = CaptureOptions("forward", 20, unsteady_m=0.0, unsteady_deg=0.0)
     options = DiveOptions(camera=CameraOptions(lens, 320, 240, exposure_s=1e-6), capture=steady)
-    photographer = Photographer(cave, options)
+    photographer = Photographer(cave.mesh, options)
     first, second = plan_capture(cave.centreline, steady)[8:10]
     (light, depth), (other, _) = photographer.expose(first), photographer.expose(second)
     rays = photographer.lens.rays()
@@ -158,7 +158,7 @@ def test_a_video_has_the_frames_asked_for_and_repeats(cave: SyntheticCave, tmp_p
         frames.append(found[1])
     assert [frame.shape for frame in frames] == [(72, 96, 3)] * 12
     assert len(truth) == 12
-    photographer = Photographer(cave, options)
+    photographer = Photographer(cave.mesh, options)
     light, _ = photographer.expose(plan_capture(cave.centreline, options.capture)[5])
     grey = frames[5].mean(axis=2).ravel()
     assert np.corrcoef(grey, np.cbrt(light.mean(axis=2)).ravel())[0, 1] > 0.9
@@ -184,7 +184,7 @@ def test_every_condition_gives_photos_one_can_see_something_in(condition: Condit
     camera = replace(dive.camera, width=96, height=72)
     shots = plan_capture(cave.centreline, dive.capture)
     assert 40 <= len(shots) <= 150
-    light, depth = Photographer(cave, replace(dive, camera=camera)).expose(shots[len(shots) // 2])
+    light, depth = Photographer(cave.mesh, replace(dive, camera=camera)).expose(shots[len(shots) // 2])
     assert np.isfinite(light).all()
     assert light.std() > 0.0
     assert np.isfinite(depth).mean() > 0.5
