@@ -88,8 +88,12 @@ def is_finished(folder: Path) -> bool:
 
 
 @contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
+def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
     """Hold a folder (made when absent) for this process alone; the lock ends with the process, however that ends.
+
+    Args:
+        folder: To be held.
+        waits: Until another process that holds it lets go.
 
     Raises:
         InputError: another process holds it.
@@ -97,7 +101,7 @@ def locked(folder: Path) -> Iterator[None]:
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK_FILE).open("a") as stream:
         try:
-            fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(stream, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
         except BlockingIOError as error:
             raise InputError(
                 f"Another build is at work in {folder}. Wait until it has ended, or name another folder with -o."

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import subprocess
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -194,3 +195,20 @@ def test_a_kept_value_is_made_once_and_a_file_with_code_in_it_is_refused(tmp_pat
     np.savez(tmp_path / "evil.npz", values=np.array([print], dtype=object))
     with pytest.raises(ValueError, match="allow_pickle"):
         read_value(PointCloud, tmp_path / "evil.npz")
+
+
+def test_a_folder_in_use_is_refused_or_waited_for(tmp_path: Path) -> None:
+    entered = threading.Event()
+
+    def wait() -> None:
+        with locked(tmp_path, waits=True):
+            entered.set()
+
+    thread = threading.Thread(target=wait)
+    with locked(tmp_path):
+        with pytest.raises(InputError, match="Another build is at work"), locked(tmp_path):
+            pass
+        thread.start()
+        assert not entered.wait(0.2)
+    assert entered.wait(10.0)
+    thread.join()

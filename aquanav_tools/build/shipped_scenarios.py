@@ -79,7 +79,7 @@ def build_shipped(
         return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
     work.mkdir(parents=True, exist_ok=True)
-    with locked(work):
+    with locked(work, waits=True):
         if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import tyro
 
@@ -23,12 +22,9 @@ from aquanav_tools.cave.options import (
     StartOptions,
     WaterOptions,
 )
-from aquanav_tools.cli.command import file_after, run_command
+from aquanav_tools.cli.command import file_after, run_command, stage_bar
 from aquanav_tools.reconstruct.intake.options import IntakeOptions, Quality
 from aquanav_tools.tables import from_table, read_toml
-
-if TYPE_CHECKING:
-    from aquanav_tools.types import Progress
 
 DESCRIPTION = """Build a scenario from a real cave.
 
@@ -107,7 +103,7 @@ def _run(options: Options) -> None:
 def _build(options: BuildOptions) -> None:
     from aquanav_tools.build.recipe import build_cave
 
-    result = build_cave(options, _bar, lambda sentence: print(sentence, file=sys.stderr))
+    result = build_cave(options, stage_bar, lambda sentence: print(sentence, file=sys.stderr))
     for code, sentence in result.journal.notices:
         print(f"warning ({code}): {sentence}", file=sys.stderr)
 
@@ -124,24 +120,3 @@ def _summary(folder: Path) -> str:
         f"Recording: rerun {folder / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {folder}"
     )
-
-
-@contextlib.contextmanager
-def _bar(title: str) -> Iterator[Progress]:
-    """Show one stage as a progress bar with the time left."""
-    from tqdm import tqdm
-
-    with tqdm(
-        total=1, desc=f"{title:<30}", bar_format="{desc} {percentage:3.0f}% |{bar:24}| {elapsed} < {remaining}"
-    ) as bar:
-
-        def progress(done: int, total: int) -> None:
-            bar.total = total
-            bar.update(done - bar.n)
-
-        try:
-            yield progress
-        except BaseException:
-            bar.leave = False  # the message that follows says where it stopped
-            raise
-        bar.update((bar.total or 1) - bar.n)

@@ -8,9 +8,12 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from aquanav_tools.errors import AquanavError
+
+if TYPE_CHECKING:
+    from aquanav_tools.types import Progress
 
 Options = TypeVar("Options")
 
@@ -92,3 +95,24 @@ def _parse(
     if default is None:
         return tyro.cli(options_type, prog=prog, description=text, args=arguments)
     return tyro.cli(options_type, prog=prog, description=text, args=arguments, default=default)
+
+
+@contextlib.contextmanager
+def stage_bar(title: str) -> Iterator[Progress]:
+    """Show one stage as a progress bar with the time left."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=1, desc=f"{title:<30}", bar_format="{desc} {percentage:3.0f}% |{bar:24}| {elapsed} < {remaining}"
+    ) as bar:
+
+        def progress(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        try:
+            yield progress
+        except BaseException:
+            bar.leave = False  # the message that follows says where it stopped
+            raise
+        bar.update((bar.total or 1) - bar.n)

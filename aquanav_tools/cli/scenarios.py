@@ -9,6 +9,8 @@ from typing import Annotated
 
 import tyro
 
+from aquanav_tools.cli.command import stage_bar
+
 HEADER = "name                split       way    narrowest  usual width  turns    loops  dead ends  current"
 
 
@@ -38,7 +40,7 @@ def _built(name: str) -> Path:
 
     if name in slot_names():
         return scenario_folder(name)
-    build_shipped(name, announce=lambda sentence: print(sentence, file=sys.stderr))
+    build_shipped(name, stage_bar, announce=lambda sentence: print(sentence, file=sys.stderr))
     return named_folder(name)
 
 

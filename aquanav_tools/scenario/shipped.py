@@ -68,12 +68,15 @@ def scenario_folder(spec: str | Path) -> Path:
         )
 
     code = "from aquanav_tools.cli.info import main; main()"
+    command = [sys.executable, "-c", code, "scenarios", name]
+    is_watched = sys.stderr.isatty()  # then the minute passes with progress bars
     child = subprocess.run(
-        [sys.executable, "-c", code, "scenarios", name], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        command, stdout=subprocess.DEVNULL, stderr=None if is_watched else subprocess.PIPE, text=True
     )
     if child.returncode != 0 or not (folder / SETTINGS_FILE).is_file():
+        told = "see above." if is_watched else child.stderr.strip()[-600:] or "no message."
         raise ScenarioError(
-            f"The shipped scenario {name} could not be built in {folder}: "
-            f"{child.stderr.strip()[-600:] or 'no message'} Try it by itself: aquanav scenarios {name}"
+            f"The shipped scenario {name} could not be built in {folder}: {told} Try it by itself: "
+            f"aquanav scenarios {name}"
         )
     return folder
