@@ -32,7 +32,7 @@ DIVE = replace(SMALL_DIVE, camera=CameraOptions(width=320, height=240))
 RECIPE = 'quality = "draft"\n[photos.features]\nmax_features = 1000\n[photos.depth]\nwidth = 160\n'
 BUILD = ["-c", "from aquanav_tools.cli.build_cave import main; main()"]
 BUILD_A_TUBE = ["-m", "tests.build.tube_build"]
-TIMED = {"build.json", "report.html", "report.json"}
+TIMED = {"build.json", "report.html", "report.json", "stages.png"}
 """Files that tell when and how long; recordings and drawings hold the same that the others do."""
 
 
@@ -95,6 +95,9 @@ def killed_when(process: subprocess.Popen[bytes], is_due: Callable[[], bool]) ->
     return process.wait() == -signal.SIGKILL
 
 
+# Not in the last part of a run: the same work takes a tenth less or more CPU time beside other work.
+
+
 def kill_and_repeat(build: Build, share: float, out: Path) -> None:
     moment = share * build.cpu_seconds
     process = build.start(out)
@@ -141,12 +144,12 @@ def tube_dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-@pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 1.0, 10)).round(3))
+@pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 0.85, 10)).round(3))
 def test_photo_stages_killed_at_a_random_moment_end_the_same(share: float, dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(dive, share, tmp_path / "out")
 
 
-@pytest.mark.parametrize("share", np.sort(np.random.default_rng(1).uniform(0.3, 1.0, 10)).round(3))
+@pytest.mark.parametrize("share", np.sort(np.random.default_rng(1).uniform(0.3, 0.85, 10)).round(3))
 def test_cave_stages_killed_at_a_random_moment_end_the_same(share: float, tube_dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(tube_dive, share, tmp_path / "out")
 

@@ -28,6 +28,8 @@ FLAT_LID = 1e-3
 """An end whose rim is flat to this share of a voxel needs no cut: its lid is the portal."""
 CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
 """Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
+SPREADS = (1.05, 0.9, 0.0)
+"""How what is carved is evened (`carve_dents`), in turn until no faces cross: the last one leaves it as it is."""
 CAMERA_VOXELS = 2.0
 """A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
 NO_CAMERAS = np.zeros((0, 3))
@@ -98,11 +100,7 @@ def cut_portals(
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
     openings = tuple(_beyond_cameras(opening, closed.mesh, cameras, voxel) for opening in openings)
-    solid = _without_dents(closed.mesh, openings, voxel)
-    for step in CUT_STEPS:
-        mesh, lids = _cut_all(solid, closed.mesh, openings, cuts, voxel, step * voxel)
-        if not len(self_intersections(mesh)):
-            break
+    mesh, lids = _cut_cleanly(closed.mesh, openings, cuts, voxel)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -150,7 +148,20 @@ def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
     return np.isin(hits, opening.faces)
 
 
-def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float) -> Any:
+def _cut_cleanly(
+    mesh: Mesh, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float
+) -> tuple[Mesh, list[Opening]]:
+    """Return what `_cut_all` does the first way that leaves no crossing faces, or the last way that was tried."""
+    for spread in SPREADS:
+        solid = _without_dents(mesh, openings, voxel, spread)
+        for step in CUT_STEPS:
+            cut, lids = _cut_all(solid, mesh, openings, cuts, voxel, step * voxel)
+            if not len(self_intersections(cut)):
+                return cut, lids
+    return cut, lids
+
+
+def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float, spread: float) -> Any:
     """Return the solid of a closed mesh whose open ends reach out to their cuts everywhere.
 
     All before the first cut: what is carved for one end may lie beyond the cut of another.
@@ -159,7 +170,7 @@ def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float) -> A
     for opening in openings:
         if opening.is_portal:
             on_plane = opening.centre + opening.innermost * opening.normal
-            solid = carve_dents(solid, mesh, opening.faces, on_plane, opening.normal, voxel)
+            solid = carve_dents(solid, mesh, opening.faces, on_plane, opening.normal, voxel, spread=spread)
     return solid
 
 
