@@ -24,14 +24,14 @@ class _Rates:
 
     features_per_mp: float = 2.5
     """Demo 2.4, wide steps 2.5."""
-    pair: float = 0.15
-    """At 4096 keypoints per photo, with its verification; it grows with their square. Wide steps 0.15."""
-    mapping_per_photo: float = 0.3
-    """One core. Demo 0.31, wide steps 0.18; where photos overlap much more, up to ten times that."""
+    pair: float = 0.08
+    """At 4096 keypoints per photo, with its verification; it grows with their square. Rendered sets 0.04 to 0.12."""
+    mapping_per_photo: float = 0.4
+    """One core. Demo 0.31, rendered sets 0.13 to 1.4: the more, the more photos overlap."""
     depth_per_photo: float = 3.0
     """At 480 px and 8 sources; it grows with the pixels and the sources. Demo 3.2."""
-    fusion_per_photo: float = 0.3
-    """At 480 px. Demo 0.30."""
+    fusion_per_photo: float = 0.4
+    """At 480 px. Demo 0.30, rendered sets 0.4 to 0.8."""
 
 
 _RATES = _Rates()
