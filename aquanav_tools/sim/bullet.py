@@ -4,23 +4,17 @@ Bullet knows neither added mass nor Coriolis forces in water, and feeding added 
 integrator moves the vehicle, and Bullet is asked only what the wall does to that motion: it gets the mean velocity of
 our step, which in free water takes it exactly to our pose, and where a wall is in the way its pose and its change of
 velocity are taken over. Where the distance field says that the hull cannot touch, Bullet is not asked at all.
-
-Bullet is asked about one step at a time and remembers nothing between two: so all worlds of a cave and a vehicle share
-one client with its tens of megabytes of triangles, and none can tell whether there are others.
 """
 
 from __future__ import annotations
 
 import tempfile
-import threading
-import weakref
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.errors import ResourceError
 from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contact import take_over_contact
@@ -44,69 +38,8 @@ ALONG_X = (0.0, float(np.sqrt(0.5)), 0.0, float(np.sqrt(0.5)))
 """Quaternion (x, y, z, w) that turns Bullet's capsule, along z, to body x."""
 
 
-class _Arena:
-    """A cave and a vehicle in a Bullet client, which is freed with the last world that uses it."""
-
-    def __init__(self, cave: Mesh, vehicle: Vehicle, dt: float) -> None:
-        self.lock = threading.Lock()
-        self.mesh = cave
-        # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
-        self.middle: Array = cave.vertices.mean(axis=0)
-        self.client = _connect(dt)
-        weakref.finalize(self, pybullet.disconnect, physicsClientId=self.client)
-        self.cave = _load_cave(cave, self.middle, self.client)
-        self.body = _load_vehicle(vehicle, self.client)
-        self._outside = (2.0 * (np.ptp(cave.vertices, axis=0) + vehicle.capsule.length)).tolist()
-
-    def solve(self, state: Array, velocity: list[float]) -> Array | None:
-        """Move the vehicle for one step; return where the wall lets it, or None where there was no contact.
-
-        Args:
-            state: (13,) of the vehicle before the step, world.
-            velocity: Linear and angular, world frame.
-
-        Returns:
-            (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world.
-        """
-        w, x, y, z = state[3:7].tolist()
-        position = (state[:3] - self.middle).tolist()
-        client, body = self.client, self.body
-        with self.lock:
-            # Away from the cave and back: Bullet forgets its contacts, which would guess the forces of the next ones.
-            pybullet.resetBasePositionAndOrientation(body, self._outside, (0.0, 0.0, 0.0, 1.0), physicsClientId=client)
-            pybullet.performCollisionDetection(physicsClientId=client)
-            pybullet.resetBasePositionAndOrientation(body, position, (x, y, z, w), physicsClientId=client)
-            pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
-            pybullet.stepSimulation(physicsClientId=client)
-            contacts = pybullet.getContactPoints(body, self.cave, physicsClientId=client)
-            if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
-                return None
-            return self.solved_motion()
-
-    def solved_motion(self) -> Array:
-        """Return Bullet's (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world."""
-        position, orientation = pybullet.getBasePositionAndOrientation(self.body, physicsClientId=self.client)
-        linear, angular = pybullet.getBaseVelocity(self.body, physicsClientId=self.client)
-        solved = np.array((*position, *orientation, *linear, *angular))
-        solved[:3] += self.middle
-        return solved
-
-
-_arenas: weakref.WeakValueDictionary[tuple[Any, ...], _Arena] = weakref.WeakValueDictionary()
-
-
-def _arena_of(cave: Mesh, vehicle: Vehicle, dt: float) -> _Arena:
-    """Return the arena of a cave and a vehicle, made where there is none yet."""
-    # An arena keeps its mesh, so that no other mesh gets that one's id while it is used.
-    key = (id(cave), vehicle.capsule, *_mass_and_inertia(vehicle), dt)
-    arena = _arenas.get(key)
-    if arena is None:
-        arena = _arenas[key] = _Arena(cave, vehicle, dt)
-    return arena
-
-
 class BulletWorld:
-    """A cave with one vehicle. Close it after use."""
+    """A cave with one vehicle in a Bullet client of its own. Close it after use."""
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
         limits = scenario.settings.limits
@@ -123,11 +56,23 @@ class BulletWorld:
         self._reach = _contact_reach(vehicle, scenario)
         self._field = scenario.field
         self._grid = scenario.field.grid
-        self._arena: _Arena | None = _arena_of(scenario.collision, vehicle, limits.dt)
+        # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
+        self._middle = scenario.collision.vertices.mean(axis=0)
+        self._client = _connect(self._dt)
+        try:
+            self._cave = _load_cave(scenario.collision, self._middle, self._client)
+            self._body = _load_vehicle(vehicle, self._client)
+            self._pristine = pybullet.saveState(physicsClientId=self._client)
+        except pybullet.error:
+            self.close()
+            raise
+        self._is_body_placed = False
 
     def reset(self, pose: Pose) -> None:
-        """Put the vehicle at rest at a pose."""
+        """Put the vehicle at rest at a pose and forget all contacts."""
         self.state[:] = self._vehicle.state_at(pose)
+        pybullet.restoreState(stateId=self._pristine, physicsClientId=self._client)
+        self._is_body_placed = False
 
     def step(self, wrenches: Array, current: Array) -> list[bool]:
         """Advance one decision.
@@ -151,8 +96,10 @@ class BulletWorld:
         return float(hull_clearance(self.state, self._half_axis, self._radius, *self._grid))
 
     def close(self) -> None:
-        """Let go of the cave. Closing twice does nothing."""
-        self._arena = None
+        """Free the client. Closing twice does nothing."""
+        if self._client >= 0:
+            pybullet.disconnect(physicsClientId=self._client)
+            self._client = -1
 
     def _glide(self, wrenches: Array, first: int, current: Array) -> int:
         """Advance while the wall is out of reach; return the index of the next step, and leave its end in _free."""
@@ -168,31 +115,46 @@ class BulletWorld:
             *self._grid,
             self._free,
         )
+        if last > first:
+            self._is_body_placed = False
         return int(last)
 
     def _step_beside_wall(self) -> bool:
         """Take the step to _free with Bullet watching the wall; return whether there was contact."""
-        if self._arena is None:
-            raise InputError("This environment was closed. Make a new one to go on.")
         intended = mean_velocity(self.state, self._free, self._dt)
-        solved = self._arena.solve(self.state, intended.tolist())
-        if solved is None:
+        self._place_body()
+        client, body = self._client, self._body
+        velocity = intended.tolist()
+        pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
+        pybullet.stepSimulation(physicsClientId=client)
+        contacts = pybullet.getContactPoints(body, self._cave, physicsClientId=client)
+        if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
             self.state[:] = self._free
             return False
         last_pose = self.state[:7].copy()
-        take_over_contact(self._free, intended, solved, self._mass, self.state)
+        take_over_contact(self._free, intended, self._solved_motion(), self._mass, self.state)
         if self._field.clearance_at(self.state[:3]) < 0.0:
             # It tunnelled through, or was pressed through, the thin shell: back to the last place in the water.
             self.state[:7], self.state[7:13] = last_pose, 0.0
+            self._is_body_placed = False
         return True
 
+    def _place_body(self) -> None:
+        """Tell Bullet where the vehicle is, unless its last step left it there."""
+        if self._is_body_placed:
+            return
+        w, x, y, z = self.state[3:7].tolist()
+        position = (self.state[:3] - self._middle).tolist()
+        pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), physicsClientId=self._client)
+        self._is_body_placed = True
 
-def _mass_and_inertia(vehicle: Vehicle) -> tuple[float, float]:
-    """Return one mass, kg, and one moment of inertia, kg m^2, for all directions.
-
-    Bullet would add gyroscopic moments to a body with unequal inertias; ours are integrated outside.
-    """
-    return float(vehicle.total_mass[:3].mean()), float(vehicle.total_mass[3:].mean())
+    def _solved_motion(self) -> Array:
+        """Return Bullet's (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world."""
+        position, orientation = pybullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
+        linear, angular = pybullet.getBaseVelocity(self._body, physicsClientId=self._client)
+        solved = np.array((*position, *orientation, *linear, *angular))
+        solved[:3] += self._middle
+        return solved
 
 
 def _contact_reach(vehicle: Vehicle, scenario: Scenario) -> float:
@@ -220,7 +182,7 @@ def _connect(dt: float) -> int:
     client = int(pybullet.connect(pybullet.DIRECT))
     if client < 0:
         raise ResourceError("PyBullet gave no further simulation client. Close environments that are no longer used.")
-    # File caching would share meshes of the same name between caves.
+    # File caching would share meshes of the same name between environments.
     pybullet.setPhysicsEngineParameter(
         enableFileCaching=0, deterministicOverlappingPairs=1, fixedTimeStep=dt, physicsClientId=client
     )
@@ -248,8 +210,10 @@ def _load_cave(mesh: Mesh, middle: Array, client: int) -> int:
 
 
 def _load_vehicle(vehicle: Vehicle, client: int) -> int:
-    """Return the id of a body with the capsule along x."""
-    mass, inertia = _mass_and_inertia(vehicle)
+    """Return the id of a body with the capsule along x and isotropic total mass and inertia.
+
+    Bullet would add gyroscopic moments to a body with unequal inertias; ours are integrated outside.
+    """
     shape = pybullet.createCollisionShape(
         pybullet.GEOM_CAPSULE,
         radius=vehicle.capsule.radius,
@@ -257,7 +221,7 @@ def _load_vehicle(vehicle: Vehicle, client: int) -> int:
         collisionFrameOrientation=ALONG_X,
         physicsClientId=client,
     )
-    body = int(pybullet.createMultiBody(mass, shape, physicsClientId=client))
+    body = int(pybullet.createMultiBody(float(vehicle.total_mass[:3].mean()), shape, physicsClientId=client))
     pybullet.changeDynamics(
         body,
         -1,
@@ -265,7 +229,7 @@ def _load_vehicle(vehicle: Vehicle, client: int) -> int:
         angularDamping=0.0,
         lateralFriction=FRICTION,
         restitution=0.0,
-        localInertiaDiagonal=[inertia] * 3,
+        localInertiaDiagonal=[float(vehicle.total_mass[3:].mean())] * 3,
         physicsClientId=client,
     )
     return body
