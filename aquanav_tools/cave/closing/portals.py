@@ -13,7 +13,7 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
-from aquanav_tools.cave.closing.dents import carve_dents
+from aquanav_tools.cave.closing.dents import CRUMB, carve_dents
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -35,8 +35,6 @@ CAMERA_VOXELS = 2.0
 NO_CAMERAS = np.zeros((0, 3))
 TOUCH = 0.1
 """Water within this distance of an end's invented surface lies before that end, voxels."""
-CRUMB = 1.0
-"""Water of fewer cubic voxels beside an end belongs to its ragged rim; more is another passage."""
 SLIT = 1e-3
 """Thickness of the slit that a user's cut makes before one side is dropped, m."""
 
