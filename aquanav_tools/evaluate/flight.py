@@ -69,7 +69,7 @@ class Hangar:
         env, _ = self._prepare(flight)
         camera = VehicleCamera(flight.scenario.cavity.mesh, env.vehicle.capsule, view, FILM_SIZE)
         states = np.concatenate([track.positions, track.orientations], axis=1)
-        film(camera, states, path, 1.0 / (track.times[1] - track.times[0]), progress)
+        film(camera, states, path, env.metadata["render_fps"], progress)
 
     def close(self) -> None:
         """Free the environment."""
