@@ -2,6 +2,7 @@
 
     python eval/benchmarks/photos.py                    # all; takes up where the last run stopped; keeps eval/results
     python eval/benchmarks/photos.py --fresh            # all, from the beginning
+    python eval/benchmarks/photos.py --again            # all builds again, with what of the last ones is still valid
     python eval/benchmarks/photos.py --only clear       # sets whose name contains it
     python eval/benchmarks/photos.py --photos 24 --only clear   # fewer photos, to try it
     python eval/benchmarks/photos.py --peer real        # COLMAP beside the real sets only; `none` does without it
@@ -45,6 +46,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--photos", type=int, default=0, help="photos per rendered set, when not its own number")
     parser.add_argument("--quality", default="standard", help="draft, standard or high")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
+    parser.add_argument(
+        "--again", action="store_true", help="build again, using stages that are still valid; those keep their times"
+    )
     parser.add_argument("--peer", choices=("all", "real", "none"), default="all", help="sets that COLMAP gets too")
     parser.add_argument("--timeout", type=float, default=7200.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real photos; skipped when absent")
@@ -68,6 +72,8 @@ def main() -> None:
             for step in ("build", "peer"):
                 _kept(case, step, arguments).unlink(missing_ok=True)
     for case in cases:
+        if arguments.again:
+            write_figures(run_case(case, arguments), case, "build", arguments)
         result = once(run_case, case, "build", arguments)
         print(f"{case.name}: {result['outcome']}, {result.get('registered', 0)} of {result['photos']}", flush=True)
     for case in with_peer:
@@ -84,12 +90,22 @@ def main() -> None:
 
 def once(run: Run, case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of one step of a set, from an earlier run where there was one."""
-    kept = _kept(case, step, arguments)
-    if not kept.exists():
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(kept, json.dumps(run(case, arguments), indent=1))
-    figures: dict[str, Any] = json.loads(kept.read_text(encoding="utf-8"))
+    if not _kept(case, step, arguments).exists():
+        write_figures(run(case, arguments), case, step, arguments)
+    return read_figures(case, step, arguments)
+
+
+def read_figures(case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return what `write_figures` kept."""
+    figures: dict[str, Any] = json.loads(_kept(case, step, arguments).read_text(encoding="utf-8"))
     return figures
+
+
+def write_figures(figures: dict[str, Any], case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> None:
+    """Keep the figures of one step of a set."""
+    kept = _kept(case, step, arguments)
+    kept.parent.mkdir(parents=True, exist_ok=True)
+    write_whole(kept, json.dumps(figures, indent=1))
 
 
 def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -97,19 +113,27 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
     folder = arguments.output / case.name
     photos = photos_of(case, arguments)
     build = folder / "cave"
-    shutil.rmtree(build, ignore_errors=True)
-    flags = ["--quality", arguments.quality]
+    earlier: dict[str, Any] = {"stages": {}, "peak_gb": 0.0}
+    if arguments.again and _kept(case, "build", arguments).exists():
+        earlier = read_figures(case, "build", arguments)
+    else:
+        shutil.rmtree(build, ignore_errors=True)
+    flags = ["--quality", arguments.quality, "--overwrite"]
     if case.condition:
         flags += ["--positions", str(photos / "positions.csv")]
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
     result = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
-    result |= {"seconds": ended.seconds, "cpu_seconds": ended.cpu_seconds, "peak_gb": ended.peak_gb}
     result |= {"sentence": sentence(ended).replace(f"{folder}/", "")}
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])
     record = build / "build.json"
     stages = json.loads(record.read_text(encoding="utf-8"))["stages"] if record.exists() else []
-    result["stages"] = {stage["title"]: {key: stage[key] for key in ("seconds", "cpu_seconds")} for stage in stages}
+    made = {stage["title"]: {key: stage[key] for key in ("seconds", "cpu_seconds")} for stage in stages}
+    reused = {title: times for title, times in earlier["stages"].items() if title not in made}
+    result["seconds"] = ended.seconds + sum(times["seconds"] for times in reused.values())
+    result["cpu_seconds"] = ended.cpu_seconds + sum(times["cpu_seconds"] for times in reused.values())
+    result["peak_gb"] = max(ended.peak_gb, earlier["peak_gb"])
+    result["stages"] = reused | made
     return result | judge(case, build, photos, arguments.data)
 
 

@@ -42,6 +42,8 @@ NUM_DIRECTIONS = 64
 """Normals of a patch that are tried as its main direction."""
 MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
 """Faces of one opening face its main direction within 50 degrees."""
+MIN_FOLD_FACING = 0.1
+"""Cosine to the main direction that a fold before the opening still has; floor and walls lie along the passage."""
 MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
 
@@ -65,8 +67,11 @@ def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | Non
             continue
         for part in _split_by_direction(closed.mesh, patch):
             opening = _measure(closed.mesh, part)
-            if opening.diameter >= min_diameter:
-                openings.append(replace(opening, is_portal=view.ends_at(opening, part)))
+            if opening.diameter < min_diameter:
+                continue
+            is_portal = view.ends_at(opening, part)
+            faces = _with_folds(closed.mesh, patch, opening) if is_portal else part
+            openings.append(replace(opening, is_portal=is_portal, faces=faces))
     return _without_overlaps(sorted(openings, key=lambda opening: -opening.area))
 
 
@@ -174,6 +179,23 @@ def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
         pairs = adjacency[facing[adjacency].all(axis=1)]
         parts += trimesh.graph.connected_components(pairs, nodes=np.flatnonzero(facing), min_len=1)
     return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
+
+
+def _with_folds(mesh: Mesh, patch: IntArray, end: Opening) -> IntArray:
+    """Return the faces of an end and those of its patch that stand before it, though they face more sideways.
+
+    Where what was invented is uneven, its folds would be left standing as slots and fins when the end is cut flat.
+    """
+    from scipy.spatial import ConvexHull
+
+    others = np.setdiff1d(patch, end.faces)
+    axes = plane_axes(end.normal)
+    outline = ConvexHull((mesh.triangles[end.faces].reshape(-1, 3) - end.centre) @ axes.T).equations
+    middles = mesh.triangles[others].mean(axis=1) - end.centre
+    is_before = ((middles @ axes.T) @ outline[:, :2].T + outline[:, 2] <= 0.0).all(axis=1)
+    is_before &= middles @ end.normal > -MAX_RIM_DEPTH * end.diameter
+    is_before &= mesh.normals[others] @ end.normal > MIN_FOLD_FACING
+    return np.union1d(end.faces, others[is_before])
 
 
 def _measure(mesh: Mesh, patch: IntArray) -> Opening:

@@ -68,7 +68,7 @@ class Opening:
     is_portal: bool
     """Whether it is the open end of a passage, not a hole in a wall."""
     faces: IntArray
-    """(N,) of the closed mesh: the patch."""
+    """(N,) of the closed mesh: the patch; of a portal also what was invented before it, facing more sideways."""
 
     @property
     def diameter(self) -> float:
@@ -120,8 +120,7 @@ def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) 
     """
     import igl
 
-    is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
-    if is_flat or not opening.is_portal or not len(cameras):
+    if not opening.is_portal or not len(cameras) or _is_flat(opening, mesh, voxel):
         return opening
     offsets = cameras - opening.centre
     ahead = offsets @ opening.normal
@@ -137,6 +136,11 @@ def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) 
         # Half-way to the top of the patch at most: beyond it there is no water to cut through.
         moved = min(moved, 0.5 * (farthest + opening.outermost))
     return replace(opening, innermost=max(opening.innermost, moved))
+
+
+def _is_flat(opening: Opening, mesh: Mesh, voxel: float) -> bool:
+    heights = (mesh.triangles[opening.faces] - opening.centre) @ opening.normal
+    return bool(np.abs(heights).max() < FLAT_LID * voxel)
 
 
 def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
@@ -185,7 +189,7 @@ def _cut_all(
         lids.append(lid)
     for opening in openings:
         if opening.is_portal and not _is_cut_away(solid, opening, voxel):
-            is_flat = max(-opening.innermost, opening.outermost) < FLAT_LID * voxel
+            is_flat = _is_flat(opening, mesh, voxel)
             lid = opening if is_flat else replace(opening, innermost=opening.innermost - inwards)
             solid = solid if is_flat else _cut_flat(solid, lid, mesh.triangles[opening.faces].mean(axis=1), voxel)
             lids.append(lid)

@@ -152,6 +152,25 @@ def test_cameras_that_a_dent_shuts_out_are_kept_in_water() -> None:
     assert cavity.volume == pytest.approx(TUBE_AREA * x, rel=FACETS)
 
 
+def test_folds_in_an_end_that_runs_into_a_missing_floor_are_carved_out() -> None:
+    # The patch is the end, a cone in its middle with sides 63 degrees off, and 3 m of the floor: by direction it falls
+    # apart.
+    cone = manifold3d.Manifold.cylinder(0.3, 0.35, 0.5, SECTIONS).rotate((0, 90, 0)).translate((LENGTH - 0.3, 0, 0))
+    mesh = from_manifold(tube().trim_by_plane((-1.0, 0.0, 0.0), -LENGTH).refine_to_length(0.2) - cone)
+    x, z = mesh.triangles[..., 0], mesh.triangles[..., 2]
+    is_floor = (x.min(axis=1) > LENGTH - 3.0) & (z.max(axis=1) < -0.7)
+    is_cone = (mesh.triangles[..., 1:] ** 2).sum(axis=2).max(axis=1) < 0.9**2
+    is_scan = ~(is_floor | (is_cone & (x.min(axis=1) > 1.0)) | (x.min(axis=1) > LENGTH - 1e-6) | (x.max(axis=1) < 1e-9))
+    closed = ClosedSurface(mesh, is_scan, "winding")
+    openings = find_openings(closed, MIN_PORTAL)
+    camera = np.array([[LENGTH - 0.2, 0.0, 0.0]])
+    cavity = cut_portals(closed, Mesh(mesh.vertices, mesh.faces[is_scan]), openings, VOXEL, cameras=camera)
+    prove_watertight(cavity.mesh)
+    assert cavity.mesh.to_trimesh().contains(camera).all()
+    (end,) = (lid for lid in cavity.portals if lid.centre[0] > 1.0)
+    assert end.area == pytest.approx(TUBE_AREA, rel=FACETS)
+
+
 def test_a_camera_behind_observed_rock_moves_no_end() -> None:
     pillar = manifold3d.Manifold.cylinder(4.0, 0.2, circular_segments=8).rotate((0, 90, 0)).translate((6.0, 0.0, 0.0))
     solid = tube() - dent() - pillar
