@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from aquanav_tools.cave.closing.close import ClosedSurface
-from aquanav_tools.cave.closing.portals import Opening, plane_axes
+from aquanav_tools.cave.closing.portals import NO_FACES, Opening, plane_axes
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
@@ -70,8 +70,8 @@ def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | Non
             if opening.diameter < min_diameter:
                 continue
             is_portal = view.ends_at(opening, part)
-            faces = _with_folds(closed.mesh, patch, opening) if is_portal else part
-            openings.append(replace(opening, is_portal=is_portal, faces=faces))
+            folds = _folds(closed.mesh, patch, opening) if is_portal else NO_FACES
+            openings.append(replace(opening, is_portal=is_portal, folds=folds))
     return _without_overlaps(sorted(openings, key=lambda opening: -opening.area))
 
 
@@ -181,8 +181,8 @@ def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
     return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
 
 
-def _with_folds(mesh: Mesh, patch: IntArray, end: Opening) -> IntArray:
-    """Return the faces of an end and those of its patch that stand before it, though they face more sideways.
+def _folds(mesh: Mesh, patch: IntArray, end: Opening) -> IntArray:
+    """Return the faces of an end's patch that stand before it, though they face more sideways.
 
     Where what was invented is uneven, its folds would be left standing as slots and fins when the end is cut flat.
     """
@@ -195,7 +195,8 @@ def _with_folds(mesh: Mesh, patch: IntArray, end: Opening) -> IntArray:
     is_before = ((middles @ axes.T) @ outline[:, :2].T + outline[:, 2] <= 0.0).all(axis=1)
     is_before &= middles @ end.normal > -MAX_RIM_DEPTH * end.diameter
     is_before &= mesh.normals[others] @ end.normal > MIN_FOLD_FACING
-    return np.union1d(end.faces, others[is_before])
+    folds: IntArray = others[is_before]
+    return folds
 
 
 def _measure(mesh: Mesh, patch: IntArray) -> Opening:
@@ -209,7 +210,7 @@ def _measure(mesh: Mesh, patch: IntArray) -> Opening:
     innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
     radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
     outermost = float(((corners.reshape(-1, 3) - centre) @ normal).max())
-    return Opening(centre, normal, area, radius, innermost, outermost, False, patch)
+    return Opening(centre, normal, area, radius, innermost, outermost, False, patch, NO_FACES)
 
 
 def _rim(faces: IntArray) -> IntArray:

@@ -33,6 +33,7 @@ SPREADS = (1.05, 0.9, 0.0)
 CAMERA_VOXELS = 2.0
 """A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
 NO_CAMERAS = np.zeros((0, 3))
+NO_FACES: IntArray = np.zeros(0, dtype=np.int64)
 TOUCH = 0.1
 """Water within this distance of an end's invented surface lies before that end, voxels."""
 SLIT = 1e-3
@@ -68,7 +69,9 @@ class Opening:
     is_portal: bool
     """Whether it is the open end of a passage, not a hole in a wall."""
     faces: IntArray
-    """(N,) of the closed mesh: the patch; of a portal also what was invented before it, facing more sideways."""
+    """(N,) of the closed mesh: the patch."""
+    folds: IntArray
+    """(K,) more of them: what was invented before a portal, facing more sideways."""
 
     @property
     def diameter(self) -> float:
@@ -139,7 +142,8 @@ def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) 
 
 
 def _is_flat(opening: Opening, mesh: Mesh, voxel: float) -> bool:
-    heights = (mesh.triangles[opening.faces] - opening.centre) @ opening.normal
+    faces = np.concatenate([opening.faces, opening.folds])
+    heights = (mesh.triangles[faces] - opening.centre) @ opening.normal
     return bool(np.abs(heights).max() < FLAT_LID * voxel)
 
 
@@ -147,20 +151,31 @@ def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
     """Return the (N,) flags of places from which the way into the cave, against the normal, first meets the patch."""
     directions = np.broadcast_to(-opening.normal, places.shape)
     hits = mesh.to_trimesh().ray.intersects_first(places, directions)
-    return np.isin(hits, opening.faces)
+    return np.isin(hits, np.concatenate([opening.faces, opening.folds]))
 
 
 def _cut_cleanly(
     mesh: Mesh, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float
 ) -> tuple[Mesh, list[Opening]]:
-    """Return what `_cut_all` does the first way that leaves no crossing faces, or the last way that was tried."""
-    for spread in SPREADS:
-        solid = _without_dents(mesh, openings, voxel, spread)
-        for step in CUT_STEPS:
-            cut, lids = _cut_all(solid, mesh, openings, cuts, voxel, step * voxel)
-            if not len(self_intersections(cut)):
-                return cut, lids
-    return cut, lids
+    """Return what `_cut_all` does the first way that leaves no crossing faces and no new tunnel.
+
+    Where every way does, the first without crossing faces; where all cross, the last that was tried.
+    """
+    found = []
+    for carved in (openings, tuple(replace(opening, folds=NO_FACES) for opening in openings)):
+        for spread in SPREADS:
+            solid = _without_dents(mesh, carved, voxel, spread)
+            for step in CUT_STEPS:
+                cut, lids = _cut_all(solid, mesh, carved, cuts, voxel, step * voxel)
+                if len(self_intersections(cut)):
+                    continue
+                if cut.to_trimesh().euler_number >= mesh.to_trimesh().euler_number:
+                    return cut, lids
+                found.append((cut, lids))
+                break
+        if not any(len(opening.folds) for opening in openings):
+            break
+    return found[0] if found else (cut, lids)
 
 
 def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float, spread: float) -> Any:
@@ -172,7 +187,8 @@ def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float, spre
     for opening in openings:
         if opening.is_portal:
             on_plane = opening.centre + opening.innermost * opening.normal
-            solid = carve_dents(solid, mesh, opening.faces, on_plane, opening.normal, voxel, spread=spread)
+            faces = np.concatenate([opening.faces, opening.folds])
+            solid = carve_dents(solid, mesh, faces, on_plane, opening.normal, voxel, spread=spread)
     return solid
 
 
@@ -223,7 +239,7 @@ def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, Opening]:
     edge = np.asarray(section.exterior.coords)
     centre = np.asarray(section.centroid.coords[0]) @ axes + cut.point
     radius = float(np.linalg.norm(edge @ axes + cut.point - centre, axis=1).max()) + voxel
-    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, 0.0, True, np.zeros(0, dtype=np.int64))
+    return kept[0], Opening(centre, cut.normal, section.area, radius, 0.0, 0.0, True, NO_FACES, NO_FACES)
 
 
 def _holds(solid: Any, point: Array) -> bool:
