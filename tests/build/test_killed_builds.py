@@ -95,7 +95,7 @@ def killed_when(process: subprocess.Popen[bytes], is_due: Callable[[], bool]) ->
     return process.wait() == -signal.SIGKILL
 
 
-# Not in the last part of a run: the same work takes a tenth less or more CPU time beside other work.
+# Not in the last part of a run: the same work takes up to a fifth less CPU time once numba has kept what it compiled.
 
 
 def kill_and_repeat(build: Build, share: float, out: Path) -> None:
@@ -144,7 +144,7 @@ def tube_dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-@pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 0.85, 10)).round(3))
+@pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 0.75, 10)).round(3))
 def test_photo_stages_killed_at_a_random_moment_end_the_same(share: float, dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(dive, share, tmp_path / "out")
 
