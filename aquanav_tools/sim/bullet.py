@@ -48,6 +48,8 @@ REST = 1 | 8 | 32
 VEHICLES, CAVES = 1, 2
 """Bits of Bullet's collision filter."""
 NO_BODY = -1
+OUTSIDE = 1000.0
+"""Distance from the cave at which no vehicle touches it, m."""
 ALONG_X = (0.0, float(np.sqrt(0.5)), 0.0, float(np.sqrt(0.5)))
 """Quaternion (x, y, z, w) that turns Bullet's capsule, along z, to body x."""
 
@@ -67,6 +69,7 @@ class _Arena:
         self._client = _connect(dt)
         weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
         self._cave = _load_cave(cave, self._middle, self._client)
+        self._outside = (float(np.ptp(cave.vertices, axis=0).max()) + OUTSIDE, 0.0, 0.0)
         self._awake = NO_BODY
         self._abandoned: list[int] = []
         self._lock = threading.Lock()  # Bullet takes no two threads, and waking and moving belong together
@@ -77,18 +80,24 @@ class _Arena:
             while self._abandoned:
                 self._remove(self._abandoned.pop())
             body = _load_vehicle(vehicle, self._client)
-        self.forget_contacts(body)
+        self.forget(body)
         return body
 
     def leave(self, body: int) -> None:
         """Take a body out before the next one enters. Safe while another call is under way, as a finaliser must be."""
         self._abandoned.append(body)
 
-    def forget_contacts(self, body: int) -> None:
-        """Bring a body to where nothing has touched it yet."""
-        # Bullet drops all that it knows of the pairs of a body whose filter is set, even to what it was.
+    def forget(self, body: int) -> None:
+        """Bring a body to where nothing has happened to it yet, to the bit: at rest, upright, outside the cave."""
+        client = self._client
         with self._lock:
-            pybullet.setCollisionFilterGroupMask(body, -1, VEHICLES, CAVES, physicsClientId=self._client)
+            self._awaken(body)
+            pybullet.resetBasePositionAndOrientation(body, self._outside, (0.0, 0.0, 0.0, 1.0), physicsClientId=client)
+            pybullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=client)
+            # Inertia in the world follows mass and orientation at the end of a step only.
+            pybullet.stepSimulation(physicsClientId=client)
+            # Bullet drops all that it knows of the pairs of a body whose filter is set, even to what it was.
+            pybullet.setCollisionFilterGroupMask(body, -1, VEHICLES, CAVES, physicsClientId=client)
 
     def solve(self, body: int, pose: Array | None, velocity: list[float]) -> Array | None:
         """Move a body for one step; return where the wall lets it, or None where there was no contact.
@@ -178,7 +187,7 @@ class BulletWorld:
     def reset(self, pose: Pose) -> None:
         """Put the vehicle at rest at a pose and forget all contacts."""
         self.state[:] = self._vehicle.state_at(pose)
-        self._open_arena().forget_contacts(self._body)
+        self._open_arena().forget(self._body)
         self._is_body_placed = False
 
     def step(self, wrenches: Array, current: Array) -> list[bool]:
