@@ -53,7 +53,7 @@ class ActionModel:
 
 def _from_choices(action: Any) -> Command:
     try:
-        ballast, steer, thrust = (int(choice) for choice in action)
+        ballast, steer, thrust = [int(choice) for choice in action]
     except (TypeError, ValueError) as cause:
         raise InputError(f"An action must be 3 choices from 0 to 2, got {action!r}.") from cause
     if not (0 <= ballast < NUM_CHOICES and 0 <= steer < NUM_CHOICES and 0 <= thrust < NUM_CHOICES):

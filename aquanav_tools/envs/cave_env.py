@@ -33,7 +33,7 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-TERM_KEYS = {name: f"reward/{name}" for name in TERMS}
+TERM_KEYS = [f"reward/{name}" for name in TERMS]
 
 
 class CaveEnv(gymnasium.Env[Observation, Any]):
@@ -137,6 +137,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._rules = _episode_rules(self.scenario, self.task, self._weights, max_decisions)
         self._water = _water_of(self.scenario, self.task.current)
         self._current: Array = np.zeros(3)
+        """(3,) velocity of the water where the vehicle is, world frame, m/s."""
+        self._duration = settings.limits.substeps * settings.limits.dt
         self._measure = progress_measure(self.task.progress, self.scenario, self.vehicle.capsule)
         self._prepare_interface(observation, action)
         self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
@@ -178,7 +180,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._actions.fill(IDLE)
         state = self._world.state
         self._water.reset(self.np_random)
-        self._current = self._water.velocity(state[:3])
+        self._current = self._current_share * self._water.velocity(state[:3])
         self._gate = self.scenario.guide.locate(state[:3], self.scenario.field)
         self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
         self._measure.begin(state, self._remaining)
@@ -192,15 +194,16 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         """Hold an action for one decision."""
         command = self._action_model.command(action)
         touched, before = self._advance(self._actions.through(command))
-        self._water.advance(len(touched) * self.scenario.settings.limits.dt)
-        self._current = self._water.velocity(self._world.state[:3])
-        rays = self._sensor.sense(self._world.state)
+        state, num_contact_steps = self._world.state, sum(touched)
+        self._water.advance(self._duration)
+        self._current = self._current_share * self._water.velocity(state[:3])
+        rays = self._sensor.sense(state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
-        cut_off = len(rays) - float(rays @ self._inverse_lengths) if self._weights.proximity else 0.0
-        terms = reward_terms(self._weights, Decision(gained, len(touched), sum(touched), cut_off, outcome))
+        cut_off = len(rays) - float(rays.dot(self._inverse_lengths)) if self._weights.proximity else 0.0
+        terms = reward_terms(self._weights, Decision(gained, len(touched), num_contact_steps, cut_off, outcome))
         terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
-        info = self._info(rays, any(touched), terms)
+        info = self._info(rays, num_contact_steps > 0, terms)
         observation = self._observations.through(self._observe(rays, before, command)).copy()
         return observation, sum(terms.values()), terminated, truncated, info
 
@@ -230,16 +233,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         The state is that before the last step where the observation asks for it.
         """
         commands = self._actuators.apply(*command)
-        current = self._water_velocity()
         if not self._observation_model.is_original:
-            return self._world.step(commands, current), self._world.state
-        touched = self._world.step(commands[:-1], current)
+            return self._world.step(commands, self._current), self._world.state
+        touched = self._world.step(commands[:-1], self._current)
         before = self._world.state.copy()
-        return touched + self._world.step(commands[-1:], current), before
-
-    def _water_velocity(self) -> Array:
-        """Return the (3,) velocity of the water where the vehicle is, world frame, m/s."""
-        return self._current_share * self._current
+        return touched + self._world.step(commands[-1:], self._current), before
 
     def _draw_current_share(self) -> float:
         low, high = self.task.current_range
@@ -263,7 +261,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "position": state[:3],
             "orientation": state[3:7],
             "velocity": state[7:13],
-            "current": self._water_velocity(),
+            "current": self._current,
             "rays": rays,
             "clearance": self._world.clearance(),
             "collision": is_touched,
@@ -275,8 +273,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "start_index": self._start_index,
             "gate": self._gate,
         }
-        for name, key in TERM_KEYS.items():
-            info[key] = terms[name]
+        info.update(zip(TERM_KEYS, terms.values(), strict=True))
         return info
 
 

@@ -1,4 +1,4 @@
-"""The rewards of the original benchmark and its paper. One function per term; a decision's reward is their sum.
+"""The rewards of the original benchmark and its paper. A decision's reward is the sum of its terms.
 
 The original pays per physics step; a decision here gets what its steps would have got. Progress telescopes over the
 steps, and the rays are those after the decision, which the original also holds between decisions.
@@ -6,7 +6,6 @@ steps, and the rays are those after the decision, which the original also holds 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,6 +40,7 @@ SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collisi
 REWARDS = {"dense": DENSE, "safe": SAFE, "sparse": SPARSE}
 """dense and safe: the original's code, -1000 being its "fast restart"; with them returns are near the 1200 that the
 paper reports. sparse: the paper's text."""
+TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
 
 
 class Decision(NamedTuple):
@@ -69,44 +69,14 @@ def load_weights(preset: str) -> RewardWeights:
 
 
 def reward_terms(weights: RewardWeights, decision: Decision) -> dict[str, float]:
-    """Return every term of a decision's reward by its name; the reward is their sum."""
-    return {name: term(weights, decision) for name, term in TERMS.items()}
-
-
-def _progress(weights: RewardWeights, decision: Decision) -> float:
-    return weights.progress * decision.gained
-
-
-def _time(weights: RewardWeights, decision: Decision) -> float:
-    return weights.time * decision.num_steps
-
-
-def _contact(weights: RewardWeights, decision: Decision) -> float:
-    return weights.contact * decision.num_contact_steps
-
-
-def _proximity(weights: RewardWeights, decision: Decision) -> float:
-    return weights.proximity * decision.num_steps * decision.cut_off
-
-
-def _goal(weights: RewardWeights, decision: Decision) -> float:
-    return weights.goal * (decision.outcome == "success")
-
-
-def _collision(weights: RewardWeights, decision: Decision) -> float:
-    return weights.collision * (decision.outcome == "collision")
-
-
-def _timeout(weights: RewardWeights, decision: Decision) -> float:
-    return weights.timeout * (decision.outcome == "timeout")
-
-
-TERMS: dict[str, Callable[[RewardWeights, Decision], float]] = {
-    "progress": _progress,
-    "time": _time,
-    "contact": _contact,
-    "proximity": _proximity,
-    "goal": _goal,
-    "collision": _collision,
-    "timeout": _timeout,
-}
+    """Return every term of a decision's reward by its name, in the order of TERMS; the reward is their sum."""
+    gained, num_steps, num_contact_steps, cut_off, outcome = decision
+    return {
+        "progress": weights.progress * gained,
+        "time": weights.time * num_steps,
+        "contact": weights.contact * num_contact_steps,
+        "proximity": weights.proximity * num_steps * cut_off,
+        "goal": weights.goal * (outcome == "success"),
+        "collision": weights.collision * (outcome == "collision"),
+        "timeout": weights.timeout * (outcome == "timeout"),
+    }

@@ -4,17 +4,24 @@ Bullet knows neither added mass nor Coriolis forces in water, and feeding added 
 integrator moves the vehicle, and Bullet is asked only what the wall does to that motion: it gets the mean velocity of
 our step, which in free water takes it exactly to our pose, and where a wall is in the way its pose and its change of
 velocity are taken over. Where the distance field says that the hull cannot touch, Bullet is not asked at all.
+
+All worlds of a cave share one client with its tens of megabytes of triangles. Only the vehicle that moves is awake in
+it: Bullet passes over pairs of which both are asleep, so that the others keep their contacts, from which the next ones
+go on, to the bit. No world can tell whether there are others.
 """
 
 from __future__ import annotations
 
+import os
 import tempfile
+import threading
+import weakref
 from pathlib import Path
 
 import numpy as np
 
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import ResourceError
+from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contact import take_over_contact
@@ -34,12 +41,127 @@ NORMAL_FORCE = 9
 """Position of the normal force in a row of pybullet.getContactPoints."""
 CONCAVE = pybullet.GEOM_FORCE_CONCAVE_TRIMESH | pybullet.GEOM_CONCAVE_INTERNAL_EDGE
 """Without the first flag the cave collides as its convex hull; without the second, normals tilt at inner edges."""
+SLEEP, STAY_AWAKE = 8, 2
+"""Activation states of pybullet.changeDynamics: asleep from now on, and awake however slow."""
+REST = 1 | 8 | 32
+"""A third one: may sleep, sleeps and is not woken by others."""
+VEHICLES, CAVES = 1, 2
+"""Bits of Bullet's collision filter."""
+NO_BODY = -1
+OUTSIDE = 1000.0
+"""Distance from the cave at which no vehicle touches it, m."""
 ALONG_X = (0.0, float(np.sqrt(0.5)), 0.0, float(np.sqrt(0.5)))
 """Quaternion (x, y, z, w) that turns Bullet's capsule, along z, to body x."""
 
 
+class _Arena:
+    """A cave in a Bullet client, with one body per world; the client is freed with the last world that uses it.
+
+    The cave is what Bullet calls a multibody, a kind that keeps internal-edge correction; the vehicles are rigid
+    bodies, a kind that falls asleep at once when told to.
+    """
+
+    def __init__(self, cave: Mesh, dt: float) -> None:
+        self.mesh = cave
+        """Kept, so that no other mesh gets its id."""
+        # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
+        self._middle: Array = cave.vertices.mean(axis=0)
+        self._client = _connect(dt)
+        weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
+        self._cave = _load_cave(cave, self._middle, self._client)
+        self._outside = (float(np.ptp(cave.vertices, axis=0).max()) + OUTSIDE, 0.0, 0.0)
+        self._awake = NO_BODY
+        self._abandoned: list[int] = []
+        self._lock = threading.Lock()  # Bullet takes no two threads, and waking and moving belong together
+
+    def enter(self, vehicle: Vehicle) -> int:
+        """Return the id of a new body of a vehicle, asleep."""
+        with self._lock:
+            while self._abandoned:
+                self._remove(self._abandoned.pop())
+            body = _load_vehicle(vehicle, self._client)
+        self.forget(body)
+        return body
+
+    def leave(self, body: int) -> None:
+        """Take a body out before the next one enters. Safe while another call is under way, as a finaliser must be."""
+        self._abandoned.append(body)
+
+    def forget(self, body: int) -> None:
+        """Bring a body to where nothing has happened to it yet, to the bit: at rest, upright, outside the cave."""
+        client = self._client
+        with self._lock:
+            self._awaken(body)
+            pybullet.resetBasePositionAndOrientation(body, self._outside, (0.0, 0.0, 0.0, 1.0), physicsClientId=client)
+            pybullet.resetBaseVelocity(body, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), physicsClientId=client)
+            # Inertia in the world follows mass and orientation at the end of a step only.
+            pybullet.stepSimulation(physicsClientId=client)
+            # Bullet drops all that it knows of the pairs of a body whose filter is set, even to what it was.
+            pybullet.setCollisionFilterGroupMask(body, -1, VEHICLES, CAVES, physicsClientId=client)
+
+    def solve(self, body: int, pose: Array | None, velocity: list[float]) -> Array | None:
+        """Move a body for one step; return where the wall lets it, or None where there was no contact.
+
+        Args:
+            body: From `enter`.
+            pose: (7,) position and quaternion (w, x, y, z), world; None is where the last step left it.
+            velocity: Linear and angular, world frame.
+
+        Returns:
+            (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world.
+        """
+        client = self._client
+        with self._lock:
+            self._awaken(body)
+            if pose is not None:
+                w, x, y, z = pose[3:7].tolist()
+                position = (pose[:3] - self._middle).tolist()
+                pybullet.resetBasePositionAndOrientation(body, position, (x, y, z, w), physicsClientId=client)
+            pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
+            pybullet.stepSimulation(physicsClientId=client)
+            contacts = pybullet.getContactPoints(body, self._cave, physicsClientId=client)
+            if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
+                return None
+            return self.motion(body)
+
+    def motion(self, body: int) -> Array:
+        """Return Bullet's (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world."""
+        position, orientation = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._client)
+        solved = np.array((*position, *orientation, *linear, *angular))
+        solved[:3] += self._middle
+        return solved
+
+    def _awaken(self, body: int) -> None:
+        """Put the body that moved last to sleep, and wake this one."""
+        if body == self._awake:
+            return
+        if self._awake != NO_BODY:
+            pybullet.changeDynamics(self._awake, -1, activationState=SLEEP, physicsClientId=self._client)
+        pybullet.changeDynamics(body, -1, activationState=STAY_AWAKE, physicsClientId=self._client)
+        self._awake = body
+
+    def _remove(self, body: int) -> None:
+        pybullet.removeBody(body, physicsClientId=self._client)
+        if body == self._awake:
+            self._awake = NO_BODY
+
+
+_arenas: weakref.WeakValueDictionary[tuple[int, float], _Arena] = weakref.WeakValueDictionary()
+# A forked child makes its own: another thread of its parent may have been in the middle of a step.
+os.register_at_fork(after_in_child=_arenas.clear)
+
+
+def _arena_of(cave: Mesh, dt: float) -> _Arena:
+    """Return the arena of a cave, made where there is none yet."""
+    arena = _arenas.get((id(cave), dt))
+    if arena is None:
+        arena = _arenas[id(cave), dt] = _Arena(cave, dt)
+    return arena
+
+
 class BulletWorld:
-    """A cave with one vehicle in a Bullet client of its own. Close it after use."""
+    """A cave with one vehicle. Close it after use."""
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
         limits = scenario.settings.limits
@@ -56,22 +178,16 @@ class BulletWorld:
         self._reach = _contact_reach(vehicle, scenario)
         self._field = scenario.field
         self._grid = scenario.field.grid
-        # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
-        self._middle = scenario.collision.vertices.mean(axis=0)
-        self._client = _connect(self._dt)
-        try:
-            self._cave = _load_cave(scenario.collision, self._middle, self._client)
-            self._body = _load_vehicle(vehicle, self._client)
-            self._pristine = pybullet.saveState(physicsClientId=self._client)
-        except pybullet.error:
-            self.close()
-            raise
+        arena = _arena_of(scenario.collision, limits.dt)
+        self._arena: _Arena | None = arena
+        self._body = arena.enter(vehicle)
+        self._leave = weakref.finalize(self, arena.leave, self._body)
         self._is_body_placed = False
 
     def reset(self, pose: Pose) -> None:
         """Put the vehicle at rest at a pose and forget all contacts."""
         self.state[:] = self._vehicle.state_at(pose)
-        pybullet.restoreState(stateId=self._pristine, physicsClientId=self._client)
+        self._open_arena().forget(self._body)
         self._is_body_placed = False
 
     def step(self, wrenches: Array, current: Array) -> list[bool]:
@@ -84,10 +200,11 @@ class BulletWorld:
         Returns:
             For each of the N steps, whether the hull touched a wall.
         """
+        arena = self._open_arena()
         touched = [False] * len(wrenches)
         index = self._glide(wrenches, 0, current)
         while index < len(wrenches):
-            touched[index] = self._step_beside_wall()
+            touched[index] = self._step_beside_wall(arena)
             index = self._glide(wrenches, index + 1, current)
         return touched
 
@@ -96,10 +213,9 @@ class BulletWorld:
         return float(hull_clearance(self.state, self._half_axis, self._radius, *self._grid))
 
     def close(self) -> None:
-        """Free the client. Closing twice does nothing."""
-        if self._client >= 0:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = -1
+        """Leave the cave. Closing twice does nothing."""
+        self._leave()
+        self._arena = None
 
     def _glide(self, wrenches: Array, first: int, current: Array) -> int:
         """Advance while the wall is out of reach; return the index of the next step, and leave its end in _free."""
@@ -119,42 +235,27 @@ class BulletWorld:
             self._is_body_placed = False
         return int(last)
 
-    def _step_beside_wall(self) -> bool:
+    def _step_beside_wall(self, arena: _Arena) -> bool:
         """Take the step to _free with Bullet watching the wall; return whether there was contact."""
         intended = mean_velocity(self.state, self._free, self._dt)
-        self._place_body()
-        client, body = self._client, self._body
-        velocity = intended.tolist()
-        pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
-        pybullet.stepSimulation(physicsClientId=client)
-        contacts = pybullet.getContactPoints(body, self._cave, physicsClientId=client)
-        if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
+        pose = None if self._is_body_placed else self.state[:7]
+        solved = arena.solve(self._body, pose, intended.tolist())
+        self._is_body_placed = True
+        if solved is None:
             self.state[:] = self._free
             return False
         last_pose = self.state[:7].copy()
-        take_over_contact(self._free, intended, self._solved_motion(), self._mass, self.state)
+        take_over_contact(self._free, intended, solved, self._mass, self.state)
         if self._field.clearance_at(self.state[:3]) < 0.0:
             # It tunnelled through, or was pressed through, the thin shell: back to the last place in the water.
             self.state[:7], self.state[7:13] = last_pose, 0.0
             self._is_body_placed = False
         return True
 
-    def _place_body(self) -> None:
-        """Tell Bullet where the vehicle is, unless its last step left it there."""
-        if self._is_body_placed:
-            return
-        w, x, y, z = self.state[3:7].tolist()
-        position = (self.state[:3] - self._middle).tolist()
-        pybullet.resetBasePositionAndOrientation(self._body, position, (x, y, z, w), physicsClientId=self._client)
-        self._is_body_placed = True
-
-    def _solved_motion(self) -> Array:
-        """Return Bullet's (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world."""
-        position, orientation = pybullet.getBasePositionAndOrientation(self._body, physicsClientId=self._client)
-        linear, angular = pybullet.getBaseVelocity(self._body, physicsClientId=self._client)
-        solved = np.array((*position, *orientation, *linear, *angular))
-        solved[:3] += self._middle
-        return solved
+    def _open_arena(self) -> _Arena:
+        if self._arena is None:
+            raise InputError("This environment was closed. Make a new one to go on.")
+        return self._arena
 
 
 def _contact_reach(vehicle: Vehicle, scenario: Scenario) -> float:
@@ -182,7 +283,7 @@ def _connect(dt: float) -> int:
     client = int(pybullet.connect(pybullet.DIRECT))
     if client < 0:
         raise ResourceError("PyBullet gave no further simulation client. Close environments that are no longer used.")
-    # File caching would share meshes of the same name between environments.
+    # File caching would share meshes of the same name between caves.
     pybullet.setPhysicsEngineParameter(
         enableFileCaching=0, deterministicOverlappingPairs=1, fixedTimeStep=dt, physicsClientId=client
     )
@@ -205,7 +306,11 @@ def _load_cave(mesh: Mesh, middle: Array, client: int) -> int:
             pybullet.GEOM_MESH, fileName=str(path), flags=CONCAVE, physicsClientId=client
         )
         body = int(pybullet.createMultiBody(0, shape, physicsClientId=client))
-    pybullet.changeDynamics(body, -1, lateralFriction=FRICTION, restitution=0.0, physicsClientId=client)
+    pybullet.changeDynamics(
+        body, -1, lateralFriction=FRICTION, restitution=0.0, activationState=REST, physicsClientId=client
+    )
+    pybullet.setCollisionFilterGroupMask(body, -1, CAVES, VEHICLES, physicsClientId=client)
+    pybullet.stepSimulation(physicsClientId=client)  # a multibody falls asleep at the end of a step
     return body
 
 
@@ -221,15 +326,18 @@ def _load_vehicle(vehicle: Vehicle, client: int) -> int:
         collisionFrameOrientation=ALONG_X,
         physicsClientId=client,
     )
-    body = int(pybullet.createMultiBody(float(vehicle.total_mass[:3].mean()), shape, physicsClientId=client))
+    mass = float(vehicle.total_mass[:3].mean())
+    body = int(pybullet.createMultiBody(mass, shape, useMaximalCoordinates=1, physicsClientId=client))
     pybullet.changeDynamics(
         body,
         -1,
+        mass=mass,  # Bullet takes no inertia without a mass
         linearDamping=0.0,
         angularDamping=0.0,
         lateralFriction=FRICTION,
         restitution=0.0,
         localInertiaDiagonal=[float(vehicle.total_mass[3:].mean())] * 3,
+        activationState=SLEEP,
         physicsClientId=client,
     )
     return body

@@ -4,9 +4,12 @@
 
 Without a folder it takes a tube of about 50,000 triangles. All times are this process's own CPU time on one thread, the
 best of several runs, since other processes on the machine disturb. "ahead" swims along the route with the reactive
-habit of steering to the goal; "random" draws actions and soon rubs along the walls, which is the dearest there is.
+habit of steering to the goal, in one velocity of water everywhere and in the flow through the cave with its eddies;
+"random" draws actions and soon rubs along the walls, which is the dearest there is: what Bullet itself takes of it is
+told apart.
 
-Each row of the breakdown is the environment without one of its parts, so that what the part costs is the difference.
+Each row of the breakdown is the environment without one of its parts, all of them tried in turn, so that what the part
+costs is the difference.
 Where gym-pybullet-drones is installed (pip install gym-pybullet-drones), its hover task is stepped in the same run: no
 cave, no rays, 8 physics steps of 1/240 s per decision.
 """
@@ -34,15 +37,17 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
 from aquanav_tools.cave.cavity import prove_watertight
+from aquanav_tools.cave.water.flow import find_flow
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim import bullet
 from aquanav_tools.types import Mesh
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
 
-DECISIONS, REPEATS = 1000, 4
-NUM_RESETS, NUM_EXTRA, DRIFT = 200, 4, 200
+DECISIONS, REPEATS = 1000, 8
+NUM_RESETS, NUM_EXTRA, DRIFT = 200, 64, 200
 GOAL = layout("full")["goal"]
 CURRENT = (0.1, 0.0, 0.0)
 """m/s, along the passage."""
@@ -50,7 +55,7 @@ DRONES = "gym_pybullet_drones"
 
 
 def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
-    """Return the tests' tube with a wall of about 50,000 well-shaped triangles."""
+    """Return the tests' tube with a wall of about 50,000 well-shaped triangles, and water that flows through it."""
     x, angle = np.linspace(0, TUBE_LENGTH, num_along + 1), np.linspace(0, 2 * np.pi, num_around, endpoint=False)
     x, angle = (grid.ravel() for grid in np.meshgrid(x, angle, indexing="ij"))
     wall = np.stack([x, TUBE_RADIUS * np.cos(angle), TUBE_RADIUS * np.sin(angle)], axis=1)
@@ -69,7 +74,8 @@ def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
     tube = tube_scenario()
     cavity = dataclasses.replace(tube.cavity, mesh=mesh, labels=labels, observed=labels == 0)
     prove_watertight(mesh)
-    return dataclasses.replace(tube, cavity=cavity, collision=mesh)
+    flow = find_flow(tube.cavity, tube.field, tube.guide.centres[-1], TUBE_RADIUS)
+    return dataclasses.replace(tube, cavity=cavity, collision=mesh, flow=flow)
 
 
 def steer_to_goal(env: CaveEnv, obs: np.ndarray) -> list[int]:
@@ -126,7 +132,7 @@ def without(env: CaveEnv, part: str) -> Iterator[None]:
     replaced: dict[str, tuple[Any, str, Any]] = {
         "physics, 5 substeps": (env._world, "step", lambda commands, current: [False] * len(commands)),
         "28 rays": (env._sensor, "sense", lambda state: rays),
-        "current": (env, "_water_velocity", lambda: still),
+        "current": (env._water, "velocity", lambda position: still),
         "actuators": (env._actuators, "apply", lambda *command: held),
         "progress": (env, "_update_progress", lambda: 0.0),
         "observation": (env, "_observe", lambda rays, before, command: observation),
@@ -143,16 +149,42 @@ def without(env: CaveEnv, part: str) -> Iterator[None]:
 PARTS = ("physics, 5 substeps", "28 rays", "current", "actuators", "progress", "observation", "info, clearance")
 
 
-def idle_step(env: CaveEnv) -> float:
+def drift(env: CaveEnv) -> float:
     """Return the microseconds of a decision that lets the vehicle drift along the passage, away from the walls."""
-    best = np.inf
+    env.reset(seed=0, options={"start": 0})
+    start = time.process_time()
+    for _ in range(DRIFT):
+        env.step([1, 1, 1])
+    return (time.process_time() - start) / DRIFT * 1e6
+
+
+def breakdown(env: CaveEnv) -> dict[str, float]:
+    """Return the microseconds of a whole decision, and of one without each part."""
+    best = dict.fromkeys(("", *PARTS), np.inf)
     for _ in range(10 * REPEATS):
-        env.reset(seed=0, options={"start": 0})
-        start = time.process_time()
-        for _ in range(DRIFT):
-            env.step([1, 1, 1])
-        best = min(best, time.process_time() - start)
-    return best / DRIFT * 1e6
+        best[""] = min(best[""], drift(env))
+        for part in PARTS:
+            with without(env, part):
+                best[part] = min(best[part], drift(env))
+    return best
+
+
+def bullet_steps(env: CaveEnv) -> tuple[float, float]:
+    """Return how many of the physics steps of a random decision ask Bullet, and the microseconds of one in Bullet."""
+    step, durations = bullet.pybullet.stepSimulation, []
+
+    def timed(physicsClientId: int) -> None:
+        start = time.perf_counter()
+        step(physicsClientId=physicsClientId)
+        durations.append(time.perf_counter() - start)
+
+    bullet.pybullet.stepSimulation = timed
+    try:
+        per_decision(env, act_at_random)
+    finally:
+        bullet.pybullet.stepSimulation = step
+    # Other processes only ever lengthen a duration, so the lower quartile is nearer to what it takes than the mean.
+    return len(durations) / (DECISIONS * REPEATS), float(np.percentile(durations, 25)) * 1e6
 
 
 def resident_mb() -> float:
@@ -176,20 +208,23 @@ def memory_per_env(scenario: Scenario) -> float:
 
 def report(scenario: Scenario) -> None:
     """Print everything about one scenario."""
-    env = CaveEnv(scenario, reward="safe", current=CURRENT)
     triangles = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {triangles}, {scenario.settings.limits.substeps} substeps")
-    for name, act in (("ahead", steer_to_goal), ("random", act_at_random)):
-        duration = per_decision(env, act)
-        print(f"  {name:<8}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
-    whole = idle_step(env)
-    print(f"  one decision in free water {whole:6.1f} us; without ...")
-    for part in PARTS:
-        with without(env, part):
-            print(f"    {part:<24}{idle_step(env):6.1f} us")
+    env, flowing = (CaveEnv(scenario, reward="safe", current=current) for current in (CURRENT, "full"))
+    runs = (("ahead", env, steer_to_goal), ("ahead, full flow", flowing, steer_to_goal), ("random", env, act_at_random))
+    for name, which, act in runs:
+        duration = per_decision(which, act)
+        print(f"  {name:<17}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
+    num_asked, duration = bullet_steps(env)
+    print(f"  random: {num_asked:.1f} steps per decision ask Bullet, whose own step takes {duration:.1f} us")
+    durations = breakdown(env)
+    print(f"  one decision in free water {durations.pop(''):6.1f} us; without ...")
+    for part, duration in durations.items():
+        print(f"    {part:<24}{duration:6.1f} us")
     print(f"  reset {microseconds(env.reset, NUM_RESETS) / 1000:.3f} ms")
     env.close()
-    print(f"  memory per extra environment {memory_per_env(scenario):.1f} MB")
+    flowing.close()
+    print(f"  memory per extra environment {memory_per_env(scenario):.2f} MB, the mean of {NUM_EXTRA}")
 
 
 def report_drones() -> None:

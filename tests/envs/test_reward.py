@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from aquanav_tools.envs.reward import DENSE, SAFE, SPARSE, Decision, load_weights, reward_terms
+from aquanav_tools.envs.reward import DENSE, SAFE, SPARSE, TERMS, Decision, load_weights, reward_terms
 from aquanav_tools.errors import InputError
 
 QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
@@ -31,6 +31,10 @@ def test_safe_charges_rays_that_are_cut_off() -> None:
 @pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])
 def test_sparse_pays_for_the_outcome_only(outcome: str, reward: float) -> None:
     assert total(SPARSE, gained=2.0, num_contact_steps=1, cut_off=9.0, outcome=outcome) == reward
+
+
+def test_terms_come_in_the_order_of_their_names() -> None:
+    assert tuple(reward_terms(DENSE, QUIET)) == TERMS
 
 
 def test_unknown_preset_suggests_the_closest() -> None:
