@@ -1,6 +1,6 @@
 """Measure training: decisions per second with one and two torch threads, and with the environments in several places.
 
-    python eval/benchmarks/train.py [--scenario cave-train-1] [--rollouts 3] [--num-envs 16]
+    python eval/benchmarks/train.py [--scenario cave-train-1] [--rollouts 3] [--num-envs 16] [--places here batch]
 
 Each row trains PPO with the original's network and settings (3 x 128 swish, buffer 20480, batch 1024, 5 epochs) for
 some updates and tells its two halves apart: collecting decisions, and learning from them. "here" are PyBullet's
@@ -98,6 +98,7 @@ def main() -> None:
     parser.add_argument("--scenario", default="cave-train-1")
     parser.add_argument("--rollouts", type=int, default=3)
     parser.add_argument("--num-envs", type=int, default=16)
+    parser.add_argument("--places", nargs="+", default=["here", "workers", "subproc", "batch"])
     options = parser.parse_args()
     scenario = read_scenario(options.scenario)
     common: dict[str, Any] = {"observation": "paper", "reward": "dense", "current": "still"}
@@ -107,9 +108,10 @@ def main() -> None:
     print(f"{scenario.name}, {options.num_envs} environments ({BATCHED} in the batch), {os.cpu_count()} processors")
     names = [f"{half}/{unit}" for unit in ("s", "CPU-s") for half in ("collect", "learn", "both")]
     print(f"{'environments':<13}{'threads':>7} {' '.join(f'{name:>11}' for name in names)}  load")
-    for place, make in places(scenario, settings, batch).items():
+    known = places(scenario, settings, batch)
+    for place in options.places:
         for num_threads in (1, 2) if place in ("here", "batch") else (1,):
-            with closing(make()) as envs:
+            with closing(known[place]()) as envs:
                 row = measure(envs, batch if place == "batch" else settings, num_threads)
             print(f"{place:<13}{num_threads:>7} {row}  {os.getloadavg()[0]:.1f}", flush=True)
 
