@@ -55,6 +55,12 @@ class ResourceError(AquanavError):
     exit_code = 6
 
 
+class TrainingError(AquanavError):
+    """Learning came to nothing."""
+
+    exit_code = 7
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return " Did you mean 'x'?" for the closest known name, else the list of known names."""
     known = list(known)

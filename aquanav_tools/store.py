@@ -104,7 +104,7 @@ def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
             fcntl.flock(stream, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
         except BlockingIOError as error:
             raise InputError(
-                f"Another build is at work in {folder}. Wait until it has ended, or name another folder with -o."
+                f"Another process is at work in {folder}. Wait until it has ended, or name another folder with -o."
             ) from error
         yield
 
@@ -177,11 +177,11 @@ def free_bytes(path: Path) -> int:
     return shutil.disk_usage(next(place for place in (path, *path.resolve().parents) if place.is_dir())).free
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text file so that it is there as a whole or not at all, even when the machine loses power."""
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Write a file so that it is there as a whole or not at all, even when the machine loses power."""
     partial = path.with_name(f"{path.name}.partial")
-    with partial.open("w", encoding="utf-8") as stream:
-        stream.write(text)
+    with partial.open("wb") as stream:
+        stream.write(content.encode() if isinstance(content, str) else content)
         stream.flush()
         os.fsync(stream.fileno())
     os.replace(partial, path)

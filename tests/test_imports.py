@@ -23,11 +23,24 @@ ROOMS_BELOW = {
     "scenario": {"cave"},
     "sim": {"cave", "scenario"},
     "envs": {"cave", "photograph", "scenario", "sim"},
+    "policy": set(),
     "report": {"cave", "scenario"},
-    "train": {"cave", "scenario", "sim", "envs", "report"},
-    "evaluate": {"cave", "scenario", "sim", "envs", "report"},
+    "train": {"cave", "scenario", "sim", "envs", "policy", "report"},
+    "evaluate": {"cave", "scenario", "sim", "envs", "policy", "report"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report"},
-    "cli": {"cave", "photograph", "reconstruct", "scenario", "sim", "envs", "report", "train", "evaluate", "build"},
+    "cli": {
+        "cave",
+        "photograph",
+        "reconstruct",
+        "scenario",
+        "sim",
+        "envs",
+        "policy",
+        "report",
+        "train",
+        "evaluate",
+        "build",
+    },
 }
 """Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""
 

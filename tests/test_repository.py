@@ -67,6 +67,7 @@ def test_what_is_imported_is_what_is_required() -> None:
     imported = {canonicalize_name(PACKAGE_OF.get(module, module)) for module in modules - {"tomllib"}}
     project = pyproject()["project"]
     texts = project["dependencies"] + project["optional-dependencies"]["heic"]
+    texts += project["optional-dependencies"]["recurrent"]
     required = {canonicalize_name(Requirement(text).name) for text in texts}
     assert imported == required
 

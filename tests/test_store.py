@@ -107,7 +107,7 @@ def test_a_copy_is_made_once(tmp_path: Path) -> None:
 
 
 def test_two_processes_do_not_work_in_one_folder(tmp_path: Path) -> None:
-    with locked(tmp_path), pytest.raises(InputError, match="Another build is at work"), locked(tmp_path):
+    with locked(tmp_path), pytest.raises(InputError, match="Another process is at work"), locked(tmp_path):
         pass
     with locked(tmp_path):
         pass
@@ -206,7 +206,7 @@ def test_a_folder_in_use_is_refused_or_waited_for(tmp_path: Path) -> None:
 
     thread = threading.Thread(target=wait)
     with locked(tmp_path):
-        with pytest.raises(InputError, match="Another build is at work"), locked(tmp_path):
+        with pytest.raises(InputError, match="Another process is at work"), locked(tmp_path):
             pass
         thread.start()
         assert not entered.wait(0.2)

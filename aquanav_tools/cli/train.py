@@ -1,61 +1,97 @@
-"""The command aquanav-train: learn a policy in a scenario."""
+"""The command aquanav-train: learn a policy."""
 
 from __future__ import annotations
 
+import dataclasses
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from aquanav_tools.cli.command import file_after, run_command
-from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.cli.command import run_command
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 
-DESCRIPTION = """Learn a policy in a scenario with PPO (Stable-Baselines3).
+if TYPE_CHECKING:
+    from aquanav_tools.train.training import Trained
 
-Writes policy.zip, train.json (settings, versions, learning curve) and curve.csv; aquanav-eval scores the policy."""
+DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesson by lesson.
+
+  aquanav-train --scenario caves/mine                 one lesson in a cave of yours
+  aquanav-train --pipeline paper -o out/paper         the paper's curriculum, 3 million decisions
+  aquanav-train --pipeline paper --clip 0.1 --seed 3  the same with another clip range in all lessons
+  aquanav-train --pipeline mine.toml                  a file like those in pipelines/train
+
+Shipped pipelines: paper, paper-end-to-end, paper-clip-01, paper-clip-02, paper-sparse, paper-safe, paper-recurrent,
+paper-sac, quick. Options given here count above the file's, in all lessons.
+
+The output folder gets policy.zip (the last policy) and best.zip (the best in validation), both with their observation
+scaling inside, policy.onnx and policy.pt (of the best, else the last), train.json (settings, versions, content hashes),
+curve.csv, validation.csv, report.html, curve.rrd for rerun, and tensorboard/.
+
+A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy."""
 
 
 @dataclass(frozen=True)
 class TrainOptions:
     """The command line."""
 
-    scenario: Path
-    """Scenario folder, as aquanav-build-cave wrote it."""
+    pipeline: str | None = None
+    """What to learn: a shipped pipeline, or a TOML file like one."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/train")
-    """Folder for the results; files of an earlier run there are replaced."""
+    """Folder for the run."""
     seed: int = 0
     """Of everything random."""
-    pipeline: Path | None = None
-    """TOML file with other values for the settings below, for example pipelines/train/quick.toml."""
+    overwrite: bool = False
+    """Begin anew where the folder holds another run, which is lost."""
+    run: tyro.conf.OmitArgPrefixes[RunSettings] = field(default_factory=RunSettings)
+    """The run as a whole."""
     settings: tyro.conf.OmitArgPrefixes[TrainSettings] = field(default_factory=TrainSettings)
-    """How to learn."""
+    """How to learn, in all lessons. Shown are the values that hold where neither a pipeline nor you say otherwise."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
-    run_command(TrainOptions, _run, "aquanav-train", DESCRIPTION, defaults=_read_defaults, arguments=arguments)
-
-
-def _read_defaults(arguments: Sequence[str]) -> TrainOptions | None:
-    """Return the options with the settings of the file after --pipeline; None without one."""
-    path = file_after("--pipeline", arguments)
-    if path is None:
-        return None
-    return TrainOptions(scenario=tyro.MISSING, settings=from_table(TrainSettings, read_toml(path), path.name))
-
-
-def _run(options: TrainOptions) -> None:
-    from aquanav_tools.scenario.folder import read_scenario
-
-    scenario = read_scenario(options.scenario)
-    from aquanav_tools.train.ppo import train
-
-    point = train(scenario, options.settings, options.seed, options.output, show_progress=True)
-    print(
-        f"Learned from {point.steps} decisions in {point.seconds:.0f} s: {point.success_rate:.0%} of the last episodes "
-        f"reached the goal, {point.clean_success_rate:.0%} without a collision, {point.mean_collisions:.1f} collisions "
-        f"per episode.\nScore it: aquanav-eval {options.output / 'policy.zip'} --scenario {options.scenario}"
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    run_command(
+        TrainOptions, lambda options: _run(options, arguments), "aquanav-train", DESCRIPTION, arguments=arguments
     )
+
+
+def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
+    from aquanav_tools.train.pipeline import read_pipeline
+
+    said = {**_given(options.run, arguments), **_given(options.settings, arguments)}
+    pipeline = read_pipeline(options.pipeline, said)
+    from aquanav_tools.train.training import train
+
+    trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True)
+    print(_summary(trained, options.output, pipeline.lessons[-1].scenario))
+
+
+def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
+    """Return the settings that the command line names; a default is no wish, and the pipeline may say otherwise."""
+    named = {argument.split("=")[0].removeprefix("--").replace("-", "_") for argument in arguments}
+    names = [field.name for field in dataclasses.fields(settings)]
+    return {name: getattr(settings, name) for name in names if name in named or f"no_{name}" in named}
+
+
+def _summary(trained: Trained, folder: Path, scenario: str) -> str:
+    point, best = trained.point, trained.best
+    deed = "This run was finished before; nothing was done. It learned" if trained.was_finished else "Learned"
+    lines = [
+        f"{deed} from {point.steps} decisions in {point.seconds:.0f} s: {point.success_rate:.0%} of the last episodes "
+        f"reached the goal, {point.clean_success_rate:.0%} without a collision, {point.mean_collisions:.1f} collisions "
+        "per episode."
+    ]
+    policy = folder / "policy.zip"
+    if best is not None:
+        policy = folder / "best.zip"
+        lines.append(
+            f"Best in validation: after {best.steps} decisions, {best.clean_success_rate:.0%} collision-free success "
+            f"({policy})."
+        )
+    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {scenario}"]
+    return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""Policies that Unity's ML-Agents trained and exported as ONNX, such as those of the original benchmark."""
+"""Policies as ONNX files in the form of Unity's ML-Agents: the original benchmark's, and those of aquanav-train."""
 
 from __future__ import annotations
 
@@ -21,41 +21,52 @@ MASKS = "action_masks"
 """Input: 1 for every choice of every branch that is allowed. All are, here."""
 ACTIONS = "deterministic_discrete_actions"
 """Output: the most likely choice of every branch."""
+CONTINUOUS = "deterministic_continuous_actions"
+"""Output of a policy that acts in levels from -1 to 1 instead: the mean of each."""
 MEMORY = "memory_size"
 
 
 class MlAgentsPolicy:
-    """A trained network without memory that chooses in branches; acts deterministically."""
+    """A trained network without memory, with choices in branches or with levels; acts deterministically."""
 
     def __init__(self, path: Path) -> None:
         """Read an ONNX file.
 
         Raises:
-            InputError: it is damaged, no policy of ML-Agents, or one with memory, images or continuous actions.
+            InputError: it is damaged, no policy of ML-Agents, or one with memory, or one that sees images.
         """
         graph = read_onnx(path)
         _check_kind(graph, path)
         self._sizes = _observation_sizes(graph, path)
-        self._runner = OnnxRunner(graph, [ACTIONS], f"The policy {path}")
-        self._masks = np.ones((1, _num_choices(graph, path)), dtype=np.float32)
+        self._is_continuous = ACTIONS not in graph.outputs
+        output = CONTINUOUS if self._is_continuous else ACTIONS
+        self._runner = OnnxRunner(graph, [output], f"The policy {path}")
+        num_choices = 0 if self._is_continuous else _num_choices(graph, path)
+        self._masks = np.ones((1, num_choices), dtype=np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (sum(self._sizes),), np.float32)
         """The sensors' values in a row, obs_0 first."""
-        self.action_space = self._branches(path)
+        self.action_space = self._levels() if self._is_continuous else self._branches(path)
 
     def reset(self, seed: int) -> None:
         """Do nothing: the network keeps no state and draws no random numbers."""
 
-    def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-        """Return a choice for every branch from the sensors' values in a row."""
-        return self._run(observation, self._masks)
+    def act(self, observation: npt.NDArray[np.float32]) -> Any:
+        """Return a choice for every branch, or a level each, from the sensors' values in a row."""
+        action = self._run(observation, self._masks)
+        return int(action[0]) if isinstance(self.action_space, spaces.Discrete) else action
 
-    def _run(self, observation: npt.NDArray[np.float32], masks: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+    def _run(self, observation: npt.NDArray[np.float32], masks: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
         parts = np.split(observation.astype(np.float32)[None], np.cumsum(self._sizes)[:-1], axis=1)
         inputs = {f"obs_{n}": part for n, part in enumerate(parts)}
         (actions,) = self._runner.run({**inputs, MASKS: masks})
-        return np.asarray(actions, dtype=np.int64).reshape(-1)
+        return np.asarray(actions, dtype=np.float32 if self._is_continuous else np.int64).reshape(-1)
 
-    def _branches(self, path: Path) -> spaces.MultiDiscrete:
+    def _levels(self) -> spaces.Box:
+        """Return the space of the levels."""
+        nothing = np.zeros(sum(self._sizes), dtype=np.float32)
+        return spaces.Box(-1.0, 1.0, self._run(nothing, self._masks).shape, np.float32)
+
+    def _branches(self, path: Path) -> spaces.MultiDiscrete | spaces.Discrete:
         """Return the space of the branches. Forbidding all choices but the last of all makes each branch take its own.
 
         The file names only the sum of the branches' sizes. With one choice allowed at a time, the branch it belongs
@@ -68,7 +79,8 @@ class MlAgentsPolicy:
             masks = np.zeros((1, total), dtype=np.float32)
             masks[0, choice] = 1.0
             taken.append(self._run(nothing, masks))
-        return spaces.MultiDiscrete(_sizes_of_branches(np.array(taken), path))
+        sizes = _sizes_of_branches(np.array(taken), path)
+        return spaces.Discrete(sizes[0]) if len(sizes) == 1 else spaces.MultiDiscrete(sizes)
 
 
 def _sizes_of_branches(taken: npt.NDArray[np.int64], path: Path) -> list[int]:
@@ -90,10 +102,11 @@ def _sizes_of_branches(taken: npt.NDArray[np.int64], path: Path) -> list[int]:
 
 
 def _check_kind(graph: OnnxGraph, path: Path) -> None:
-    if ACTIONS not in graph.outputs or MASKS not in graph.input_shapes:
+    is_discrete = ACTIONS in graph.outputs and MASKS in graph.input_shapes
+    if not is_discrete and CONTINUOUS not in graph.outputs:
         raise InputError(
-            f"The policy {path} has the outputs {', '.join(graph.outputs) or 'none'}; {ACTIONS} and the input {MASKS} "
-            "are needed. It acts continuously, was exported before ML-Agents 2, or is no policy of ML-Agents."
+            f"The policy {path} has the outputs {', '.join(graph.outputs) or 'none'}; {ACTIONS} and the input {MASKS}, "
+            f"or {CONTINUOUS}, are needed. It was exported before ML-Agents 2, or is no policy of ML-Agents."
         )
     memory = graph.constants.get(MEMORY)
     if memory is not None and memory.any():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import gymnasium
@@ -56,8 +56,10 @@ class SummaryWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):
 class CurvePoint:
     """The last episodes at some moment of the training."""
 
+    lesson: int
+    """From 1."""
     steps: int
-    """Decisions so far."""
+    """Decisions so far, over all lessons."""
     seconds: float
     """Wall time so far."""
     episodes: int
@@ -72,6 +74,15 @@ class CurvePoint:
     """Share that reached the goal without a collision."""
     mean_collisions: float
     """Contacts begun per episode."""
+    learner: dict[str, float] = field(default_factory=dict)
+    """What the algorithm tells of its last update: losses, entropy and the like, by the names SB3 gives them."""
+
+    @property
+    def row(self) -> dict[str, float]:
+        """All numbers by their names."""
+        values = asdict(self)
+        learner = values.pop("learner")
+        return {**values, **learner}
 
 
 class LearningCurve:
@@ -82,6 +93,10 @@ class LearningCurve:
         self.num_episodes = 0
         self._recent: deque[EpisodeSummary] = deque(maxlen=WINDOW)
 
+    def begin_lesson(self) -> None:
+        """Forget the last episodes: they were of another lesson."""
+        self._recent.clear()
+
     def add(self, infos: Iterable[dict[str, Any]]) -> None:
         """Take the summaries out of a step's infos."""
         for info in infos:
@@ -89,14 +104,31 @@ class LearningCurve:
                 self._recent.append(info[SUMMARY])
                 self.num_episodes += 1
 
-    def mark(self, steps: int, seconds: float) -> CurvePoint:
+    def mark(self, lesson: int, steps: int, seconds: float, learner: dict[str, float]) -> CurvePoint:
         """Add a point for the last episodes and return it."""
         means = np.full(5, np.nan)
         if self._recent:
             means = np.mean([_numbers(episode) for episode in self._recent], axis=0)
-        point = CurvePoint(steps, round(seconds, 2), self.num_episodes, *(round(float(mean), 4) for mean in means))
+        reward, length, success, clean, collisions = (round(float(mean), 4) for mean in means)
+        point = CurvePoint(
+            lesson, steps, round(seconds, 2), self.num_episodes, reward, length, success, clean, collisions, learner
+        )
         self.points.append(point)
         return point
+
+    def as_table(self) -> dict[str, Any]:
+        """Return all of it as plain values."""
+        recent = [asdict(episode) for episode in self._recent]
+        return {"points": [asdict(point) for point in self.points], "episodes": self.num_episodes, "recent": recent}
+
+    @staticmethod
+    def from_table(table: dict[str, Any]) -> LearningCurve:
+        """Return the curve that `as_table` described."""
+        curve = LearningCurve()
+        curve.points = [CurvePoint(**point) for point in table["points"]]
+        curve.num_episodes = table["episodes"]
+        curve._recent.extend(EpisodeSummary(**episode) for episode in table["recent"])
+        return curve
 
 
 def _numbers(episode: EpisodeSummary) -> tuple[float, ...]:

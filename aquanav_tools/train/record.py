@@ -1,4 +1,4 @@
-"""What a training run leaves behind: policy.zip, train.json and curve.csv, each written in one piece."""
+"""The folder of a training run: what it is, how it went, its policies and where to go on from."""
 
 from __future__ import annotations
 
@@ -7,72 +7,167 @@ import dataclasses
 import importlib.metadata
 import io
 import json
-import os
 import platform
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
+from aquanav_tools.errors import InputError
+from aquanav_tools.provenance import code_digest
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.train.episodes import CurvePoint, LearningCurve
-from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.store import write_whole
+from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
+from aquanav_tools.train.episodes import LearningCurve
+from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.validation import Trial
 
-FORMAT = 1
-POLICY_FILE, RECORD_FILE, CURVE_FILE = "policy.zip", "train.json", "curve.csv"
+FORMAT = 2
+POLICY_FILE, BEST_FILE = "policy.zip", "best.zip"
+RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
+EVENTS_DIR = "tensorboard"
 LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch")
+FREE = ("workers", "checkpoint_every")
+"""Settings of the run that change neither the policy nor what is told of it."""
+OWN_FILES = (
+    CHECKPOINT_FILE, POLICY_FILE, BEST_FILE, RECORD_FILE, CURVE_FILE, TRIALS_FILE, EVENTS_DIR, "policy.onnx",
+    "policy.pt", "curve.rrd", "report.html", "pictures",
+)  # fmt: skip
 
 
-@dataclasses.dataclass(frozen=True)
 class RunRecord:
     """Writes a run's files. A run that is killed leaves those of its last checkpoint."""
 
-    folder: Path
-    scenario: Scenario
-    settings: TrainSettings
-    seed: int
+    def __init__(
+        self,
+        folder: Path,
+        pipeline: Pipeline,
+        seed: int,
+        scenarios: Sequence[Scenario],
+        validation: Sequence[Scenario],
+    ) -> None:
+        self.folder = folder
+        self._identity = _identity(pipeline, seed, scenarios, validation)
+        self._versions = versions()
+        self._resumed: list[dict[str, Any]] = []
 
-    def write(self, policy: bytes, curve: LearningCurve, *, steps: int, seconds: float, is_finished: bool) -> None:
-        """Write the three files, the policy last: when it is new, so are the others."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        table = self._table(curve, steps, seconds, is_finished)
-        _write_whole(self.folder / CURVE_FILE, _curve_text(curve.points).encode())
-        _write_whole(self.folder / RECORD_FILE, (json.dumps(table, indent=1) + "\n").encode())
-        _write_whole(self.folder / POLICY_FILE, policy)
+    def find(self) -> Checkpoint | None:
+        """Return the checkpoint to go on from; None where nothing was begun.
 
-    def _table(self, curve: LearningCurve, steps: int, seconds: float, is_finished: bool) -> dict[str, Any]:
-        return {
+        Raises:
+            InputError: the folder holds another run, or a damaged checkpoint.
+        """
+        checkpoint = read_checkpoint(self.folder)
+        if checkpoint is None:
+            return None
+        different = list(_differences(checkpoint.journal["identity"], self._identity))
+        if different:
+            raise InputError(
+                f"{self.folder} holds another training run, with {_told(different)}. Nothing was changed there. Go on "
+                "with what it was begun with, name another folder with -o, or begin anew with --overwrite."
+            )
+        self._resumed = checkpoint.journal["resumed"]
+        self._resumed.append({"steps": checkpoint.journal["steps"], "versions": self._versions})
+        return checkpoint
+
+    def clear(self) -> None:
+        """Remove the files of an earlier run."""
+        for name in OWN_FILES:
+            path = self.folder / name
+            if path.is_dir():
+                shutil.rmtree(path)
+            else:
+                path.unlink(missing_ok=True)
+
+    def write(
+        self,
+        policy: bytes,
+        checkpoint: Checkpoint,
+        curve: LearningCurve,
+        trials: Sequence[Trial],
+        *,
+        is_finished: bool,
+    ) -> None:
+        """Write all files, the checkpoint last: when it is new, so are the others."""
+        table = {
             "format": FORMAT,
             "is_finished": is_finished,
-            "steps": steps,
+            **{name: checkpoint.journal[name] for name in ("steps", "seconds")},
             "episodes": curve.num_episodes,
-            "wall_seconds": round(seconds, 1),
-            "seed": self.seed,
-            "scenario": {"name": self.scenario.name, "content_hash": self.scenario.content_hash},
-            "settings": dataclasses.asdict(self.settings),
-            "versions": {
-                "aquanav": __version__,
-                "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in LIBRARIES},
-            },
-            "curve": [_without_nan(dataclasses.asdict(point)) for point in curve.points],
+            **self._identity,
+            "versions": self._versions,
+            "resumed": self._resumed,
+            "curve": [_without_nan(point.row) for point in curve.points],
+            "validation": [dataclasses.asdict(trial) for trial in trials],
         }
+        write_whole(self.folder / CURVE_FILE, _as_csv([point.row for point in curve.points]))
+        if trials:
+            write_whole(self.folder / TRIALS_FILE, _as_csv([dataclasses.asdict(trial) for trial in trials]))
+        write_whole(self.folder / RECORD_FILE, json.dumps(table, indent=1) + "\n")
+        write_whole(self.folder / POLICY_FILE, policy)
+        own = {"identity": self._identity, "resumed": self._resumed, "is_finished": is_finished}
+        journal = {**checkpoint.journal, **own}
+        write_checkpoint(dataclasses.replace(checkpoint, journal=journal), self.folder)
 
 
-def _curve_text(points: list[CurvePoint]) -> str:
+def versions() -> dict[str, str]:
+    """Return the versions of all that a policy rests on, and a hash of the code."""
+    return {
+        "aquanav": __version__,
+        "code": code_digest("aquanav_tools.train.training"),
+        "python": platform.python_version(),
+        **{name: importlib.metadata.version(name) for name in LIBRARIES},
+    }
+
+
+def _identity(
+    pipeline: Pipeline, seed: int, scenarios: Sequence[Scenario], validation: Sequence[Scenario]
+) -> dict[str, Any]:
+    """Return what makes a run this run, as JSON gives it back."""
+    run = {name: value for name, value in dataclasses.asdict(pipeline.run).items() if name not in FREE}
+    identity = {
+        "seed": seed,
+        "run": run,
+        "lessons": [dataclasses.asdict(lesson) for lesson in pipeline.lessons],
+        "scenarios": [_named(scenario) for scenario in scenarios],
+        "validation_scenarios": [_named(scenario) for scenario in validation],
+    }
+    plain: dict[str, Any] = json.loads(json.dumps(identity))
+    return plain
+
+
+def _named(scenario: Scenario) -> dict[str, str]:
+    return {"name": scenario.name, "content_hash": scenario.content_hash}
+
+
+def _differences(found: Any, wanted: Any, where: str = "") -> Any:
+    """Yield (where, found, wanted) for each value that differs between two trees of plain values."""
+    if isinstance(found, dict) and isinstance(wanted, dict):
+        for key in sorted({*found, *wanted}):
+            yield from _differences(found.get(key), wanted.get(key), f"{where}.{key}" if where else key)
+    elif isinstance(found, list) and isinstance(wanted, list) and len(found) == len(wanted):
+        for number, pair in enumerate(zip(found, wanted, strict=True), 1):
+            yield from _differences(*pair, f"{where} {number}")
+    elif found != wanted:
+        yield where, found, wanted
+
+
+def _told(differences: Sequence[tuple[str, Any, Any]]) -> str:
+    texts = [f"{where} {found!r} instead of {wanted!r}" for where, found, wanted in differences[:3]]
+    more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
+    return ", ".join(texts) + more
+
+
+def _as_csv(rows: Sequence[dict[str, Any]]) -> str:
+    names = list(dict.fromkeys(name for row in rows for name in row))
     stream = io.StringIO()
-    writer = csv.DictWriter(stream, [field.name for field in dataclasses.fields(CurvePoint)], lineterminator="\n")
+    writer = csv.DictWriter(stream, names, lineterminator="\n")
     writer.writeheader()
-    writer.writerows(dataclasses.asdict(point) for point in points)
+    writer.writerows(rows)
     return stream.getvalue()
 
 
 def _without_nan(row: dict[str, Any]) -> dict[str, Any]:
     """Return the row with None for nan, which JSON does not have."""
     return {name: None if value != value else value for name, value in row.items()}
-
-
-def _write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is never seen half-written."""
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(content)
-    os.replace(partial, path)

@@ -1,4 +1,4 @@
-"""What a training run is made of. Light to import: the command line reads it before anything else."""
+"""What a lesson of a training run is made of, and the run as a whole. Light to import: the command line reads it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,27 @@ from typing import Literal
 
 from aquanav_tools.task import TaskOptions
 
+Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
+OFF_POLICY = ("sac", "td3")
+"""Algorithms that learn from a memory of old decisions; they act continuously."""
+NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "memory")
+"""Settings that make the network, so that all lessons of a run share them."""
+_POSITIVE = (
+    "steps", "num_envs", "buffer", "batch", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
+)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class TrainSettings(TaskOptions):
-    """PPO on one scenario. The defaults are the original benchmark's first lesson, with fewer steps."""
+    """One lesson. The defaults are the original benchmark's first lesson, with fewer steps."""
 
+    scenario: str = ""
+    """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
     steps: int = 300_000
     """Decisions to learn from, over all environments."""
+    algorithm: Algorithm = "ppo"
+    """ppo; recurrent-ppo, with an LSTM (needs the extra: pip install 'aquanav[recurrent]'); sac or td3, which act
+    continuously."""
     observation: Literal["paper", "full", "original"] = "full"
     """What the agent sees: the paper's 31 values, those and the vehicle's own motion, or the 120 of the original's
     code."""
@@ -23,15 +37,19 @@ class TrainSettings(TaskOptions):
     reward: Literal["dense", "safe", "sparse"] = field(default="safe", kw_only=True)
     """What is paid for: progress; progress away from walls; the outcome alone."""
     num_envs: int = 8
-    """Environments that take turns in one process."""
+    """Environments, each with its own vehicle."""
+    normalise: bool = True
+    """Whether the network scales observations by the mean and spread of what was seen in training. The numbers are part
+    of the policy."""
     hidden: tuple[int, ...] = (128, 128, 128)
     """Widths of the hidden layers, for the policy and for the value."""
     learning_rate: float = 3e-4
-    """At the start; it falls to zero in a straight line."""
+    """At the lesson's start; it falls to zero in a straight line."""
     clip: float = 0.2
     """PPO's clip range."""
     buffer: int = 20_480
-    """Decisions collected before each update, over all environments."""
+    """Decisions collected before each of PPO's updates, over all environments; a point of the curve stands for as
+    many."""
     batch: int = 1024
     """Decisions per gradient step."""
     epochs: int = 5
@@ -41,23 +59,58 @@ class TrainSettings(TaskOptions):
     trace: float = 0.95
     """Lambda of the generalised advantage estimate."""
     entropy: float = 0.005
-    """Weight of the entropy bonus."""
-    checkpoint_every: int = 50_000
-    """The policy is written after the first buffer beyond each multiple of these decisions, and at the end."""
+    """Weight of the entropy bonus; sac finds its own."""
+    memory: int = 64
+    """Width of recurrent-ppo's LSTM."""
+    replay: int = 300_000
+    """Decisions that sac and td3 remember; a lesson begins with none."""
+    warm_up: int = 10_000
+    """Decisions at random before sac and td3 begin to learn."""
+    update_ratio: float = 0.25
+    """Gradient steps of sac and td3 per decision."""
+    optimiser: Literal["carried", "fresh"] = "carried"
+    """Whether a lesson goes on with the optimiser's moments of the one before, as the original does, or without.
+    Weights, and the means and spreads of observations and returns, are carried on always."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("steps", "num_envs", "buffer", "batch", "epochs", "checkpoint_every", "learning_rate", "clip"):
+        for name in _POSITIVE:
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
         for name in ("discount", "trace"):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
         _check(math.isfinite(self.entropy) and self.entropy >= 0, f"entropy must not be negative, got {self.entropy}.")
+        _check(self.warm_up >= 0, f"warm_up must not be negative, got {self.warm_up}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
         for name in ("num_envs", "batch"):
             _check(
                 self.buffer % getattr(self, name) == 0,
                 f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
             )
+        _check(
+            self.algorithm not in OFF_POLICY or self.action == "continuous",
+            f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",
+        )
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """What concerns a run as a whole, over all its lessons."""
+
+    validation: tuple[str, ...] = ()
+    """Scenarios to try the policy in while it learns, each in its own water; the best policy is kept in best.zip."""
+    validation_episodes: int = 20
+    """Episodes per scenario, from fixed starts."""
+    validate_every: int = 250_000
+    """Decisions between two trials; the first update after a multiple of these is tried."""
+    checkpoint_every: int = 100_000
+    """Decisions between two checkpoints. A run that was killed goes on from the last one."""
+    workers: int = 0
+    """Processes that share the environments; 0 runs them in the process that learns. The result is the same."""
+
+    def __post_init__(self) -> None:
+        for name in ("validation_episodes", "validate_every", "checkpoint_every"):
+            _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
+        _check(0 <= self.workers <= 256, f"workers is {self.workers}; choose 0 to 256.")
 
 
 def _check(is_right: bool, message: str) -> None:

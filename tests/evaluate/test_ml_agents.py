@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.ml_agents import MlAgentsPolicy
@@ -45,10 +46,17 @@ def test_a_policy_takes_the_branches_best_choices(rng: np.random.Generator, tmp_
         assert loaded.act(observation).tolist() == [np.argmax(logits[:3]), np.argmax(logits[3:])]
 
 
-@pytest.mark.parametrize("branches", [(3, 3, 3), (2, 5), (4,), (1, 3)])
+@pytest.mark.parametrize("branches", [(3, 3, 3), (2, 5), (1, 3)])
 def test_the_sizes_of_branches_are_found(branches: tuple[int, ...], rng: np.random.Generator, tmp_path: Path) -> None:
     content = policy(make_weights(rng, 7, 8, sum(branches)), branches=branches)
     assert MlAgentsPolicy(write(tmp_path / "a.onnx", content)).action_space.nvec.tolist() == list(branches)
+
+
+def test_a_single_branch_is_one_choice(rng: np.random.Generator, tmp_path: Path) -> None:
+    content = policy(make_weights(rng, 7, 8, 4), branches=(4,))
+    loaded = MlAgentsPolicy(write(tmp_path / "a.onnx", content))
+    assert loaded.action_space == spaces.Discrete(4)
+    assert loaded.act(np.zeros(7, dtype=np.float32)) in range(4)
 
 
 def test_a_policy_with_the_originals_spaces_gets_its_preset(rng: np.random.Generator, tmp_path: Path) -> None:
@@ -66,7 +74,7 @@ def test_a_policy_for_other_spaces_is_told_what_would_fit(rng: np.random.Generat
 
 
 CHANGES: list[tuple[dict[str, Any], str]] = [
-    ({"output": "continuous_actions"}, "acts continuously"),
+    ({"output": "continuous_actions"}, "or deterministic_continuous_actions, are needed"),
     ({"memory_size": np.full(1, 128.0)}, "memory of 128 values"),
     ({"inputs": {"obs_2": (-1, 84, 84, 3)}}, "Cameras and memories are not supported"),
     ({"inputs": {"recurrent_in": (-1, 1, 128)}}, "Cameras and memories are not supported"),

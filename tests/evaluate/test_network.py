@@ -12,12 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from stable_baselines3 import A2C, PPO, SAC
+from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import archive
 from aquanav_tools.evaluate.network import NetworkPolicy
+from aquanav_tools.policy.normaliser import NormalisedObservations
 from tests.evaluate.models import ACTIONS, Still, make_model
 
 
@@ -185,9 +186,46 @@ def test_settings_that_are_no_json_table_are_refused(edit_zip: Callable[..., Pat
 
 
 def test_policy_of_another_algorithm_is_named(tmp_path: Path) -> None:
-    SAC("MlpPolicy", Still(ACTIONS["continuous"]), device="cpu", buffer_size=10).save(tmp_path / "sac.zip")
-    with pytest.raises(InputError, match="class SACPolicy"):
-        NetworkPolicy(tmp_path / "sac.zip")
+    DQN("MlpPolicy", Still(ACTIONS["discrete"]), device="cpu", buffer_size=10).save(tmp_path / "dqn.zip")
+    with pytest.raises(InputError, match="class DQNPolicy"):
+        NetworkPolicy(tmp_path / "dqn.zip")
+
+
+@pytest.mark.parametrize("kind", [SAC, TD3])
+def test_off_policy_actor_is_rebuilt(kind: type[BaseAlgorithm], tmp_path: Path, rng: np.random.Generator) -> None:
+    kwargs = {"net_arch": [16, 16], "features_extractor_class": NormalisedObservations}
+    model: Any = kind("MlpPolicy", Still(ACTIONS["continuous"]), policy_kwargs=kwargs, buffer_size=10, device="cpu")
+    model.save(tmp_path / "policy.zip")
+    policy = NetworkPolicy(tmp_path / "policy.zip")
+    for observation in rng.uniform(-1.0, 1.0, (5, 44)).astype(np.float32):
+        np.testing.assert_array_equal(policy.act(observation), model.predict(observation, deterministic=True)[0])
+
+
+def test_memory_is_kept_within_an_episode_and_forgotten_after_it(tmp_path: Path, rng: np.random.Generator) -> None:
+    contrib = pytest.importorskip("sb3_contrib")
+    kwargs = {"net_arch": [16], "lstm_hidden_size": 8, "features_extractor_class": NormalisedObservations}
+    env = Still(ACTIONS["continuous"])
+    model = contrib.RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=kwargs, seed=0, device="cpu")
+    model.save(tmp_path / "policy.zip")
+    policy = NetworkPolicy(tmp_path / "policy.zip")
+    observations = rng.uniform(-1.0, 1.0, (4, 44)).astype(np.float32)
+    for _ in range(2):
+        policy.reset(0)
+        memory = None
+        for observation in observations:
+            action, memory = model.predict(observation, memory, deterministic=True)
+            np.testing.assert_array_equal(policy.act(observation), action)
+
+
+def test_policy_brings_its_observation_scaling_along(tmp_path: Path, rng: np.random.Generator) -> None:
+    model = make_model(net_arch=[16], features_extractor_class=NormalisedObservations)
+    seen = rng.normal(0.3, 0.05, (1000, 44)).astype(np.float32)
+    model.policy.features_extractor.take_in(seen)
+    model.save(tmp_path / "policy.zip")
+    network = NetworkPolicy(tmp_path / "policy.zip")._network
+    np.testing.assert_array_equal(network.features_extractor.mean, model.policy.features_extractor.mean)
+    # 0.05 / sqrt(1000) is the standard error of the mean of what was seen; five of them.
+    np.testing.assert_allclose(network.features_extractor.mean, 0.3, atol=5 * 0.05 / np.sqrt(1000))
 
 
 def test_file_that_is_no_zip_is_refused(tmp_path: Path) -> None:

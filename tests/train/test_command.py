@@ -5,7 +5,9 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools.cli.train import main
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.train.pipeline import Pipeline
 from tests.caves import tube_scenario
 
 
@@ -36,6 +38,26 @@ def test_pipeline_with_an_unknown_key_is_refused(tmp_path: Path, capsys: pytest.
     (tmp_path / "wrong.toml").write_text("step = 5\n")
     assert exit_code("--scenario", ".", "--pipeline", str(tmp_path / "wrong.toml")) == 2
     assert "unknown key 'step'. Did you mean 'steps'" in capsys.readouterr().err
+
+
+def test_what_the_command_line_says_counts_above_the_pipeline(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    pipelines = []
+
+    def keep(pipeline: Pipeline, *_: object, **__: object) -> None:
+        pipelines.append(pipeline)
+        raise InputError("enough")
+
+    monkeypatch.setattr("aquanav_tools.train.training.train", keep)
+    # 0.2 is the default, and said all the same; 0.1 is what lessons 2 and 3 of the file have.
+    assert exit_code("--pipeline", "paper", "--clip", "0.2", "--workers=2", "--no-normalise") == 2
+    assert [lesson.clip for lesson in pipelines[0].lessons] == [0.2, 0.2, 0.2]
+    assert [lesson.learning_rate for lesson in pipelines[0].lessons] == [3e-4, 3e-4, 1.5e-4]
+    assert pipelines[0].run.workers == 2 and not pipelines[0].lessons[0].normalise
+
+
+def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert exit_code("-o", "nowhere") == 2
+    assert "names no scenario" in capsys.readouterr().err
 
 
 def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import math
 
 import numpy as np
@@ -14,15 +15,31 @@ def test_curve_averages_the_last_episodes() -> None:
     curve = LearningCurve()
     curve.add([{}, {SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
     curve.add([{SUMMARY: EpisodeSummary(20.0, 300, 3, True)}, {SUMMARY: EpisodeSummary(0.0, 200, 0, False)}])
-    point = curve.mark(600, 1.5)
-    assert (point.steps, point.episodes) == (600, 3)
+    point = curve.mark(1, 600, 1.5, {"train/loss": 0.5})
+    assert (point.steps, point.episodes, point.row["train/loss"]) == (600, 3, 0.5)
     assert (point.mean_reward, point.mean_length, point.mean_collisions) == (10.0, 200.0, 1.0)
     assert point.success_rate == pytest.approx(2 / 3, abs=1e-4)
     assert point.clean_success_rate == pytest.approx(1 / 3, abs=1e-4)
 
 
 def test_curve_has_no_numbers_before_the_first_episode() -> None:
-    assert math.isnan(LearningCurve().mark(10, 0.1).success_rate)
+    assert math.isnan(LearningCurve().mark(1, 10, 0.1, {}).success_rate)
+
+
+def test_curve_comes_back_from_its_table() -> None:
+    curve = LearningCurve()
+    curve.add([{SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
+    curve.mark(1, 600, 1.5, {"train/loss": 0.5})
+    again = LearningCurve.from_table(json.loads(json.dumps(curve.as_table())))
+    assert again.as_table() == curve.as_table()
+    assert again.mark(1, 700, 2.0, {}).mean_reward == 10.0
+
+
+def test_a_lesson_begins_without_the_last_ones_episodes() -> None:
+    curve = LearningCurve()
+    curve.add([{SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
+    curve.begin_lesson()
+    assert math.isnan(curve.mark(2, 600, 1.5, {}).success_rate)
 
 
 def test_wrapper_sums_up_an_episode_at_its_end(tube: Scenario) -> None:

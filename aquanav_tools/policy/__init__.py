@@ -1,0 +1,1 @@
+"""Parts of networks that training saves and evaluation rebuilds."""

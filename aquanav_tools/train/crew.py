@@ -1,0 +1,82 @@
+"""Several training environments that are stepped together. Imports no torch: workers have one each."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import choices_of
+from aquanav_tools.train.episodes import SummaryWrapper
+from aquanav_tools.train.rewinding import Moment, Rewindable
+from aquanav_tools.train.settings import TrainSettings
+
+Floats = npt.NDArray[np.float32]
+
+
+class Stepped(NamedTuple):
+    """What a step of N environments brought; an ended episode's successor has begun."""
+
+    observations: Floats
+    """(N, size)."""
+    rewards: Floats
+    dones: npt.NDArray[np.bool_]
+    infos: list[dict[str, Any]]
+    """Empty but for the last of an episode, which has what SB3 and the learning curve read."""
+
+
+class Crew:
+    """Environments of one lesson, in this process."""
+
+    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int) -> None:
+        self._envs = [make_env(scenario, settings) for _ in range(num)]
+
+    def __len__(self) -> int:
+        return len(self._envs)
+
+    @property
+    def spaces(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
+        """Of observation and action."""
+        return self._envs[0].observation_space, self._envs[0].action_space
+
+    def reset(self, seeds: list[int | None]) -> Floats:
+        """Begin all episodes; return the (N, size) observations."""
+        return np.stack([env.reset(seed=seed)[0] for env, seed in zip(self._envs, seeds, strict=True)])
+
+    def step(self, actions: npt.NDArray[Any]) -> Stepped:
+        """Take one decision in each environment."""
+        observations, rewards, dones, infos = zip(*map(_step, self._envs, actions), strict=True)
+        return Stepped(np.stack(observations), np.array(rewards, np.float32), np.array(dones), list(infos))
+
+    def moments(self) -> list[Moment]:
+        """Return where each environment is."""
+        return [env.moment() for env in self._envs]
+
+    def rewind(self, moments: list[Moment]) -> Floats:
+        """Bring each environment to a moment; return the (N, size) observations there."""
+        return np.stack([env.rewind(moment) for env, moment in zip(self._envs, moments, strict=True)])
+
+    def close(self) -> None:
+        """Free all environments."""
+        for env in self._envs:
+            env.close()
+
+
+def make_env(scenario: Scenario, settings: TrainSettings) -> Rewindable:
+    """Return one environment of a lesson."""
+    env = CaveEnv(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
+    return Rewindable(SummaryWrapper(env))
+
+
+def _step(env: Rewindable, action: Any) -> tuple[Any, float, bool, dict[str, Any]]:
+    observation, reward, terminated, truncated, info = env.step(action)
+    is_over = terminated or truncated
+    if is_over:
+        last = {"terminal_observation": observation, "TimeLimit.truncated": truncated and not terminated}
+        info = {**info, **last}
+        observation, _ = env.reset()
+    return observation, reward, is_over, info

@@ -1,0 +1,182 @@
+"""A training run: its lessons one after the other, from the beginning or from where it was stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.vec_env import VecNormalize
+from tqdm import tqdm
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.store import locked, told_when_full
+from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
+from aquanav_tools.train.environments import TrainingEnvs
+from aquanav_tools.train.episodes import CurvePoint
+from aquanav_tools.train.events import EventFile
+from aquanav_tools.train.journal import RunJournal
+from aquanav_tools.train.keeper import Keeper
+from aquanav_tools.train.learners import inherit, make_learner, parameters_of
+from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.presenting import REPORT_FILE, present
+from aquanav_tools.train.record import EVENTS_DIR, RunRecord
+from aquanav_tools.train.validation import Trial, Validation
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What came out of a run."""
+
+    point: CurvePoint
+    """The last of the learning curve."""
+    best: Trial | None
+    """The trial of best.zip; None without validation."""
+    was_finished: bool
+    """Whether there was nothing left to do."""
+
+
+def train(
+    pipeline: Pipeline,
+    seed: int,
+    output_dir: Path,
+    *,
+    scenario: Scenario | None = None,
+    overwrite: bool = False,
+    show_progress: bool = False,
+) -> Trained:
+    """Learn a policy, lesson by lesson. A run that was stopped goes on from its last checkpoint, to the same policy.
+
+    Args:
+        pipeline: What to learn.
+        seed: Of environments, network and sampling. The same seed gives the same policy on one machine.
+        output_dir: Folder of the run; made when absent.
+        scenario: One in memory that stands for the scenario of each lesson.
+        overwrite: Whether to begin anew where the folder holds another run.
+        show_progress: Whether to show a bar with the time left on stderr.
+
+    Raises:
+        InputError: the folder holds another run, or an algorithm is not installed.
+        ScenarioError: a scenario cannot be read.
+        ResourceError: the disk is full, or a worker was killed.
+        TrainingError: learning diverged.
+    """
+    torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
+    scenarios = [scenario or read_scenario(lesson.scenario) for lesson in pipeline.lessons]
+    trials_in = [read_scenario(name) for name in pipeline.run.validation]
+    record = RunRecord(output_dir, pipeline, seed, scenarios, trials_in)
+    with _writable(output_dir):
+        if overwrite:
+            record.clear()
+        checkpoint = record.find()
+        events = EventFile(output_dir / EVENTS_DIR)
+        journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
+        was_finished = checkpoint is not None and bool(checkpoint.journal["is_finished"])
+        if not was_finished:
+            with tqdm(total=pipeline.steps, initial=journal.steps, unit="step", disable=not show_progress) as bar:
+                _learn_all(_Run(pipeline, seed, record, journal, trials_in, bar), scenarios, checkpoint)
+        if not (was_finished and (output_dir / REPORT_FILE).is_file()):
+            present(output_dir, pipeline, journal)
+        return Trained(journal.curve.points[-1], journal.best, was_finished)
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What the lessons of a run share."""
+
+    pipeline: Pipeline
+    seed: int
+    record: RunRecord
+    journal: RunJournal
+    validation: list[Scenario]
+    bar: Any
+
+
+@dataclass(frozen=True)
+class _Learned:
+    """What passes from lesson to lesson."""
+
+    parameters: dict[str, Any]
+    spread: list[float]
+    """Running mean, variance and count of the returns."""
+
+
+def _learn_all(run: _Run, scenarios: list[Scenario], checkpoint: Checkpoint | None) -> None:
+    learned: _Learned | None = None
+    first = 0
+    if checkpoint is not None and checkpoint.is_lesson_over:
+        state = checkpoint.learner
+        learned, first = _Learned(state["parameters"], state["spread"]), checkpoint.lesson + 1
+        checkpoint = None
+    elif checkpoint is not None:
+        first = checkpoint.lesson
+    for number in range(first, len(scenarios)):
+        learned = _learn(run, number, scenarios[number], learned, checkpoint)
+        checkpoint = None
+
+
+def _learn(
+    run: _Run, number: int, scenario: Scenario, learned: _Learned | None, checkpoint: Checkpoint | None
+) -> _Learned:
+    """Return what has been learned after one lesson."""
+    settings, journal = run.pipeline.lessons[number], run.journal
+    with closing(TrainingEnvs(scenario, settings, run.pipeline.run.workers)) as envs:
+        scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
+        learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number))
+        if checkpoint is not None:
+            restore_learner(learner, envs, scale, checkpoint.learner)
+        elif learned is not None:
+            inherit(learner, learned.parameters, settings)
+            set_spread(scale, learned.spread)
+            journal.curve.begin_lesson()
+            journal.steps_before = journal.steps
+        with _validation(run, number) as validation:
+            keeper = Keeper(run.pipeline, number, run.record, journal, validation, run.bar)
+            _go_on(learner, settings.steps - learner.num_timesteps, keeper)
+        return _Learned(parameters_of(learner), spread_of(scale))
+
+
+def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:
+    """Learn for a number of decisions; what diverging makes libraries raise becomes a sentence."""
+    try:
+        learner.learn(steps, callback=keeper, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+    except (ValueError, InputError) as cause:
+        try:
+            keeper.check()
+        except Exception as diverged:
+            raise diverged from cause
+        raise
+
+
+@contextmanager
+def _validation(run: _Run, number: int) -> Iterator[Validation | None]:
+    if not run.validation:
+        yield None
+        return
+    with closing(Validation(run.validation, run.pipeline.lessons[number], run.pipeline.run.validation_episodes)) as it:
+        yield it
+
+
+@contextmanager
+def _writable(folder: Path) -> Iterator[None]:
+    """Hold the output folder, and tell of a full disk."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as cause:
+        raise InputError(f"Cannot make the output folder {folder}: {cause}. Choose another with -o.") from cause
+    with locked(folder), told_when_full(folder):
+        yield
+
+
+def _lesson_seed(seed: int, number: int) -> int:
+    """Return the seed of a lesson: the run's own for the first."""
+    if number == 0:
+        return seed
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0])

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.shipped import scenario_names
+from aquanav_tools.shipped import shipped_names
+from aquanav_tools.train.pipeline import FOLDER, read_pipeline
+
+CAVE = {"scenario": "cave-train-1"}
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / f"{name}.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("name", shipped_names(FOLDER))
+def test_every_shipped_pipeline_is_valid(name: str) -> None:
+    pipeline = read_pipeline(name, CAVE if name == "quick" else {})
+    assert pipeline.steps > 0
+    assert {*pipeline.run.validation, *(lesson.scenario for lesson in pipeline.lessons)} <= set(scenario_names())
+
+
+def test_the_papers_lessons_are_the_originals() -> None:
+    # Section 3 of the original's contract: 1.5, 1.0 and 0.5 million decisions, water, learning rate, clip.
+    lessons = read_pipeline("paper", {}).lessons
+    assert [lesson.steps for lesson in lessons] == [1_500_000, 1_000_000, 500_000]
+    assert [lesson.current for lesson in lessons] == ["still", "half", "full"]
+    assert [lesson.learning_rate for lesson in lessons] == [3e-4, 3e-4, 1.5e-4]
+    assert [lesson.clip for lesson in lessons] == [0.2, 0.1, 0.1]
+    whole = read_pipeline("paper-end-to-end", {}).lessons
+    assert [(lesson.steps, lesson.current, lesson.learning_rate, lesson.clip) for lesson in whole] == [
+        (3_000_000, "full", 3e-4, 0.2)
+    ]
+
+
+def test_variants_differ_from_the_paper_in_what_they_are_called_by() -> None:
+    paper = read_pipeline("paper", {}).lessons
+    for name, said in [
+        ("paper-clip-01", {"clip": 0.1}),
+        ("paper-clip-02", {"clip": 0.2}),
+        ("paper-sparse", {"reward": "sparse"}),
+        ("paper-safe", {"reward": "safe"}),
+    ]:
+        assert read_pipeline(name, {}).lessons == read_pipeline("paper", said).lessons != paper
+
+
+def test_no_pipeline_trains_or_chooses_on_a_test_cave() -> None:
+    for name in shipped_names(FOLDER):
+        pipeline = read_pipeline(name, CAVE if name == "quick" else {})
+        used = {*pipeline.run.validation, *(lesson.scenario for lesson in pipeline.lessons)}
+        assert not any(cave.startswith("cave-test") for cave in used)
+
+
+def test_what_is_said_later_counts(tmp_path: Path) -> None:
+    write(
+        tmp_path, "base", 'scenario = "a"\nclip = 0.3\nworkers = 2\n[[lessons]]\nclip = 0.1\n[[lessons]]\nsteps = 7\n'
+    )
+    middle = write(tmp_path, "middle", 'extends = "base.toml"\nsteps = 9\n')
+    lessons = read_pipeline(middle, {}).lessons
+    assert [(lesson.clip, lesson.steps) for lesson in lessons] == [(0.1, 9), (0.3, 9)]
+    top = write(tmp_path, "top", 'extends = "middle.toml"\nclip = 0.2\n[[lessons]]\nsteps = 5\n')
+    pipeline = read_pipeline(top, {"entropy": 0.5})
+    assert [(lesson.clip, lesson.steps, lesson.entropy) for lesson in pipeline.lessons] == [(0.2, 5, 0.5)]
+    assert pipeline.run.workers == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('scenaro = "a"', "mine.toml has the unknown key 'scenaro'. Did you mean 'scenario'"),
+        ("steps = 10", "Lesson 1 names no scenario"),
+        ('scenario = "a"\nlessons = []', "lessons must be tables [[lessons]], at least one"),
+        ('scenario = "a"\n[[lessons]]\n[[lessons]]\nhidden = [3]', "hidden is (128, 128, 128) in lesson 1 and (3,)"),
+        ('scenario = "a"\n[[lessons]]\n[[lessons]]\nclip = -1.0', "lesson 2: clip must be positive, got -1.0"),
+        ('extends = "papr"', "aquanav ships no 'papr' in pipelines/train. Did you mean 'paper'"),
+        ('extends = "other.toml"', "There is no file other.toml. Shipped pipelines:"),
+        ('extends = "mine.toml"', "extends more than 8 files. Do they extend one another in a circle?"),
+        ("extends = 3", "extends must be a name or a path, not 3"),
+        ('scenario = "a"\nvalidate_every = 0', "validate_every must be positive, got 0"),
+    ],
+)
+def test_senseless_pipelines_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError) as error:
+        read_pipeline(write(tmp_path, "mine", text), {})
+    assert message in str(error.value)
