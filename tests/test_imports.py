@@ -22,7 +22,7 @@ ROOMS_BELOW = {
     "reconstruct": {"cave"},
     "scenario": {"cave"},
     "sim": {"cave", "scenario"},
-    "envs": {"cave", "photograph", "scenario", "sim"},
+    "envs": {"cave", "photograph", "scenario", "sim", "report"},
     "report": {"cave", "scenario"},
     "train": {"cave", "scenario", "sim", "envs", "report"},
     "evaluate": {"cave", "scenario", "sim", "envs", "report"},
