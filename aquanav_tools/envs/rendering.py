@@ -21,7 +21,7 @@ from aquanav_tools.types import Array, Capsule, Mesh, Progress, ignore_progress,
 
 View = Literal["chase", "onboard"]
 FILM_SIZES = {".mp4": (640, 480), ".gif": (320, 240)}
-"""px, by the suffix of a film's file. A GIF has no motion compression: at this size, 20 to 40 kB per frame."""
+"""px, by the suffix of a film's file. A GIF has no motion compression: at this size, 60 kB per frame."""
 BEHIND, ABOVE = 1.4, 0.45
 """Where the following camera is, from the middle of the vehicle, m."""
 AHEAD = 0.6

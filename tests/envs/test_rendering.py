@@ -127,8 +127,8 @@ def test_a_gif_has_a_frame_for_every_state_and_repeats(tube: Scenario, tmp_path:
             gif.seek(number)
             assert gif.info["duration"] == 100
             shown = np.asarray(gif.convert("RGB"), dtype=float)
-            # 256 colours of a dim scene: median cut gives each a box of some levels per channel.
-            assert np.abs(shown - camera.picture(state)).mean() < 3.0
+            # 256 colours that cover all of a picture: 5 levels off at most in one of a cave and a hull.
+            assert np.abs(shown - camera.picture(state)).max() <= 8.0
     assert [path.name for path in tmp_path.iterdir()] == ["dive.gif"]
 
 
