@@ -96,8 +96,8 @@ def _panel(pillars: Pillars, field: DistanceField, centre: Array, normal: Array,
 def _straighten(pillars: Pillars, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
     """Return the panels with those beside one pillar in parallel, so that both ways around it are about as long."""
     panels = list(panels)
-    for is_parted, run in groupby(range(len(panels)), key=[panel.is_parted for panel in panels].__getitem__):
-        run = list(run)
+    for is_parted, group in groupby(range(len(panels)), key=[panel.is_parted for panel in panels].__getitem__):
+        run = list(group)
         common = _unit(np.sum([panels[n].normal for n in run], axis=0))
         for n in run if is_parted else ():
             if common @ tangents[n] >= MIN_ALONG:
