@@ -22,7 +22,7 @@ ROOMS_BELOW = {
     "reconstruct": {"cave"},
     "scenario": {"cave"},
     "sim": {"cave", "scenario"},
-    "envs": {"cave", "photograph", "scenario", "sim"},
+    "envs": {"cave", "photograph", "scenario", "sim", "report"},
     "policy": set(),
     "report": {"cave", "scenario"},
     "train": {"cave", "scenario", "sim", "envs", "policy", "report"},

@@ -23,7 +23,7 @@ from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.errors import InputError
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, named_folder
+from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, WORK_SUFFIX, named_folder
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
@@ -31,7 +31,6 @@ from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Stages, silent
 
 Split = Literal["train", "validation", "test"]
-WORK_SUFFIX = ".work"
 MERGED_VOXELS = 0.1
 """Triangles are merged where that moves the wall by no more than this, voxels."""
 TURN_LENGTH = 1.0

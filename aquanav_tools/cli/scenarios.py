@@ -1,4 +1,4 @@
-"""aquanav scenarios: what ships, what it is for and how hard it is; building one by its name."""
+"""aquanav scenarios: what ships, what it is for and how hard it is; building one; cleaning the cache of them."""
 
 from __future__ import annotations
 
@@ -24,14 +24,34 @@ class Scenarios:
 
     name: Annotated[str | None, tyro.conf.Positional] = None
     """Scenario to build; all are listed when not given."""
+    clean: bool = False
+    """Remove from the cache what other versions of aquanav built; they build it again when they need it."""
 
 
 def run_scenarios(options: Scenarios) -> None:
-    """List the scenarios, or build one."""
-    if options.name is None:
-        _list()
-    else:
+    """List the scenarios, clean the cache, or build a scenario."""
+    if options.clean:
+        _clean()
+    if options.name is not None:
         print(_built(options.name))
+    elif not options.clean:
+        _list()
+
+
+def _clean() -> None:
+    from aquanav_tools.scenario.shipped import cache_dir, old_versions, remove_version
+
+    folders = old_versions()
+    sizes = [_size(folder) for folder in folders]
+    are_gone = [remove_version(folder) for folder in folders]
+    freed = sum(size for size, is_gone in zip(sizes, are_gone, strict=True) if is_gone)
+    print(f"{sum(are_gone)} of {len(folders)} older scenarios removed from {cache_dir()}: {freed / 1e6:.0f} MB.")
+    for folder in (folder for folder, is_gone in zip(folders, are_gone, strict=True) if not is_gone):
+        print(f"{folder.name} is being built and stays.")
+
+
+def _size(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
 
 
 def _built(name: str) -> Path:
@@ -47,7 +67,7 @@ def _built(name: str) -> Path:
 def _list() -> None:
     from aquanav_tools.build.shipped_scenarios import difficulty, read_shipped
     from aquanav_tools.scenario.folder import read_scenario
-    from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, cache_dir, named_folder, slot_names
+    from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, cache_dir, named_folder, old_versions, slot_names
     from aquanav_tools.shipped import shipped_names
 
     print(HEADER)
@@ -65,3 +85,6 @@ def _list() -> None:
         state = "filled" if (named_folder(name) / SETTINGS_FILE).is_file() else "empty: for a cave of your own"
         print(f"{name:<19} {'yours':<11}{state}")
     print(f"Cache: {cache_dir()}")
+    if old := old_versions():
+        taken = sum(map(_size, old)) / 1e6
+        print(f"{len(old)} scenarios of other versions take {taken:.0f} MB; aquanav scenarios --clean removes them.")

@@ -19,6 +19,7 @@ from aquanav_tools.envs.rendering import VehicleCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, load_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.actuators import actuator_model
@@ -94,7 +95,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
+    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
 
     def __init__(
         self,
@@ -117,7 +118,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
-            render_mode: "rgb_array" for pictures by lamp light from `render`.
+            render_mode: "rgb_array" for pictures by lamp light from `render`; "human" shows every state in rerun's
+                viewer, as fast as they come. A viewer that is there is used, else one is started.
             view: Of the pictures: "chase", from behind the vehicle, or "onboard", from its nose.
             render_size: Their width and height, px.
             task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
@@ -126,6 +128,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
             InputError: an option is unknown or senseless.
+            ResourceError: no viewer can be started.
         """
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         if not self.scenario.starts:
@@ -145,7 +148,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._world = BulletWorld(self.scenario, self.vehicle)
         self.starts = Starts(self.scenario, self.vehicle.capsule, self.task.starts)
         self._episode = Episode(self._rules)
-        self._camera = self._make_camera(render_mode, view, render_size)
+        self._prepare_pictures(render_mode, view, render_size)
         self._current_share = 1.0
         self._gate = 0
         self._remaining = self.scenario.guide.length
@@ -188,7 +191,10 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
         observation = self._observe(rays, state, IDLE)
         self._observations.fill(observation)
-        return observation, self._info(rays, False, terms)
+        info = self._info(rays, False, terms)
+        if self._live is not None:
+            self._live.show(info, is_first=True)
+        return observation, info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
@@ -204,28 +210,39 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         terms = reward_terms(self._weights, Decision(gained, len(touched), num_contact_steps, cut_off, outcome))
         terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
         info = self._info(rays, num_contact_steps > 0, terms)
+        if self._live is not None:
+            self._live.show(info, is_first=False)
         observation = self._observations.through(self._observe(rays, before, command)).copy()
         return observation, sum(terms.values()), terminated, truncated, info
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return the (H, W, 3) picture of where the vehicle is, RGB; None and a warning without a render mode."""
-        if self._camera is None:
+        """Return the (H, W, 3) picture of where the vehicle is, RGB; None where the viewer shows it already.
+
+        Without a render mode, None and a warning.
+        """
+        if self.render_mode is None:
             gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
-            return None
-        return self._camera.picture(self._world.state)
+        return None if self._camera is None else self._camera.picture(self._world.state)
 
     def close(self) -> None:
-        """Let go of the physics."""
+        """Let go of the physics, and of the viewer, which stays open."""
         self._world.close()
+        if self._live is not None:
+            self._live.close()
 
-    def _make_camera(self, render_mode: str | None, view: str, size: tuple[int, int]) -> VehicleCamera | None:
+    def _prepare_pictures(self, render_mode: str | None, view: str, size: tuple[int, int]) -> None:
         self.render_mode = render_mode
-        limits = self.scenario.settings.limits
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / (limits.dt * limits.substeps))}
-        if render_mode is None:
-            return None
-        check_choice("render mode", render_mode, self.metadata["render_modes"])
-        return VehicleCamera(self.scenario.cavity.mesh, self.vehicle.capsule, view, size)
+        limits, hull = self.scenario.settings.limits, self.vehicle.capsule
+        seconds = limits.dt * limits.substeps
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / seconds)}
+        self._camera: VehicleCamera | None = None
+        self._live: LiveDive | None = None
+        if render_mode is not None:
+            check_choice("render mode", render_mode, self.metadata["render_modes"])
+        if render_mode == "rgb_array":
+            self._camera = VehicleCamera(self.scenario.cavity.mesh, hull, view, size)
+        elif render_mode == "human":
+            self._live = LiveDive(self.scenario, hull, original_pattern().directions, seconds)
 
     def _advance(self, command: Command) -> tuple[list[bool], Array]:
         """Hold a command for a decision; return for each physics step whether it touched, and an older state.

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.dive import Photographer
-from aquanav_tools.photograph.files import VideoFile
+from aquanav_tools.photograph.files import GifFile, VideoFile
 from aquanav_tools.photograph.options import CameraOptions, DiveOptions
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.photograph.sensor import develop
@@ -20,6 +20,8 @@ from aquanav_tools.photograph.water import FloatImage, transmission
 from aquanav_tools.types import Array, Capsule, Mesh, Progress, ignore_progress, rotation_matrix
 
 View = Literal["chase", "onboard"]
+FILM_SIZES = {".mp4": (640, 480), ".gif": (320, 240)}
+"""px, by the suffix of a film's file. A GIF has no motion compression: at this size, 60 kB per frame."""
 BEHIND, ABOVE = 1.4, 0.45
 """Where the following camera is, from the middle of the vehicle, m."""
 AHEAD = 0.6
@@ -122,16 +124,34 @@ class VehicleCamera:
         return np.where(is_tail[:, None], BLACK, np.where(is_stripe[:, None], RED, YELLOW))
 
 
+def film_size(path: Path) -> tuple[int, int]:
+    """Return width and height of a film for a file, px.
+
+    Raises:
+        InputError: there are no films with its suffix, or its folder is not there.
+    """
+    size = FILM_SIZES.get(path.suffix.lower())
+    if size is None:
+        raise InputError(f"There are no films like {path.name}. Give it a name that ends in {' or '.join(FILM_SIZES)}.")
+    if not path.parent.is_dir():
+        raise InputError(f"There is no folder {path.parent} for the film {path.name}. Make it first.")
+    return size
+
+
 def film(
     camera: VehicleCamera, states: Array, path: Path, frames_per_second: float, progress: Progress = ignore_progress
 ) -> None:
-    """Write an MP4 of (T, 7 or more) states, each a position and a quaternion (w, x, y, z): a frame for each.
+    """Write an MP4 or a GIF of (T, 7 or more) states, each a position and a quaternion (w, x, y, z): a frame for each.
 
     Raises:
+        InputError: the file has another suffix.
         ResourceError: OpenCV cannot write it.
     """
+    film_size(path)
     unfinished = path.with_name(f"unfinished-{path.name}")
-    with VideoFile(unfinished, frames_per_second, camera.size) as video:
+    is_gif = path.suffix.lower() == ".gif"
+    file = GifFile(unfinished, frames_per_second) if is_gif else VideoFile(unfinished, frames_per_second, camera.size)
+    with file as video:
         for index, state in enumerate(states):
             video.write(camera.picture(state))
             progress(index + 1, len(states))

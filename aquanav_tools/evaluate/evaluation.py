@@ -20,13 +20,14 @@ from aquanav_tools.evaluate.protocol import Condition, conditions_of, plan_condi
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
 from aquanav_tools.evaluate.summary import Summary, group, summarise
+from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
-RECORDING = "episode-{index:05d}.rrd"
+RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +108,7 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
         folder.mkdir(parents=True, exist_ok=True)
         if not is_resumed:
             clear_journal(folder)
-            for path in folder.glob("episode-*.rrd"):
+            for path in (*folder.glob("episode-*.rrd"), *folder.glob(f"episode-*{FILM_SUFFIX}")):
                 path.unlink()
         journal = Journal(folder, provenance.identity(versions()), is_resumed)
         for name in (RESULTS, EPISODES, REPORT, RUN):
@@ -132,8 +133,7 @@ def _fly_all(
         track, metrics = hangar.fly(flight)
         name = None
         if num_recorded < options.max_recordings and _is_recorded(metrics, options.record):
-            name = RECORDING.format(index=flight.index)
-            hangar.record(flight, track, output / name)
+            name = _record(hangar, flight, track, options, output)
             num_recorded += 1
         journal.add(metrics, track, name)
         progress(len(journal.entries), len(flights))
@@ -152,10 +152,18 @@ def _recordings(
     names = {}
     worst = worst_first([entry.metrics for entry in journal.entries])[: options.max_recordings]
     for flight in (flights[index] for index in sorted(worst)):
-        names[flight.index] = RECORDING.format(index=flight.index)
         track, _ = hangar.fly(flight)
-        hangar.record(flight, track, output / names[flight.index])
+        names[flight.index] = _record(hangar, flight, track, options, output)
     return names
+
+
+def _record(hangar: Hangar, flight: Flight, track: Track, options: EvaluateOptions, output: Path) -> str:
+    """Write the recording of an episode, and its film where asked for; return the recording's name."""
+    path = output / RECORDING.format(index=flight.index)
+    hangar.record(flight, track, path)
+    if options.film:
+        hangar.film(flight, track, path.with_suffix(FILM_SUFFIX), "chase")
+    return path.name
 
 
 def _provenance(

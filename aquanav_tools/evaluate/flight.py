@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.rendering import VehicleCamera, film
+from aquanav_tools.envs.rendering import VehicleCamera, film, film_size
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
@@ -24,9 +24,6 @@ from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress, ignore_progress
-
-FILM_SIZE = (640, 480)
-"""px."""
 
 
 @dataclass(frozen=True)
@@ -65,9 +62,9 @@ class Hangar:
         record_episode(self._cave, track, env.vehicle.capsule, original_pattern().directions, path)
 
     def film(self, flight: Flight, track: Track, path: Path, view: str, progress: Progress = ignore_progress) -> None:
-        """Write a film of a flight."""
+        """Write a film of a flight, as MP4 or GIF."""
         env, _ = self._prepare(flight)
-        camera = VehicleCamera(flight.scenario.cavity.mesh, env.vehicle.capsule, view, FILM_SIZE)
+        camera = VehicleCamera(flight.scenario.cavity.mesh, env.vehicle.capsule, view, film_size(path))
         states = np.concatenate([track.positions, track.orientations], axis=1)
         film(camera, states, path, env.metadata["render_fps"], progress)
 

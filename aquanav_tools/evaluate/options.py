@@ -14,6 +14,8 @@ from aquanav_tools.task import TaskOptions
 MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
+View = Literal["chase", "onboard"]
+"""As in envs.rendering, which takes long to import."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,8 @@ class EvaluateOptions(ProtocolOptions):
     --max-recordings worst, which are flown again."""
     max_recordings: int = 50
     """Recordings stop at this number; each takes about 1 MB."""
+    film: bool = False
+    """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
 
@@ -115,6 +119,6 @@ class ReplayOptions:
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
     film: Path | None = None
-    """Also write this MP4 of the episode by lamp light; about half a second per decision."""
-    view: str = "chase"
+    """Also write this MP4 or GIF of the episode by lamp light; about half a second per decision."""
+    view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""

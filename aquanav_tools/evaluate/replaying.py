@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.rendering import film_size
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions
+from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
@@ -33,9 +35,13 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
         progress: Called with (frames of the film written, frames in all).
 
     Raises:
-        InputError: no such results or episode, or the policy or the scenario is missing or another one.
+        InputError: no such results or episode, the policy or the scenario is missing or another one, or no film of
+            that name or view can be made.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
+    if options.film is not None:  # before the flight, which takes long
+        film_size(options.film)
+        check_choice("view", options.view, get_args(View))
     path = options.results / "results.json" if options.results.is_dir() else options.results
     table = read_results(path)
     episode = _find(episodes_of(table), options.episode, path)

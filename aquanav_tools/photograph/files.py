@@ -148,3 +148,28 @@ class VideoFile:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
         self._writer.release()
+
+
+class GifFile:
+    """An animated GIF that repeats for ever, for pages that show no video; use it as a context."""
+
+    def __init__(self, path: Path, frames_per_second: float) -> None:
+        self._path, self._duration_ms = path, 1000.0 / frames_per_second
+        self._frames: list[Image.Image] = []
+
+    def __enter__(self) -> GifFile:
+        return self
+
+    def write(self, pixels: npt.NDArray[np.uint8]) -> None:
+        """Add an (H, W, 3) RGB frame; it is kept in 256 colours of its own until the file is written."""
+        # Median cut, the usual way, spends its colours on the rock and loses a hull of few pixels.
+        covering = Image.Quantize.MAXCOVERAGE
+        self._frames.append(Image.fromarray(pixels).quantize(256, covering, dither=Image.Dither.NONE))
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        if error is not None:
+            return
+        first, *others = self._frames
+        times = {"duration": self._duration_ms, "loop": 0}
+        # Each frame replaces the one before: differences would show through where the palettes differ.
+        first.save(self._path, format="GIF", save_all=True, append_images=others, disposal=1, **times)

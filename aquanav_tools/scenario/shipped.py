@@ -7,13 +7,16 @@ scenarios/*.toml say how each is built. Building belongs to the room above this 
 from __future__ import annotations
 
 import os
+import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
-from aquanav_tools.errors import ScenarioError
+from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
+from aquanav_tools.store import locked
 
 CONTENT = "scenarios"
 CACHE_VARIABLE = "AQUANAV_CACHE"
@@ -21,6 +24,8 @@ SETTINGS_FILE = "scenario.toml"
 SLOT_PREFIX = "cave-real-"
 """Names of slots for a user's own caves."""
 NUM_SLOTS = 3
+WORK_SUFFIX = ".work"
+"""Of the folder beside a scenario's that is locked while it is built."""
 BUILDER = "aquanav_tools.build.shipped_scenarios"
 """Module whose code, with all that it imports, the content of a scenario rests on."""
 
@@ -48,6 +53,31 @@ def named_folder(name: str) -> Path:
         return cache_dir() / name
     key = digest(file_hash(shipped_path(CONTENT, name)), code_digest(BUILDER))
     return cache_dir() / f"{name}-{key}"
+
+
+def old_versions() -> list[Path]:
+    """Return the folders of shipped scenarios as other recipes or other code made them."""
+    cache = cache_dir()
+    if not cache.is_dir():
+        return []
+    kept = {named_folder(name).name for name in shipped_names(CONTENT)}
+    names = "|".join(re.escape(name) for name in shipped_names(CONTENT))
+    version = re.compile(rf"((?:{names})-[0-9a-f]{{16}})(?:{re.escape(WORK_SUFFIX)})?")
+    found = {match[1] for path in cache.iterdir() if (match := version.fullmatch(path.name)) and path.is_dir()}
+    return [cache / name for name in sorted(found - kept)]
+
+
+def remove_version(folder: Path) -> bool:
+    """Remove a scenario from the cache with what its building left; return False where it is being built."""
+    work = folder.with_name(folder.name + WORK_SUFFIX)
+    try:
+        with locked(work):
+            (folder / SETTINGS_FILE).unlink(missing_ok=True)  # first: half a scenario must not pass for a whole one
+            shutil.rmtree(folder, ignore_errors=True)
+    except InputError:
+        return False
+    shutil.rmtree(work, ignore_errors=True)
+    return True
 
 
 def scenario_folder(spec: str | Path) -> Path:

@@ -88,6 +88,13 @@ def test_a_name_builds_a_cave_once_that_can_be_dived(
     row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("tiny"))
     assert "train" in row and row.endswith("half")
 
+    (recipes / "tiny.toml").write_text(RECIPE.replace("short", "small"))
+    run_scenarios(Scenarios())
+    assert "1 scenarios of other versions take" in capsys.readouterr().out
+    run_scenarios(Scenarios(clean=True))
+    assert "1 of 1 older scenarios removed" in capsys.readouterr().out
+    assert not list((tmp_path / "cache").iterdir())
+
 
 def test_a_recipe_with_an_unknown_key_is_refused(recipes: Path) -> None:
     (recipes / "tiny.toml").write_text(RECIPE.replace("winding", "windng"))

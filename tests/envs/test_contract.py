@@ -1,4 +1,4 @@
-"""What every scenario's environment must keep. A scenario that ships belongs into SCENARIOS."""
+"""What every scenario's environment must keep, also those that ship; these take minutes to build and to try."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario, WaterSettings
+from aquanav_tools.scenario.shipped import CONTENT
+from aquanav_tools.shipped import shipped_names
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.evaluate.winding import winding_scenario
@@ -23,6 +26,7 @@ SCENARIOS: dict[str, Callable[[], Scenario]] = {
     "tube with a current": lambda: tube_scenario(water=WaterSettings(current=(0.3, -0.1, 0.05))),
     "winding": winding_scenario,
 }
+SHIPPED = shipped_names(CONTENT)
 DISTURBED = {
     "sensor_noise": 0.05,
     "sensor_dropout": 0.1,
@@ -35,9 +39,9 @@ SPEED = 3.0
 """m/s."""
 
 
-@pytest.fixture(scope="module", params=SCENARIOS)
+@pytest.fixture(scope="module", params=[*SCENARIOS, *(pytest.param(name, marks=pytest.mark.slow) for name in SHIPPED)])
 def scenario(request: pytest.FixtureRequest) -> Scenario:
-    return SCENARIOS[request.param]()
+    return read_scenario(request.param) if request.param in SHIPPED else SCENARIOS[request.param]()
 
 
 @pytest.fixture(scope="module")
@@ -122,6 +126,14 @@ def outward() -> Array:
     return ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
 
+def places_of(scenario: Scenario) -> Array:
+    """Places along the route; in a shipped scenario all its panels, and its starts, which lie in dead ends as well."""
+    centres = scenario.guide.centres
+    if scenario.name in SHIPPED:
+        return np.concatenate([centres, [start.pose.position for start in scenario.starts]])
+    return centres[np.linspace(0, len(centres) - 1, 5).astype(int)]
+
+
 def push(env: CaveEnv, place: Array, way: Array) -> tuple[Array, bool]:
     """Push the vehicle at SPEED for 1.5 s; return where it went, and whether it touched."""
     env.reset(seed=0)
@@ -136,11 +148,11 @@ def push(env: CaveEnv, place: Array, way: Array) -> tuple[Array, bool]:
 
 
 def test_a_vehicle_pushed_against_every_wall_never_gets_out(env: CaveEnv) -> None:
-    guide, mesh = env.scenario.guide, env.scenario.cavity.mesh
+    mesh = env.scenario.cavity.mesh
     tracks, touches = [], []
-    for panel in np.linspace(0, guide.num_gates, 5).astype(int):
+    for place in places_of(env.scenario):
         for way in outward():
-            positions, is_touched = push(env, guide.centres[panel], way)
+            positions, is_touched = push(env, place, way)
             tracks.append(positions)
             touches.append(is_touched)
     places = np.concatenate(tracks)

@@ -5,9 +5,10 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
+from PIL import Image
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.rendering import VehicleCamera, film
+from aquanav_tools.envs.rendering import VehicleCamera, film, film_size
 from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.lens import make_lens
 from aquanav_tools.photograph.options import CameraOptions
@@ -94,7 +95,7 @@ def test_what_is_left_of_the_vehicle_is_left_in_its_picture(tube: Scenario) -> N
     assert left.mean() > 1.2 * right.mean()
 
 
-@pytest.mark.parametrize("wrong", [{"view": "chse"}, {"render_size": (10, 10)}, {"render_mode": "human"}])
+@pytest.mark.parametrize("wrong", [{"view": "chse"}, {"render_size": (10, 10)}, {"render_mode": "humn"}])
 def test_what_cannot_be_rendered_is_refused(tube: Scenario, wrong: dict[str, object]) -> None:
     with pytest.raises(InputError):
         CaveEnv(tube, **{"render_mode": "rgb_array", **wrong})
@@ -114,3 +115,25 @@ def test_a_film_has_a_frame_for_every_state(tube: Scenario, tmp_path: Path) -> N
     assert len(frames) == 6
     assert np.corrcoef(frames[3].ravel(), camera.picture(states[3]).ravel())[0, 1] > 0.95
     assert [path.name for path in tmp_path.iterdir()] == ["dive.mp4"]
+
+
+def test_a_gif_has_a_frame_for_every_state_and_repeats(tube: Scenario, tmp_path: Path) -> None:
+    camera = VehicleCamera(tube.cavity.mesh, HULL, "chase", SIZE)
+    states = np.array([state_at(3.0 + 0.1 * n, 0.0, 0.0) for n in range(6)])
+    film(camera, states, tmp_path / "dive.gif", 10.0)
+    with Image.open(tmp_path / "dive.gif") as gif:
+        assert (gif.format, gif.n_frames, gif.info["loop"]) == ("GIF", 6, 0)
+        for number, state in enumerate(states):
+            gif.seek(number)
+            assert gif.info["duration"] == 100
+            shown = np.asarray(gif.convert("RGB"), dtype=float)
+            # 256 colours that cover all of a picture: 5 levels off at most in one of a cave and a hull.
+            assert np.abs(shown - camera.picture(state)).max() <= 8.0
+    assert [path.name for path in tmp_path.iterdir()] == ["dive.gif"]
+
+
+def test_a_film_of_another_kind_or_in_no_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no films like dive\.avi\. Give it a name that ends in \.mp4 or \.gif"):
+        film_size(tmp_path / "dive.avi")
+    with pytest.raises(InputError, match=r"no folder .*nowhere for the film dive\.gif\. Make it first"):
+        film_size(tmp_path / "nowhere" / "dive.gif")

@@ -19,6 +19,7 @@ import pyarrow.parquet
 import pytest
 from scipy.stats import binomtest
 
+from aquanav_tools.envs import rendering
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
@@ -162,6 +163,35 @@ def test_replay_films_an_episode(folder: Path, tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     assert f"Film: {tmp_path / 'dive.mp4'}" in result.stdout
     assert (tmp_path / "dive.mp4").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("flags", "message"),
+    [
+        (("--film", "dive.avi"), "no films like dive.avi"),
+        (("--film", "dive.gif", "--view", "chse"), "invalid choice 'chse'"),
+    ],
+)
+def test_a_film_that_cannot_be_made_is_refused_before_the_flight(
+    finished: tuple[Path, str], tmp_path: Path, flags: tuple[str, ...], message: str
+) -> None:
+    result = aquanav_eval("replay", finished[0], "--episode", 0, "-o", tmp_path / "again.rrd", *flags)
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert not (tmp_path / "again.rrd").exists()
+
+
+def test_recorded_episodes_are_filmed_on_request_and_old_films_go(
+    tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(rendering.FILM_SIZES, ".mp4", (96, 72))  # pictures of full size take seconds
+    run("baseline:random", episodes=2, max_decisions=2, record="worst", max_recordings=1, film=True)
+    (recording,) = (tmp_path / "eval").glob("*.rrd")
+    (film,) = (tmp_path / "eval").glob("*.mp4")
+    assert film.stem == recording.stem
+    assert film.stat().st_size > 1000
+    run("baseline:random", episodes=1, max_decisions=2, record="all")
+    assert not list((tmp_path / "eval").glob("*.mp4"))
 
 
 class Broken:

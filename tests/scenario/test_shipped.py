@@ -11,8 +11,9 @@ from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.scenario.shipped import named_folder, scenario_folder
+from aquanav_tools.scenario.shipped import named_folder, old_versions, remove_version, scenario_folder
 from aquanav_tools.shipped import shipped_names
+from aquanav_tools.store import locked
 
 
 @pytest.fixture(autouse=True)
@@ -63,3 +64,33 @@ def test_a_filled_slot_is_read(tube: Scenario, cache: Path) -> None:
 def test_a_misspelt_name_gets_the_closest() -> None:
     with pytest.raises(ScenarioError, match="Did you mean 'cave-train-1'"):
         read_scenario("cave-trian-1")
+
+
+def other_version(cache: Path, suffix: str = "") -> Path:
+    folder = cache / f"cave-train-1-0123456789abcdef{suffix}"
+    folder.mkdir(parents=True)
+    (folder / "scenario.toml").write_text("")
+    return folder
+
+
+def test_only_other_versions_of_shipped_scenarios_are_removed(tube: Scenario, cache: Path) -> None:
+    old = other_version(cache)
+    left_over = cache / "cave-test-1-fedcba9876543210.work"  # of a build that was killed
+    mine = [cache / name for name in ("cave-real-2", "cave-mine-0123456789abcdef", "cave-train-1-mine")]
+    for folder in (left_over, *mine):
+        folder.mkdir()
+    current = named_folder("cave-train-1")
+    write_scenario(tube, current)
+    assert old_versions() == [left_over.with_suffix(""), old]
+    assert all(remove_version(folder) for folder in old_versions())
+    assert sorted(cache.iterdir()) == sorted([current, *mine])
+    assert read_scenario("cave-train-1").name == tube.name
+
+
+def test_a_version_that_is_being_built_stays(cache: Path) -> None:
+    old = other_version(cache)
+    with locked(other_version(cache, ".work")):  # flock holds between two openings in one process, too
+        assert not remove_version(old)
+    assert old.is_dir()
+    assert remove_version(old)
+    assert not list(cache.iterdir())

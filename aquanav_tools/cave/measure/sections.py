@@ -166,14 +166,21 @@ def _section(mesh: Mesh, arc_length: float, centre: Array, normal: Array) -> Sec
 
 def water_around(mesh: Mesh, centre: Array, normal: Array) -> Any:
     """Return the shapely polygon of the water around a station, in plane coordinates; None where it is in rock."""
+    import shapely
+
+    origin = shapely.Point(0.0, 0.0)
+    return next((piece for piece in water_in_plane(mesh, centre, normal) if piece.contains(origin)), None)
+
+
+def water_in_plane(mesh: Mesh, centre: Array, normal: Array) -> list[Any]:
+    """Return the shapely polygons of all water in the plane of a station, in plane coordinates."""
     import manifold3d
     import shapely
 
     cuts = slice_mesh(mesh, centre, np.vstack([plane_axes(normal), normal]))
-    origin = shapely.Point(0.0, 0.0)
+    polygons = []
     for piece in manifold3d.CrossSection(cuts, manifold3d.FillRule.EvenOdd).decompose():
         rings = sorted((shapely.Polygon(ring) for ring in piece.to_polygons()), key=lambda ring: -ring.area)
         polygon = shapely.Polygon(rings[0].exterior.coords, [ring.exterior.coords for ring in rings[1:]])
-        if polygon.contains(origin):
-            return shapely.geometry.polygon.orient(polygon)
-    return None
+        polygons.append(shapely.geometry.polygon.orient(polygon))
+    return polygons

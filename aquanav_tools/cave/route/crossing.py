@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aquanav_tools.cave.closing.portals import plane_axes
 from aquanav_tools.cave.route.guide import Panel
 from aquanav_tools.types import Array
 
@@ -14,15 +15,28 @@ TOLERANCE = 1e-6
 def panels_cross(one: Panel, other: Panel) -> bool:
     """Return whether the polygons of two panels share a piece of a line.
 
-    Both planes meet in a line; each polygon covers intervals of it. Polygons in parallel planes do not cross.
+    Both planes meet in a line; each polygon covers intervals of it. Polygons in parallel planes do not cross. One that
+    goes on behind a pillar counts with the rock between its pieces: planes that meet there swap their order behind it.
     """
     direction = np.cross(one.normal, other.normal)
     if np.linalg.norm(direction) < TOLERANCE:
         return False
     direction /= np.linalg.norm(direction)
-    ours = _cuts(one.polygon, other.centre, other.normal, direction)
-    theirs = _cuts(other.polygon, one.centre, one.normal, direction)
+    ours = _cuts(_spanned(one), other.centre, other.normal, direction)
+    theirs = _cuts(_spanned(other), one.centre, one.normal, direction)
     return _overlap(ours, theirs) > TOLERANCE
+
+
+def _spanned(panel: Panel) -> Array:
+    """Return the (K, 3) outline of a panel; its hull where it goes on behind a pillar."""
+    import shapely
+
+    if not panel.is_parted:
+        return panel.polygon
+    axes = plane_axes(panel.normal)
+    hull = shapely.MultiPoint((panel.polygon - panel.centre) @ axes.T).convex_hull
+    spanned: Array = np.asarray(hull.exterior.coords)[:-1] @ axes + panel.centre
+    return spanned
 
 
 def _cuts(polygon: Array, point: Array, normal: Array, direction: Array) -> Array:

@@ -37,11 +37,16 @@ class Panel:
     normal: Array
     """(3,) unit vector along the direction of travel."""
     polygon: Array
-    """(K, 3) outline of the cross-section, m."""
+    """(K, 3) outline of the cross-section, m. Where it goes on behind a pillar, it comes back to its first corner."""
     arc_length: float
     """Distance along the centreline from the first panel, m."""
     clearance: float
     """Clearance at the centre, m."""
+
+    @property
+    def is_parted(self) -> bool:
+        """Whether the outline goes on behind a pillar."""
+        return bool((self.polygon[1:] == self.polygon[0]).all(axis=1).any())
 
 
 @dataclass(frozen=True, eq=False)

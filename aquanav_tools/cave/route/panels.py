@@ -1,28 +1,27 @@
 """Placing the panels: cross-sections of the passage along the route, which do not cut each other.
 
 Where a bend is tighter than the passage is wide, planes square to the route cut each other on its inside. There the
-panels are turned towards each other, like the spokes of a larger wheel, just as far as needed. At a pillar that reaches
-from wall to wall a panel ends at the pillar; around a boulder that hangs free its outline goes all the way.
+panels are turned towards each other, like the spokes of a larger wheel, just as far as needed. Beside a pillar a panel
+goes on behind it; around a boulder that hangs free its outline goes all the way.
 """
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.portals import plane_axes
-from aquanav_tools.cave.measure.sections import water_around
 from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.route.crossing import panels_cross
 from aquanav_tools.cave.route.guide import Guide, Panel
+from aquanav_tools.cave.route.pillars import Pillars
 from aquanav_tools.cave.route.route import Route
 from aquanav_tools.cave.route.stations import MIN_PANELS, Line, Sight, choose_stations, direct
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array
 
 CHAIN_WINDOW = 30
 """At most this many panels in a row may be left out."""
@@ -63,8 +62,10 @@ def place_panels(
     line = _inner_line(route, inset, options)
     sight = Sight(line, Surface(cavity.mesh), vehicle_radius, options.margin)
     stations = [int(station) for station in choose_stations(line, sight, options)]
-    panels = [_panel(cavity.mesh, field, line.points[n], line.tangents[n], n * line.step) for n in stations]
-    panels = _turn_until_apart(cavity.mesh, field, panels, line.tangents[stations])
+    pillars = Pillars(cavity.mesh, field, vehicle_radius, line.points)
+    panels = [_panel(pillars, field, line.points[n], line.tangents[n], n * line.step) for n in stations]
+    panels = _straighten(pillars, field, panels, line.tangents[stations])
+    panels = _turn_until_apart(pillars, field, panels, line.tangents[stations])
     kept = _fewest_crossings(panels, stations, sight, options.spacing)
     return Guide(line.points, tuple(panels[n] for n in kept))
 
@@ -82,18 +83,29 @@ def _inner_line(route: Route, inset: float, options: PanelOptions) -> Line:
     return direct(route.points[inner], step, route.clearance[inner], options.tangent_length)
 
 
-def _panel(mesh: Mesh, field: DistanceField, centre: Array, normal: Array, arc_length: float) -> Panel:
-    section = water_around(mesh, centre, normal)
-    if section is None:
+def _panel(pillars: Pillars, field: DistanceField, centre: Array, normal: Array, arc_length: float) -> Panel:
+    outline = pillars.outline(centre, normal)
+    if outline is None:
         raise MeshError(
             f"No cross-section can be cut at {centre.round(2)} m: the route touches the wall there. Rebuild with a "
             "smaller --closing.voxel, or choose a smaller vehicle with --vehicle."
         )
-    outline = np.asarray(section.exterior.coords)[:-1] @ plane_axes(normal) + centre
     return Panel(centre, normal, outline, float(arc_length), field.clearance_at(centre))
 
 
-def _turn_until_apart(mesh: Mesh, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
+def _straighten(pillars: Pillars, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
+    """Return the panels with those beside one pillar in parallel, so that both ways around it are about as long."""
+    panels = list(panels)
+    for is_parted, group in groupby(range(len(panels)), key=[panel.is_parted for panel in panels].__getitem__):
+        run = list(group)
+        common = _unit(np.sum([panels[n].normal for n in run], axis=0))
+        for n in run if is_parted else ():
+            if common @ tangents[n] >= MIN_ALONG:
+                panels[n] = _panel(pillars, field, panels[n].centre, common, panels[n].arc_length)
+    return panels
+
+
+def _turn_until_apart(pillars: Pillars, field: DistanceField, panels: list[Panel], tangents: Array) -> list[Panel]:
     """Return the panels turned until no two neighbours cross, as little as TURN_SHARE allows."""
     panels = list(panels)
     for _ in range(MAX_ROUNDS):
@@ -102,7 +114,7 @@ def _turn_until_apart(mesh: Mesh, field: DistanceField, panels: list[Panel], tan
         if not turned:
             break
         for n, normal in turned.items():
-            panels[n] = _panel(mesh, field, panels[n].centre, normal, panels[n].arc_length)
+            panels[n] = _panel(pillars, field, panels[n].centre, normal, panels[n].arc_length)
     return panels
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField, interpolate
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, IntArray
+from aquanav_tools.types import Array, BoolArray, IntArray
 
 MAX_NODES = 300_000
 """Samples that are searched at most: about 0.3 GB and some seconds. More water is searched on every second or n-th."""
@@ -81,6 +81,16 @@ class WaterGraph:
         while path[-1] != first:
             path.append(int(before[path[-1]]))
         return self.points[path[::-1]]
+
+    def parts(self, sides: BoolArray) -> IntArray:
+        """Return the (N,) part of the water each node is in when no way leads between (N,) nodes of unlike sides."""
+        from scipy.sparse import csr_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        a, b = self._edges[sides[self._edges[:, 0]] == sides[self._edges[:, 1]]].T
+        joined = csr_matrix((np.ones(len(a), dtype=np.bool_), (a, b)), shape=(len(self.points),) * 2)
+        labels: IntArray = connected_components(joined, directed=False)[1]
+        return labels
 
     def nearest_open(self, point: Array) -> int:
         """Return the number of the node nearest to a (3,) point."""

@@ -17,6 +17,8 @@ MAX_RAY_STATES = 600
 FOLLOW_DISTANCE = 2.5
 """Of the camera that follows the vehicle, m."""
 TIMELINE = "time"
+TRAIL_RADIUS, RAY_RADIUS = 0.015, 0.004
+"""Of the lines drawn, m."""
 
 NEAR, FAR = np.array([229, 56, 59]), np.array([120, 200, 220])
 STATE_COLOURS = {
@@ -44,7 +46,8 @@ def record_episode(cave: CaveModel, track: Track, hull: Capsule, ray_directions:
     """
     scenario = cave.scenario
     identity = f"episode {scenario.name} {scenario.content_hash} {track.seed} {track.start_index}"
-    with recording(path, identity, _episode_blueprint(cave, track)) as stream:
+    blueprint = dive_blueprint(cave, track.positions[0], _lasting_terms(track))
+    with recording(path, identity, blueprint) as stream:
         _log_properties(stream, track)
         log_cave(stream, cave)
         log_route(stream, scenario)
@@ -70,6 +73,16 @@ def _log_vehicle(stream: Any, track: Track, hull: Capsule) -> None:
     quaternions = track.orientations[:, [1, 2, 3, 0]]  # rerun's order is (x, y, z, w)
     motion = rr.Transform3D.columns(translation=track.positions, quaternion=quaternions)
     stream.send_columns("vehicle", [_time_column(track.times)], motion, strict=True)
+    log_hull(stream, hull)
+    segments = np.stack([track.positions[:-1], track.positions[1:]], axis=1)
+    trail = rr.LineStrips3D(segments, colors=distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=TRAIL_RADIUS)
+    stream.log("trail", trail, static=True, strict=True)
+
+
+def log_hull(stream: Any, hull: Capsule) -> None:
+    """Log the hull, in the vehicle's frame, for all times."""
+    import rerun as rr
+
     capsule = rr.Capsules3D(
         lengths=[hull.axis_length],
         radii=[hull.radius],
@@ -79,9 +92,6 @@ def _log_vehicle(stream: Any, track: Track, hull: Capsule) -> None:
         fill_mode="solid",
     )
     stream.log("vehicle/hull", capsule, static=True, strict=True)
-    segments = np.stack([track.positions[:-1], track.positions[1:]], axis=1)
-    trail = rr.LineStrips3D(segments, colors=_distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=0.015)
-    stream.log("trail", trail, static=True, strict=True)
 
 
 def _log_rays(stream: Any, track: Track, directions: Array) -> None:
@@ -92,13 +102,13 @@ def _log_rays(stream: Any, track: Track, directions: Array) -> None:
     num_states, num_rays = ranges.shape
     strips = np.zeros((num_states * num_rays, 2, 3), dtype=np.float32)
     strips[:, 1] = (ranges[..., None] * directions).reshape(-1, 3)
-    colours = _distance_colours(ranges.ravel(), float(track.rays.max()))
+    colours = distance_colours(ranges.ravel(), float(track.rays.max()))
     columns = rr.LineStrips3D.columns(strips=strips, colors=colours).partition([num_rays] * num_states)
     stream.send_columns("vehicle/rays", [_time_column(track.times[::every])], columns, strict=True)
-    stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=0.004), static=True, strict=True)
+    stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS), static=True, strict=True)
 
 
-def _distance_colours(distances: Array, far: float) -> Any:
+def distance_colours(distances: Array, far: float) -> Any:
     """Return (N, 3) colours from red at no distance to pale blue at `far`."""
     share = np.clip(distances / far, 0.0, 1.0)[:, None]
     return (NEAR * (1.0 - share) + FAR * share).astype(np.uint8)
@@ -115,19 +125,25 @@ def _log_scalars(stream: Any, track: Track) -> None:
     }
     for name, (times, values) in series.items():
         stream.send_columns(f"plots/{name}", [_time_column(times)], rr.Scalars.columns(scalars=values), strict=True)
-    states = np.where(track.collided, "collision", np.where(track.clearances < NEAR_WALL, "near wall", "cruise"))
-    states = np.append(states[:-1], track.outcome)
+    states = np.append(states_of(track.collided, track.clearances)[:-1], track.outcome)
     changes = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
     columns = rr.StateChange.columns(state=states[changes].tolist())
     stream.send_columns("state", [_time_column(track.times[changes])], columns, strict=True)
-    stream.log("state", _state_colours(), static=True, strict=True)
+    log_state_colours(stream)
 
 
-def _state_colours() -> Any:
+def states_of(are_collided: Any, clearances: Any) -> Any:
+    """Return what the state lane says of a vehicle under way."""
+    return np.where(are_collided, "collision", np.where(np.asarray(clearances) < NEAR_WALL, "near wall", "cruise"))
+
+
+def log_state_colours(stream: Any) -> None:
+    """Log what the colours of the state lane mean."""
     import rerun as rr
 
     names = list(STATE_COLOURS)
-    return rr.StateConfiguration(values=names, labels=names, colors=list(STATE_COLOURS.values()))
+    colours = rr.StateConfiguration(values=names, labels=names, colors=list(STATE_COLOURS.values()))
+    stream.log("state", colours, static=True, strict=True)
 
 
 def _time_column(times: Array) -> Any:
@@ -136,25 +152,33 @@ def _time_column(times: Array) -> Any:
     return rr.TimeColumn(TIMELINE, duration=times)
 
 
-def _episode_blueprint(cave: CaveModel, track: Track) -> Any:
-    """Return the layout: the whole cave, a close view that follows the vehicle, and the plots beside them."""
+def dive_blueprint(cave: CaveModel, begin: Array, terms: list[str], is_live: bool = False) -> Any:
+    """Return the layout: the whole cave, a close view that follows the vehicle, and the plots beside them.
+
+    Args:
+        cave: Where the dive is.
+        begin: (3,) where the vehicle is first, m.
+        terms: Entities of the reward's terms that are plotted.
+        is_live: Whether the viewer shows what comes last.
+    """
     import rerun.blueprint as rrb
 
     contents = ["+ /**", "- /plots/**", "- /state"]
     scenes = rrb.Vertical(
         rrb.Spatial3DView(contents=contents, name=cave.scenario.name, eye_controls=eye(cave), line_grid=False),
-        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave, track), line_grid=False),
+        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave, begin), line_grid=False),
         row_shares=[2, 3],
     )
     plots = rrb.Vertical(
         rrb.StateTimelineView(origin="state", name="state"),
         rrb.TimeSeriesView(origin="plots/clearance", name="clearance, m"),
         rrb.TimeSeriesView(origin="plots/progress", name="progress, m"),
-        rrb.TimeSeriesView(origin="plots/reward", contents=_lasting_terms(track), name="reward, by term"),
+        rrb.TimeSeriesView(origin="plots/reward", contents=terms, name="reward, by term"),
         rrb.TimeSeriesView(origin="plots/cost", name="cost"),
         row_shares=[1, 2, 2, 2, 2],
     )
-    panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed")
+    play_state = "following" if is_live else None
+    panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state)
     return rrb.Blueprint(rrb.Horizontal(scenes, plots, column_shares=[2, 1]), panel, collapse_panels=True)
 
 
@@ -163,11 +187,10 @@ def _lasting_terms(track: Track) -> list[str]:
     return [f"plots/reward/{name}" for name, values in track.reward_terms.items() if np.count_nonzero(values) > 1]
 
 
-def _following_eye(cave: CaveModel, track: Track) -> Any:
+def _following_eye(cave: CaveModel, begin: Array) -> Any:
     """Return a camera that stays beside the vehicle."""
     import rerun.blueprint as rrb
 
-    begin = track.positions[0]
     return rrb.EyeControls3D(
         position=begin + FOLLOW_DISTANCE * cave.aside,
         look_target=begin,

@@ -153,20 +153,27 @@ def test_a_passage_too_short_for_six_panels_is_refused_with_its_length() -> None
         guide_along(swept(line, 1.0), walk((1.0, 0, 0), (2.0, 0, 0)))
 
 
-def test_a_panel_ends_at_a_pillar_and_a_vehicle_may_pass_on_either_side() -> None:
+def test_a_panel_goes_on_behind_a_pillar_and_a_vehicle_may_pass_on_either_side() -> None:
     tube = swept(walk((0, 0, 0), (16, 0, 0)), 2.0)
     pillar = manifold3d.Manifold.cube((3.0, 0.8, 6.0), center=True).translate((8.0, 0.0, 0.0))
     cave = closed(from_manifold(to_manifold(tube.mesh) - pillar))
     guide = guide_along(cave, walk((0, 0, 0), (6, 1.2, 0), (10, 1.2, 0), (16, 0, 0), turn=3.0))
     abreast = min(guide.panels, key=lambda panel: abs(panel.centre[0] - 8.0))
-    assert abreast.polygon[:, 1].min() > 0.0
+    assert abreast.is_parted
+    assert abreast.polygon[:, 1].min() == pytest.approx(-2.0, abs=0.05)
+    assert np.abs(abreast.polygon[:, 1]).min() == pytest.approx(0.4, abs=1e-6)
     for side in (1.0, -1.0):
         gate, progress = 0, []
-        for point in walk((1, 0, 0), (6, 1.2 * side, 0), (10, 1.2 * side, 0), (15.3, 0, 0), turn=3.0):
+        way = walk((1, 0, 0), (6, 1.2 * side, 0), (10, 1.2 * side, 0), (15.3, 0, 0), turn=3.0)
+        fine = np.concatenate([np.linspace(a, b, 10, endpoint=False) for a, b in pairwise(way)])  # 1 cm apart
+        for point in fine:
             gate = guide.track(point, gate)
             progress.append(guide.progress(point, gate))
         assert progress[-1] == pytest.approx(guide.length, abs=0.3)
-        assert np.diff(progress).min() > -0.05
+        assert np.diff(progress).min() > -0.005
+        # The panels lean with the route's bends, so behind the pillar they stand closer, as on the inside of a bend: by
+        # less than a third of their distance. Ending at the pillar, they gave a jump of 3 m here.
+        assert np.diff(progress).max() < 0.03
 
 
 def test_the_outline_goes_around_a_boulder_that_hangs_free() -> None:
