@@ -15,7 +15,7 @@ from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
-from aquanav_tools.evaluate.rollout import run_episode
+from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
@@ -43,17 +43,17 @@ class Flight:
 class Hangar:
     """Keeps what flights share, one environment at a time: flights come sorted by scenario and condition."""
 
-    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions) -> None:
-        self._policy, self._options = policy, options
+    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
+        self._policy, self._options, self._watch = policy, options, watch or Watch()
         self._env: CaveEnv | None = None
         self._course: Course | None = None
         self._cave: CaveModel | None = None
         self._place: tuple[Scenario, Condition] | None = None
 
-    def fly(self, flight: Flight) -> tuple[Track, EpisodeMetrics]:
-        """Return the track of an episode and its metrics."""
+    def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
+        """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
         env, course = self._prepare(flight)
-        track = run_episode(env, self._policy.policy, flight.plan)
+        track = run_episode(env, self._policy.policy, flight.plan, self._watch, reason)
         way = env.starts.way_to_goal(track.positions[0], track.start_index)
         return track, measure(track, way, course, flight.index)
 
@@ -96,9 +96,9 @@ class Hangar:
 
 
 @contextmanager
-def open_hangar(policy: LoadedPolicy, options: ProtocolOptions) -> Iterator[Hangar]:
+def open_hangar(policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> Iterator[Hangar]:
     """Yield a hangar that is closed at the end."""
-    hangar = Hangar(policy, options)
+    hangar = Hangar(policy, options, watch)
     try:
         yield hangar
     finally:

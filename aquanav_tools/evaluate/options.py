@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -81,6 +82,11 @@ class EvaluateOptions(ProtocolOptions):
     """Recordings stop at this number; each takes about 1 MB."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
+    workers: int | None = None
+    """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
+    every 10 episodes at most, and with 1 this process flies."""
+    action_time_limit: float = 30.0
+    """Wall time in which a policy must give an action, s; an episode in which it does not has failed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -88,6 +94,10 @@ class EvaluateOptions(ProtocolOptions):
             raise InputError("An evaluation needs a policy and a scenario. Name both.")
         if self.max_recordings < 0:
             raise InputError(f"--max-recordings is {self.max_recordings}; choose 0 or more.")
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers is {self.workers}; choose 1 or more, or leave it out for all cores.")
+        if not 0.0 < self.action_time_limit < math.inf:
+            raise InputError(f"--action-time-limit is {self.action_time_limit} s; choose more than 0.")
 
 
 @dataclass(frozen=True)
