@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import multiprocessing
+import os
 import signal
 import traceback
 from collections import Counter, deque
@@ -16,22 +17,44 @@ from multiprocessing import connection
 from typing import Any
 
 from aquanav_tools.errors import AquanavError, ResourceError
-from aquanav_tools.evaluate.pilot import Orders, Row, Task, make_plan, open_pilot
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, make_plan, open_pilot
 from aquanav_tools.evaluate.rollout import Watch
 
+EPISODES_PER_WORKER = 10
+"""A process takes about as long to start as 20 short episodes, and works beside the others meanwhile."""
 GRACE = 5.0
 """Time that a policy's call has to end by itself after its limit before its process is killed, s."""
 LOOK_EVERY = 0.5
 """Interval at which policies that hang are looked for, s."""
 MAX_FLIGHTS = 2
 """Times that an episode is flown whose process ends."""
+END = "end"
 MAX_LOSSES = 5
 """Processes that may end before they are ready, or over an episode that is not even flown any more."""
 
 
-def fly_in_processes(orders: Orders, num_workers: int, tasks: Iterator[Task]) -> Iterator[Row]:
-    """Yield the journal's rows of episodes as they end. The next task is asked for when a process is free for it.
+def flown(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks as they end, flown in this process or in several others."""
+    num_workers = _num_workers(orders.options.workers, count)
+    if num_workers > 1:
+        yield from fly_in_processes(orders, num_workers, tasks)
+        return
+    with open_pilot(orders, plan, Watch(orders.options.action_time_limit)) as pilot:
+        for task in tasks:
+            if task is not None:
+                yield pilot.carry_out(task)
 
+
+def _num_workers(wanted: int | None, num_episodes: int) -> int:
+    if wanted is None:
+        return min(len(os.sched_getaffinity(0)), -(-num_episodes // EPISODES_PER_WORKER))
+    return min(wanted, num_episodes)
+
+
+def fly_in_processes(orders: Orders, num_workers: int, tasks: Iterator[Task | None]) -> Iterator[Row]:
+    """Yield the journal's rows of episodes as they end.
+
+    The next task is asked for when a process is free for it; None stands for one that depends on episodes in flight.
     The processes begin by importing the main module again: a script that calls this needs `if __name__ == "__main__"`.
 
     Raises:
@@ -56,6 +79,7 @@ class _Worker:
         self.process.start()
         inner.close()
         self.task: Task | None = None
+        self.is_free = False
 
     def read(self) -> Any:
         """Return its message, or None where it has ended."""
@@ -75,7 +99,7 @@ class _Worker:
 class _Crew:
     """The processes and what they are at."""
 
-    def __init__(self, orders: Orders, tasks: Iterator[Task]) -> None:
+    def __init__(self, orders: Orders, tasks: Iterator[Task | None]) -> None:
         self._orders, self._tasks = orders, tasks
         self._again: deque[Task] = deque()
         self._workers: list[_Worker] = []
@@ -106,18 +130,23 @@ class _Crew:
                 self._losses[None] = 0
                 if message:
                     yield message
+                worker.is_free, worker.task = True, None
+            for worker in [worker for worker in self._workers if worker.is_free]:
                 self._employ(worker)
             self._end_hanging()
 
     def _employ(self, worker: _Worker) -> None:
-        """Give a process its next task, or let it go."""
-        worker.task = self._again.popleft() if self._again else next(self._tasks, None)
-        if worker.task is None:
+        """Give a process its next task, let it wait where there is none yet, or let it go."""
+        task = self._again.popleft() if self._again else next(self._tasks, END)
+        if isinstance(task, str):
             self._workers.remove(worker)
             worker.end()
             return
+        worker.is_free, worker.task = task is None, task
+        if task is None:
+            return
         try:
-            worker.pipe.send(worker.task)
+            worker.pipe.send(task)
         except OSError:
             self._lose(worker, worker.end())
 
@@ -129,7 +158,7 @@ class _Crew:
         if self._losses[key] >= MAX_LOSSES:
             raise ResourceError(
                 f"A process that flies episodes {_ending(exit_code)}, {MAX_LOSSES} times in a row, before it flew. "
-                "The likely cause is too little memory. Take fewer processes with --workers, and --resume."
+                f"{_cause(exit_code)} What was flown is kept: go on with --resume."
             )
         if task is not None and self._losses[key] >= MAX_FLIGHTS:
             task = dataclasses.replace(task, reason=task.reason or f"its process {_ending(exit_code)}, twice")
@@ -147,6 +176,15 @@ class _Crew:
         if task is not None:
             self._again.append(task)
         self.hire(1)
+
+
+def _cause(exit_code: int) -> str:
+    if exit_code < 0:
+        return "The likely cause is too little memory. Take fewer processes with --workers."
+    return (
+        'Its own message is above; a script that calls evaluate needs `if __name__ == "__main__":` around that. '
+        "--workers 1 does without processes."
+    )
 
 
 def _ending(exit_code: int) -> str:

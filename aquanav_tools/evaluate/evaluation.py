@@ -4,32 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.crew import fly_in_processes
+from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, make_plan, open_pilot
+from aquanav_tools.evaluate.pilot import Orders, Plan, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
-from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.evaluate.summary import Summary, group, summarise
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
+CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
-EPISODES_PER_WORKER = 10
-"""A process takes about as long to start as 20 short episodes, and works beside the others meanwhile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +76,8 @@ def evaluate(
     episodes = journal.episodes
     summary = summarise(episodes)
     groups = group(episodes)
+    if options.cases:
+        write_cases(options.cases, options, options.max_decisions, output / CASES)
     report = write_report(plan.scenarios, journal, (summary, groups), provenance, recordings, output)
     write_episodes(episodes, output / EPISODES)
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
@@ -102,7 +102,7 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
         for path in folder.glob("episode-*.rrd.partial" if is_resumed else "episode-*.rrd*"):
             path.unlink()
         journal = Journal(folder, provenance.identity(versions()), is_resumed)
-        for name in (RESULTS, EPISODES, REPORT, RUN):
+        for name in (RESULTS, EPISODES, REPORT, RUN, CASES):
             (folder / name).unlink(missing_ok=True)
     except OSError as cause:
         raise InputError(f"Cannot write to the output folder {folder}: {cause}. Choose another with -o.") from cause
@@ -118,26 +118,9 @@ def _fly_all(orders: Orders, plan: Plan, journal: Journal, progress: Progress) -
         for flight in plan.flights
         if flight.index not in journal
     )
-    for row in _flown(orders, plan, tasks, count - len(journal)):
+    for row in flown(orders, plan, tasks, count - len(journal)):
         journal.add(row)
         progress(len(journal), count)
-
-
-def _flown(orders: Orders, plan: Plan, tasks: Iterator[Task], count: int) -> Iterator[Row]:
-    """Yield the journal's rows of `count` tasks as they end, flown here or in processes of their own."""
-    num_workers = _num_workers(orders.options.workers, count)
-    if num_workers > 1:
-        yield from fly_in_processes(orders, num_workers, tasks)
-        return
-    with open_pilot(orders, plan, Watch(orders.options.action_time_limit)) as pilot:
-        for task in tasks:
-            yield pilot.carry_out(task)
-
-
-def _num_workers(wanted: int | None, num_episodes: int) -> int:
-    if wanted is None:
-        return min(len(os.sched_getaffinity(0)), -(-num_episodes // EPISODES_PER_WORKER))
-    return min(wanted, num_episodes)
 
 
 def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Literal["always", "failure", "never"]:
@@ -160,7 +143,7 @@ def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
             (orders.output / name).unlink(missing_ok=True)
         return dict(found[: options.max_recordings])
     worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
-    rows = _flown(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
+    rows = flown(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
     return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 
@@ -173,13 +156,14 @@ def _provenance(plan: Plan, orders: Orders) -> Provenance:
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)
         ],
         protocol={
-            "episodes": options.episodes,
+            "episodes": len(options.cases) or options.episodes,
             "seed": options.seed,
             "observation": policy.observation,
             "action": policy.action,
             **choices_of(options),
             "max_decisions": options.max_decisions,
             "grid": dataclasses.asdict(options.grid),
+            **({"cases": [dataclasses.asdict(case) for case in options.cases]} if options.cases else {}),
             "conditions": [
                 {"name": item.name, "changes": item.changes, "region": item.region} for item in plan.conditions
             ],

@@ -87,6 +87,10 @@ class Journal:
         """The metrics of the finished episodes, by their places in the evaluation."""
         return tuple(self._entries[index].metrics for index in sorted(self._entries))
 
+    def episode(self, index: int) -> EpisodeMetrics:
+        """Return the metrics of one finished episode."""
+        return self._entries[index].metrics
+
     @property
     def recordings(self) -> dict[int, str]:
         """Names of the recordings by episode, in the episodes' order."""
@@ -110,7 +114,9 @@ class Journal:
 
     def _keep(self, row: dict[str, Any]) -> None:
         # Equal texts share their memory: what an episode takes decides how many fit.
-        metrics: dict[str, Any] = {key: sys.intern(value) if key in SHARED else value for key, value in row["metrics"].items()}
+        metrics: dict[str, Any] = {
+            key: sys.intern(value) if key in SHARED else value for key, value in row["metrics"].items()
+        }
         entry = Entry(EpisodeMetrics(**metrics), row["recording"])
         index = entry.metrics.index
         if entry.recording is not None and (index not in self or self._entries[index].recording is None):

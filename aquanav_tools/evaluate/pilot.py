@@ -10,9 +10,9 @@ from typing import Any, Literal
 
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, write_trail
-from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
-from aquanav_tools.evaluate.protocol import Condition, conditions_of, plan_condition
+from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
 from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
@@ -56,6 +56,8 @@ class Task:
     """When to write its recording."""
     reason: str = ""
     """Why it fails without being flown: it brought its process down before."""
+    case: Case | None = None
+    """What to fly in the first scenario instead of the plan's episode."""
 
 
 def make_plan(orders: Orders) -> Plan:
@@ -75,7 +77,15 @@ def make_plan(orders: Orders) -> Plan:
         for condition in conditions
         for plan in plan_condition(scenario, options, condition)
     ]
+    if options.cases:
+        flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
+        conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
     return Plan(policy, scenarios, conditions, numbered(flights))
+
+
+def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:
+    """Return the episode of a case in a scenario."""
+    return Flight(index, scenario, case_condition(case), plan_case(scenario, case))
 
 
 class Pilot:
@@ -86,7 +96,11 @@ class Pilot:
 
     def carry_out(self, task: Task, is_wanted: Callable[[], bool] = lambda: True) -> Row:
         """Return the journal's row of an episode; nothing is written once it is no longer wanted."""
-        flight = self._plan.flights[task.index]
+        flight = (
+            self._plan.flights[task.index]
+            if task.case is None
+            else case_flight(self._plan.scenarios[0], task.case, task.index)
+        )
         track, metrics = self._hangar.fly(flight, task.reason)
         name = None
         if not is_wanted():

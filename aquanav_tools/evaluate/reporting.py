@@ -324,7 +324,7 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
     ]
     for scenario in provenance.scenarios:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
-    rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid")]
+    rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
     rows.append(("episodes flown", str(len(journal))))
     return Table("What was evaluated", ("", ""), tuple(rows))
@@ -335,6 +335,8 @@ def repeat_command(provenance: Provenance) -> str:
     protocol, plain = provenance.protocol, choices_of(TaskOptions())
     words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
     words += [scenario["path"] for scenario in provenance.scenarios]
+    if "cases" in protocol:
+        return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
     for name in ("episodes", "seed", "max_decisions", *plain):
         value = protocol[name]
         if name in ("episodes", "seed") or (value is not None and value != plain.get(name)):

@@ -132,9 +132,12 @@ def _reset(policy: Policy, seed: int) -> None:
 def _choose(policy: Policy, form: ActionModel, observation: Any) -> tuple[Any, tuple[float, ...]]:
     """Return the policy's action and the command that it means; raises where it is no action."""
     action = policy.act(observation)
-    if not np.isfinite(np.asarray(action, dtype=np.float64)).all():
-        raise ValueError(f"it gave {action!r}, which is not finite")
-    return action, tuple(form.command(action))
+    try:
+        return action, tuple(form.command(action))
+    except Exception:
+        if not np.isfinite(np.asarray(action, dtype=np.float64)).all():
+            raise ValueError(f"it gave {action!r}, which is not finite") from None
+        raise
 
 
 def _start(plan: EpisodePlan) -> dict[str, Any]:

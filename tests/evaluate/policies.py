@@ -13,45 +13,46 @@ import numpy as np
 
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 
+TROUBLE = "AQUANAV_TEST_TROUBLE"
+"""Environment variable: what happens at the fourth decision of which seeds, as "2 raises, 5 dies"."""
 ONCE = "AQUANAV_TEST_ONCE"
-"""Environment variable with the path of a file that says that a process was killed already."""
+"""Environment variable: path of a file that says that a process was killed already."""
 
 
 class Drifting:
-    """Acts at random, but from the fourth decision of the episodes named in TROUBLE as these say."""
+    """Acts at random, without a generator of its own, but for its trouble."""
 
-    TROUBLE = 2, 5
-    """Seeds."""
-
-    def __init__(self, kind: str) -> None:
-        self._kind, self._seed, self._num = kind, 0, 0
+    def __init__(self) -> None:
+        pairs = [entry.split(maxsplit=1) for entry in os.environ.get(TROUBLE, "").split(",") if entry]
+        self._trouble = {int(seed): kind for seed, kind in pairs}
+        self._seed, self._num = 0, 0
 
     def reset(self, seed: int) -> None:
         self._seed, self._num = seed, 0
 
     def act(self, observation: Any) -> Any:
         self._num += 1
-        if self._seed in self.TROUBLE and self._num == 4:
-            trouble(self._kind)
-            if self._kind == "gives no number":
-                return np.full(3, np.nan)
+        if self._num == 4 and self._seed in self._trouble:
+            return suffer(self._trouble[self._seed])
         return np.random.randint(3, size=3)
 
 
-def trouble(kind: str) -> None:
+def suffer(kind: str) -> Any:
     """Do what a bad policy, or a machine short of memory, does."""
     if kind == "raises":
         raise ValueError(f"no idea, says {object()!r}")
+    if kind == "gives no number":
+        return np.full(3, np.nan)
     if kind == "hangs":
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])  # as compiled code does that never comes back
         time.sleep(60.0)
-    is_first = not Path(os.environ.get(ONCE, os.devnull)).exists()
-    if kind == "dies" or (kind == "dies once" and is_first):
-        if kind == "dies once":
-            Path(os.environ[ONCE]).touch()
+    once = Path(os.environ[ONCE])
+    if kind == "dies" or not once.exists():
+        once.touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    return np.random.randint(3, size=3)
 
 
-def load_bad(name: str) -> LoadedPolicy:
-    """Return a policy by the kind of its trouble, "none" for no trouble."""
-    return dataclasses.replace(load_policy("baseline:random"), policy=Drifting(name), name=name)
+def load_drifting(name: str) -> LoadedPolicy:
+    """Return the policy with the trouble that the environment names."""
+    return dataclasses.replace(load_policy("baseline:random"), policy=Drifting(), name=name)
