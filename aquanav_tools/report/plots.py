@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -74,7 +74,7 @@ def plot_progress(tracks: Sequence[Trail], route_length: float, path: Path) -> N
     _finish(figure, axes, path)
 
 
-def plot_cases(panels: dict[str, Cases], axes_names: tuple[str, str, str], path: Path) -> None:
+def plot_cases(panels: Mapping[str, Cases], axes_names: tuple[str, str, str], path: Path) -> None:
     """Write a column of two scatter plots for each kind of cases: the first value against the second and the third.
 
     Args:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import signal
+import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from aquanav_tools.evaluate.evaluation import evaluate
+from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 
 TROUBLE = "AQUANAV_TEST_TROUBLE"
@@ -56,3 +60,17 @@ def suffer(kind: str) -> Any:
 def load_drifting(name: str) -> LoadedPolicy:
     """Return the policy with the trouble that the environment names."""
     return dataclasses.replace(load_policy("baseline:random"), policy=Drifting(), name=name)
+
+
+def drifting_options(folder: Path, output: Path, **options: Any) -> EvaluateOptions:
+    """Return short episodes of which the first three failures are recorded."""
+    rules: dict[str, Any] = {"max_decisions": 30, "record": "failures", "max_recordings": 3, "action_time_limit": 1.0}
+    return EvaluateOptions(("drifting",), (folder,), output, **rules, **options)
+
+
+if __name__ == "__main__":
+    # The policy is loaded by its module's name: other processes know the module that runs by another.
+    from tests.evaluate import policies
+
+    choices = drifting_options(Path(sys.argv[1]), Path(sys.argv[2]), **json.loads(sys.argv[3]))
+    evaluate(choices, lambda done, total: None, load=policies.load_drifting)
