@@ -66,8 +66,8 @@ def test_what_is_imported_is_what_is_required() -> None:
     )
     imported = {canonicalize_name(PACKAGE_OF.get(module, module)) for module in modules - {"tomllib"}}
     project = pyproject()["project"]
-    texts = project["dependencies"] + project["optional-dependencies"]["heic"]
-    texts += project["optional-dependencies"]["recurrent"]
+    extras = project["optional-dependencies"]
+    texts = project["dependencies"] + extras["heic"] + extras["recurrent"] + extras["stress"]
     required = {canonicalize_name(Requirement(text).name) for text in texts}
     assert imported == required
 

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import tyro
 
 from aquanav_tools.cli.command import run_command
-from aquanav_tools.evaluate.options import CompareOptions, EvaluateOptions, ReplayOptions
+from aquanav_tools.evaluate.options import CompareOptions, EvaluateOptions, ReplayOptions, StressOptions
 
 if TYPE_CHECKING:
     from aquanav_tools.evaluate.evaluation import Evaluation
+    from aquanav_tools.types import Progress
 
 DESCRIPTION = (
     "Score a policy in scenarios on fixed seeded starts. Writes results.json, episodes.parquet, report.html and rerun "
     "recordings. Policies are loaded without running any code from them.\n\n"
     "Example: aquanav-eval policy.zip --scenario out/han --episodes 50 --seed 0 -o out/eval\n"
-    "Also: aquanav-eval compare out/a out/b, and aquanav-eval replay out/eval --episode 17 (each has --help)."
+    "Also: aquanav-eval compare out/a out/b, aquanav-eval replay out/eval --episode 17, and aquanav-eval stress "
+    "policy.zip --scenario out/han (each has --help)."
 )
 COMPARE = "Compare evaluations: the first with each other one, on the same episodes, with intervals and tests."
+STRESS = (
+    "Search for the starts, currents and sensor noise that break a policy, beside as many cases drawn at random, and "
+    "save the worst as a protocol for aquanav-eval."
+)
 REPLAY = "Fly an episode of an evaluation again, check that it repeats to the bit, and record it."
 
 
@@ -32,6 +39,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run_command(CompareOptions, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
     elif arguments[:1] == ["replay"]:
         run_command(ReplayOptions, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
+    elif arguments[:1] == ["stress"]:
+        run_command(StressOptions, _stress, "aquanav-eval stress", STRESS, arguments=arguments[1:])
     else:
         run_command(
             EvaluateOptions, evaluate_policies, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments
@@ -63,20 +72,38 @@ def _defaults(arguments: Sequence[str]) -> EvaluateOptions | None:
 
 
 def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation:
-    from tqdm import tqdm
-
     from aquanav_tools.evaluate.evaluation import evaluate
+
+    with _episode_bar() as show:
+        return evaluate(options, show, policy, folder)
+
+
+@contextmanager
+def _episode_bar() -> Iterator[Progress]:
+    from tqdm import tqdm
 
     # The delay keeps an error in the arguments from leaving an empty bar behind.
     with tqdm(unit="episode", file=sys.stderr, delay=0.5) as bar:
 
         def show(done: int, total: int) -> None:
+            if bar.total is None:
+                bar.initial = bar.n = done  # those of a stopped run say nothing about the speed of this one
             bar.total = total
             bar.update(done - bar.n)
             if done == total:
                 bar.set_postfix_str("writing the report")
 
-        return evaluate(options, show, policy, folder)
+        yield show
+
+
+def _stress(options: StressOptions) -> None:
+    from aquanav_tools.evaluate.stress import WORST, stress
+    from aquanav_tools.evaluate.stress_report import verdict
+
+    with _episode_bar() as show:
+        found = stress(options, show)
+    print(f"\n{found.policy} in {found.scenario.name}: {verdict(found)}\n")
+    print(f"Report:      {found.report}\nWorst cases: {options.output / WORST}, for aquanav-eval --protocol")
 
 
 def _compare(options: CompareOptions) -> None:

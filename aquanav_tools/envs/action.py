@@ -53,7 +53,8 @@ class ActionModel:
 
 def _from_choices(action: Any) -> Command:
     try:
-        ballast, steer, thrust = [int(choice) for choice in action]
+        # Numbers from a list take a quarter of the time of those from an array.
+        ballast, steer, thrust = map(int, action.tolist() if isinstance(action, np.ndarray) else action)
     except (TypeError, ValueError) as cause:
         raise InputError(f"An action must be 3 choices from 0 to 2, got {action!r}.") from cause
     if not (0 <= ballast < NUM_CHOICES and 0 <= steer < NUM_CHOICES and 0 <= thrust < NUM_CHOICES):

@@ -5,29 +5,29 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import Literal
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
+from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.evaluate.options import EvaluateOptions, ProtocolOptions
+from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
-from aquanav_tools.evaluate.protocol import Condition, conditions_of, plan_condition
+from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
 from aquanav_tools.evaluate.summary import Summary, group, summarise
-from aquanav_tools.report.track import Track
-from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
+CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
-RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +42,11 @@ class Evaluation:
 
 
 def evaluate(
-    options: EvaluateOptions, progress: Progress, policy_name: str = "", output: Path | None = None
+    options: EvaluateOptions,
+    progress: Progress,
+    policy_name: str = "",
+    output: Path | None = None,
+    load: Callable[[str], LoadedPolicy] = load_policy,
 ) -> Evaluation:
     """Evaluate one policy and write everything about it into a folder.
 
@@ -51,48 +55,35 @@ def evaluate(
         progress: Told how many episodes are done.
         policy_name: Which of the options' policies; empty for the first.
         output: The folder; None takes the options'.
+        load: Loads the policy by its name; a function of a module, as other processes call it too.
 
     Raises:
         InputError: the policy cannot be used, the output folder cannot be made, or its episodes are of another
             evaluation.
         ScenarioError: a scenario cannot be read.
+        ResourceError: the processes that fly do not start.
     """
-    output = output or options.output
-    policy = load_policy(policy_name or options.policies[0])
-    scenarios = [read_scenario(path) for path in options.scenario]
-    _check_names(scenarios)
-    conditions = conditions_of(options.grid)
-    flights = plan_flights(scenarios, conditions, options)
-    provenance = _provenance(policy, policy_name or options.policies[0], scenarios, conditions, options)
+    orders = Orders(options, policy_name or options.policies[0], output or options.output, load)
+    output = orders.output
+    plan = make_plan(orders)
+    _check_names(plan.scenarios)
+    provenance = _provenance(plan, orders)
     journal = _open_journal(output, provenance, options.resume)
-    started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal.entries)
-    with open_hangar(policy, options) as hangar:
-        _fly_all(hangar, flights, journal, options, output, progress)
-        recordings = _recordings(hangar, flights, journal, options, output)
+    started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)
+    _fly_all(orders, plan, journal, progress)
+    recordings = _recordings(orders, plan, journal)
     seconds = time.perf_counter() - clock
-    episodes = tuple(entry.metrics for entry in journal.entries)
+    episodes = journal.episodes
     summary = summarise(episodes)
     groups = group(episodes)
-    report = write_report(scenarios, journal, (summary, groups), provenance, recordings, output)
+    if options.cases:
+        write_cases(options.cases, options, options.max_decisions, output / CASES)
+    report = write_report(plan.scenarios, journal, (summary, groups), provenance, recordings, output)
     write_episodes(episodes, output / EPISODES)
-    write_results(results_table(provenance, summary, groups, episodes), output / RESULTS)
-    run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(flights) - before}
+    write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
+    run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(episodes) - before}
     (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
     return Evaluation(summary, episodes, output / RESULTS, report, tuple(output / name for name in recordings.values()))
-
-
-def plan_flights(
-    scenarios: Sequence[Scenario], conditions: Sequence[Condition], options: ProtocolOptions
-) -> tuple[Flight, ...]:
-    """Return all episodes of an evaluation in their order: by scenario, then by condition."""
-    return numbered(
-        [
-            Flight(0, scenario, condition, plan)
-            for scenario in scenarios
-            for condition in conditions
-            for plan in plan_condition(scenario, options, condition)
-        ]
-    )
 
 
 def _check_names(scenarios: Sequence[Scenario]) -> None:
@@ -108,85 +99,75 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
         folder.mkdir(parents=True, exist_ok=True)
         if not is_resumed:
             clear_journal(folder)
-            for path in (*folder.glob("episode-*.rrd"), *folder.glob(f"episode-*{FILM_SUFFIX}")):
+        for kind in (".rrd", FILM_SUFFIX):
+            for path in folder.glob(f"episode-*{kind}.partial" if is_resumed else f"episode-*{kind}*"):
                 path.unlink()
         journal = Journal(folder, provenance.identity(versions()), is_resumed)
-        for name in (RESULTS, EPISODES, REPORT, RUN):
+        for name in (RESULTS, EPISODES, REPORT, RUN, CASES):
             (folder / name).unlink(missing_ok=True)
     except OSError as cause:
         raise InputError(f"Cannot write to the output folder {folder}: {cause}. Choose another with -o.") from cause
     return journal
 
 
-def _fly_all(
-    hangar: Hangar,
-    flights: Sequence[Flight],
-    journal: Journal,
-    options: EvaluateOptions,
-    output: Path,
-    progress: Progress,
-) -> None:
-    """Fly what the journal lacks; write each recording before its episode counts as done."""
-    num_recorded = sum(entry.recording is not None for entry in journal.entries)
-    progress(len(journal.entries), len(flights))
-    for flight in flights[len(journal.entries) :]:
-        track, metrics = hangar.fly(flight)
-        name = None
-        if num_recorded < options.max_recordings and _is_recorded(metrics, options.record):
-            name = _record(hangar, flight, track, options, output)
-            num_recorded += 1
-        journal.add(metrics, track, name)
-        progress(len(journal.entries), len(flights))
+def _fly_all(orders: Orders, plan: Plan, journal: Journal, progress: Progress) -> None:
+    """Fly what the journal lacks; what belongs to an episode is on disk before it counts as done."""
+    count = len(plan.flights)
+    progress(len(journal), count)
+    tasks = (
+        Task(flight.index, _record_rule(flight.index, orders.options, journal))
+        for flight in plan.flights
+        if flight.index not in journal
+    )
+    for row in flown(orders, plan, tasks, count - len(journal)):
+        journal.add(row)
+        progress(len(journal), count)
 
 
-def _is_recorded(metrics: EpisodeMetrics, record: str) -> bool:
-    return record == "all" or (record == "failures" and not metrics.is_collision_free_success)
+def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Literal["always", "failure", "never"]:
+    """Return when to record an episode: never one that cannot be among the first --max-recordings."""
+    if options.record == "all":
+        return "always" if index < options.max_recordings else "never"
+    is_possible = journal.num_recorded_before(index) < options.max_recordings
+    return "failure" if options.record == "failures" and is_possible else "never"
 
 
-def _recordings(
-    hangar: Hangar, flights: Sequence[Flight], journal: Journal, options: EvaluateOptions, output: Path
-) -> dict[int, str]:
-    """Return the names of the recordings by episode; fly the worst episodes again where these are asked for."""
+def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
+    """Return the names of the recordings by episode; fly the worst episodes again where these are asked for.
+
+    Episodes end in any order, so there may be recordings of failures beyond the first --max-recordings: they go.
+    """
+    options = orders.options
     if options.record != "worst":
-        return {entry.metrics.index: entry.recording for entry in journal.entries if entry.recording is not None}
-    names = {}
-    worst = worst_first([entry.metrics for entry in journal.entries])[: options.max_recordings]
-    for flight in (flights[index] for index in sorted(worst)):
-        track, _ = hangar.fly(flight)
-        names[flight.index] = _record(hangar, flight, track, options, output)
-    return names
+        found = list(journal.recordings.items())
+        for _, name in found[options.max_recordings :]:
+            for path in (orders.output / name, (orders.output / name).with_suffix(FILM_SUFFIX)):
+                path.unlink(missing_ok=True)
+        return dict(found[: options.max_recordings])
+    worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
+    rows = flown(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
+    return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 
-def _record(hangar: Hangar, flight: Flight, track: Track, options: EvaluateOptions, output: Path) -> str:
-    """Write the recording of an episode, and its film where asked for; return the recording's name."""
-    path = output / RECORDING.format(index=flight.index)
-    hangar.record(flight, track, path)
-    if options.film:
-        hangar.film(flight, track, path.with_suffix(FILM_SUFFIX), "chase")
-    return path.name
-
-
-def _provenance(
-    policy: LoadedPolicy,
-    path: str,
-    scenarios: Sequence[Scenario],
-    conditions: Sequence[Condition],
-    options: EvaluateOptions,
-) -> Provenance:
+def _provenance(plan: Plan, orders: Orders) -> Provenance:
+    options, policy = orders.options, plan.policy
     return Provenance(
-        policy={"name": policy.name, "sha256": policy.sha256, "path": path},
+        policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy},
         scenarios=[
             {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
-            for scenario, folder in zip(scenarios, options.scenario, strict=True)
+            for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)
         ],
         protocol={
-            "episodes": options.episodes,
+            "episodes": len(options.cases) or options.episodes,
             "seed": options.seed,
             "observation": policy.observation,
             "action": policy.action,
             **choices_of(options),
             "max_decisions": options.max_decisions,
             "grid": dataclasses.asdict(options.grid),
-            "conditions": [{"name": item.name, "changes": item.changes, "region": item.region} for item in conditions],
+            **({"cases": [dataclasses.asdict(case) for case in options.cases]} if options.cases else {}),
+            "conditions": [
+                {"name": item.name, "changes": item.changes, "region": item.region} for item in plan.conditions
+            ],
         },
     )

@@ -15,15 +15,18 @@ from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
-from aquanav_tools.evaluate.rollout import run_episode
+from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
-from aquanav_tools.task import choices_of
+from aquanav_tools.task import TaskOptions, choices_of, task_options
 from aquanav_tools.types import Progress, ignore_progress
+
+LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
+"""Options that an environment reads anew whenever they count, so that it is kept when only these change."""
 
 
 @dataclass(frozen=True)
@@ -40,17 +43,17 @@ class Flight:
 class Hangar:
     """Keeps what flights share, one environment at a time: flights come sorted by scenario and condition."""
 
-    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions) -> None:
-        self._policy, self._options = policy, options
+    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
+        self._policy, self._options, self._watch = policy, options, watch or Watch()
         self._env: CaveEnv | None = None
         self._course: Course | None = None
         self._cave: CaveModel | None = None
-        self._place: tuple[Scenario, Condition] | None = None
+        self._place: tuple[Scenario, TaskOptions] | None = None
 
-    def fly(self, flight: Flight) -> tuple[Track, EpisodeMetrics]:
-        """Return the track of an episode and its metrics."""
+    def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
+        """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
         env, course = self._prepare(flight)
-        track = run_episode(env, self._policy.policy, flight.plan)
+        track = run_episode(env, self._policy.policy, flight.plan, self._watch, reason)
         way = env.starts.way_to_goal(track.positions[0], track.start_index)
         return track, measure(track, way, course, flight.index)
 
@@ -75,27 +78,28 @@ class Hangar:
         self._env = self._place = None
 
     def _prepare(self, flight: Flight) -> tuple[CaveEnv, Course]:
-        place = (flight.scenario, flight.condition)
+        task = task_options({**choices_of(self._options), **flight.condition.changes})
+        place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
         if self._env is None or self._course is None or not is_here:
             self.close()
-            task = {**choices_of(self._options), **flight.condition.changes}
             self._env = CaveEnv(
                 flight.scenario,
                 observation=self._policy.observation,
                 action=self._policy.action,
                 max_decisions=self._options.max_decisions,
-                **task,
+                **choices_of(task),
             )
             self._place = place
             self._course = _course(self._env, flight)
-        return self._env, self._course
+        self._env.task = task
+        return self._env, replace(self._course, condition=flight.condition.name)
 
 
 @contextmanager
-def open_hangar(policy: LoadedPolicy, options: ProtocolOptions) -> Iterator[Hangar]:
+def open_hangar(policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> Iterator[Hangar]:
     """Yield a hangar that is closed at the end."""
-    hangar = Hangar(policy, options)
+    hangar = Hangar(policy, options, watch)
     try:
         yield hangar
     finally:

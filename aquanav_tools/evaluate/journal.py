@@ -1,14 +1,17 @@
 """The journal of an evaluation: each episode reaches the disk as it ends, so that a stopped one can go on.
 
-`episodes.jsonl` begins with a line that says what is evaluated, and has a line per finished episode. What belongs to an
-episode is written before its line, and a line that was cut off is dropped, so that a line stands for a whole episode.
+`episodes.jsonl` begins with a line that says what is evaluated, and has a line per finished episode, in the order in
+which they ended. What belongs to an episode is written before its line, and a line that was cut off is dropped, so that
+a line stands for a whole episode.
 """
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import json
 import os
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,9 +26,11 @@ from aquanav_tools.report.track import Trail
 JOURNAL = "episodes.jsonl"
 TRAILS = "trails"
 COLUMNS = ("times", "positions", "clearances", "collided", "progress")
+SHARED = ("scenario", "condition", "region", "outcome", "reason")
+"""Texts that many episodes have in common."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Entry:
     """One finished episode."""
 
@@ -35,7 +40,7 @@ class Entry:
 
 
 class Journal:
-    """Finished episodes on disk, in their order."""
+    """Finished episodes on disk, in the order in which they ended."""
 
     def __init__(self, folder: Path, identity: dict[str, Any], is_resumed: bool) -> None:
         """Open the journal in an output folder.
@@ -50,33 +55,55 @@ class Journal:
         """
         self._folder = folder
         self._path = folder / JOURNAL
-        self.entries: list[Entry] = []
+        self._entries: dict[int, Entry] = {}
+        self._recorded: list[int] = []
         identity = json.loads(json.dumps(identity))
         lines = _whole_lines(self._path) if is_resumed else []
         if lines:
             _check_identity(json.loads(lines[0]), identity, folder)
-            self.entries = [_entry(json.loads(line)) for line in lines[1:]]
+            for line in lines[1:]:
+                self._keep(json.loads(line))
         (folder / TRAILS).mkdir(exist_ok=True)
+        for path in (folder / TRAILS).glob("*.partial"):
+            path.unlink()
         partial = self._path.with_name(self._path.name + ".partial")
         partial.write_bytes(b"".join(line + b"\n" for line in lines or [_line(identity)]))
         os.replace(partial, self._path)
 
-    def add(self, metrics: EpisodeMetrics, trail: Trail, recording: str | None) -> None:
-        """Keep a finished episode."""
-        path = self._trail_path(metrics.index)
-        partial = path.with_name(path.name + ".partial")
-        with partial.open("wb") as stream:
-            np.savez_compressed(stream, **{name: _small(getattr(trail, name)) for name in COLUMNS})
-        os.replace(partial, path)
-        line = _line({"metrics": dataclasses.asdict(metrics), "recording": recording})
+    def __len__(self) -> int:
+        return len(self._entries)
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._entries
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Keep a finished episode, whose trail and recording are on disk, from its `journal_row`."""
         with self._path.open("ab", buffering=0) as stream:
-            stream.write(line + b"\n")
-        self.entries.append(Entry(metrics, recording))
+            stream.write(_line(row) + b"\n")
+        self._keep(row)
+
+    @property
+    def episodes(self) -> tuple[EpisodeMetrics, ...]:
+        """The metrics of the finished episodes, by their places in the evaluation."""
+        return tuple(self._entries[index].metrics for index in sorted(self._entries))
+
+    def episode(self, index: int) -> EpisodeMetrics:
+        """Return the metrics of one finished episode."""
+        return self._entries[index].metrics
+
+    @property
+    def recordings(self) -> dict[int, str]:
+        """Names of the recordings by episode, in the episodes' order."""
+        return {index: str(self._entries[index].recording) for index in self._recorded}
+
+    def num_recorded_before(self, index: int) -> int:
+        """Return how many finished episodes with a smaller number have a recording."""
+        return bisect.bisect_left(self._recorded, index)
 
     def trail(self, index: int) -> Trail:
         """Return where a finished episode led, in single precision."""
-        metrics = self.entries[index].metrics
-        with np.load(self._trail_path(index), allow_pickle=False) as columns:
+        metrics = self._entries[index].metrics
+        with np.load(_trail_path(self._folder, index), allow_pickle=False) as columns:
             return Trail(
                 seed=metrics.seed,
                 start_index=metrics.start,
@@ -85,8 +112,30 @@ class Journal:
                 **{name: columns[name] for name in COLUMNS},
             )
 
-    def _trail_path(self, index: int) -> Path:
-        return self._folder / TRAILS / f"{index:06d}.npz"
+    def _keep(self, row: dict[str, Any]) -> None:
+        # Equal texts share their memory: what an episode takes decides how many fit.
+        metrics: dict[str, Any] = {
+            key: sys.intern(value) if key in SHARED else value for key, value in row["metrics"].items()
+        }
+        entry = Entry(EpisodeMetrics(**metrics), row["recording"])
+        index = entry.metrics.index
+        if entry.recording is not None and (index not in self or self._entries[index].recording is None):
+            bisect.insort(self._recorded, index)
+        self._entries[index] = entry
+
+
+def journal_row(metrics: EpisodeMetrics, recording: str | None) -> dict[str, Any]:
+    """Return what a line of the journal holds."""
+    return {"metrics": dataclasses.asdict(metrics), "recording": recording}
+
+
+def write_trail(folder: Path, index: int, trail: Trail) -> None:
+    """Write where an episode led into the folder of its evaluation."""
+    path = _trail_path(folder, index)
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as stream:
+        np.savez_compressed(stream, **{name: _small(getattr(trail, name)) for name in COLUMNS})
+    os.replace(partial, path)
 
 
 def clear_journal(folder: Path) -> None:
@@ -94,6 +143,10 @@ def clear_journal(folder: Path) -> None:
     (folder / JOURNAL).unlink(missing_ok=True)
     for path in (folder / TRAILS).glob("*.npz*"):
         path.unlink()
+
+
+def _trail_path(folder: Path, index: int) -> Path:
+    return folder / TRAILS / f"{index:06d}.npz"
 
 
 def _whole_lines(path: Path) -> list[bytes]:
@@ -108,10 +161,6 @@ def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path)
             f"The episodes in {folder} are of another evaluation: {', '.join(different)} differ. Go on with the "
             "options it was begun with, or leave out --resume to begin anew."
         )
-
-
-def _entry(table: dict[str, Any]) -> Entry:
-    return Entry(EpisodeMetrics(**table["metrics"]), table["recording"])
 
 
 def _line(table: dict[str, Any]) -> bytes:

@@ -36,7 +36,7 @@ class Course:
     """That the vehicle keeps ahead in still water, m/s."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class EpisodeMetrics:
     """One episode in numbers: metres, seconds, joules."""
 

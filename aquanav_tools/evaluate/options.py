@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -33,6 +34,24 @@ class Grid:
     aquanav chooses keep off the last third."""
 
 
+@dataclass(frozen=True)
+class Case:
+    """One episode by itself."""
+
+    start: int
+    """Which of the scenario's starts."""
+    seed: int
+    """Of the gusts, the sensor's noise and the policy."""
+    sensor_noise: float = 0.0
+    """Standard deviation of the error of each ray's distance, m."""
+    current: float = 1.0
+    """Share of the water's own speed."""
+
+    def __post_init__(self) -> None:
+        if self.start < 0 or self.seed < 0:
+            raise InputError(f"A case has start {self.start} and seed {self.seed}; neither is negative.")
+
+
 @dataclass(frozen=True, kw_only=True)
 class ProtocolOptions(TaskOptions):
     """Which episodes are run, under which rules: the table of a protocol file."""
@@ -44,9 +63,14 @@ class ProtocolOptions(TaskOptions):
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
     grid: Grid = field(default_factory=Grid)
+    cases: tyro.conf.Suppress[tuple[Case, ...]] = ()
+    """Episodes named one by one, instead of by number, seed and grid: what aquanav-eval stress saves. In a protocol's
+    file only."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.cases and (self.grid != Grid() or self.starts == "anywhere"):
+            raise InputError("Cases name their starts and conditions; leave out the grid and --starts anywhere.")
         if not 1 <= self.episodes <= MAX_EPISODES:
             raise InputError(
                 f"--episodes is {self.episodes}; an evaluation has 1 to {MAX_EPISODES}. Choose a number there."
@@ -85,6 +109,11 @@ class EvaluateOptions(ProtocolOptions):
     """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
+    workers: int | None = None
+    """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
+    every 10 episodes at most, and with 1 this process flies."""
+    action_time_limit: float = 30.0
+    """Wall time in which a policy must give an action, s; an episode in which it does not has failed."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -92,6 +121,60 @@ class EvaluateOptions(ProtocolOptions):
             raise InputError("An evaluation needs a policy and a scenario. Name both.")
         if self.max_recordings < 0:
             raise InputError(f"--max-recordings is {self.max_recordings}; choose 0 or more.")
+        if self.workers is not None and self.workers < 1:
+            raise InputError(f"--workers is {self.workers}; choose 1 or more, or leave it out for all cores.")
+        if not 0.0 < self.action_time_limit < math.inf:
+            raise InputError(f"--action-time-limit is {self.action_time_limit} s; choose more than 0.")
+
+
+@dataclass(frozen=True, kw_only=True)
+class StressOptions(TaskOptions):
+    """How a policy is searched for failures. Each field is an option of aquanav-eval stress."""
+
+    policy: Annotated[str, tyro.conf.Positional]
+    """As aquanav-eval takes it."""
+    scenario: Path
+    """Scenario folder."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/stress")
+    """Folder for worst.toml, stress.json and report.html."""
+    budget: int = 200
+    """Episodes of the search; as many are drawn at random beside it, to compare."""
+    seed: int = 0
+    """Of the search and of the random draws."""
+    max_noise: float = 0.2
+    """The search may give rays errors of this standard deviation, m."""
+    max_current: float = 1.5
+    """The search may let the water flow with this share of its speed."""
+    seeds: int = 8
+    """Number of seeds to choose from, for gusts and noise."""
+    worst: int = 20
+    """Cases to save."""
+    max_decisions: int | None = None
+    """Episode limit; without it, the scenario's."""
+    resume: bool = False
+    """Go on with a search that was stopped; it ends like one that was not."""
+    workers: int | None = None
+    """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores."""
+    action_time_limit: float = 30.0
+    """Wall time in which a policy must give an action, s; an episode in which it does not has failed."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= self.budget <= MAX_EPISODES:
+            raise InputError(f"--budget is {self.budget}; a search has 1 to {MAX_EPISODES} episodes.")
+        if self.seed < 0 or self.seeds < 1 or self.worst < 1:
+            raise InputError(
+                f"--seed, --seeds and --worst are {self.seed}, {self.seeds} and {self.worst}; choose 0 or more for "
+                "the first and 1 or more for the others."
+            )
+        for name in ("max_noise", "max_current"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InputError(f"--{name.replace('_', '-')} is {getattr(self, name)}; choose 0 or more.")
+        if self.starts == "anywhere" or self.sensor_noise or self.current_range != (1.0, 1.0):
+            raise InputError(
+                "The search chooses starts, sensor noise and the share of the current itself: leave out --starts, "
+                "--sensor-noise and --current-range. --max-noise and --max-current bound the search."
+            )
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ import numpy as np
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import region_of
-from aquanav_tools.evaluate.options import MAX_CONDITIONS, Grid, ProtocolOptions
+from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.task import TaskOptions, choices_of
 
 FOLDER = "eval/protocols"
 NOMINAL = "as given"
@@ -71,6 +72,38 @@ def conditions_of(grid: Grid) -> tuple[Condition, ...]:
     if len(combinations) > MAX_CONDITIONS:
         raise InputError(f"The grid has {len(combinations)} conditions, more than {MAX_CONDITIONS}. Give fewer values.")
     return tuple(_condition(combination) for combination in combinations)
+
+
+def case_condition(case: Case) -> Condition:
+    """Return the circumstances of a case; cases that share them get the same."""
+    changes = {"sensor_noise": case.sensor_noise, "current_range": (case.current, case.current)}
+    return Condition(f"current x{case.current:g}, noise {case.sensor_noise:g} m", changes)
+
+
+def plan_case(scenario: Scenario, case: Case) -> EpisodePlan:
+    """Return the episode of a case.
+
+    Raises:
+        InputError: the scenario has no such start.
+    """
+    if case.start >= len(scenario.starts):
+        raise InputError(
+            f"A case begins at start {case.start}, and {scenario.name} has the starts 0 to {len(scenario.starts) - 1}: "
+            "the cases are of another scenario, or it was built anew. Search there with aquanav-eval stress."
+        )
+    return EpisodePlan(case.seed, case.start)
+
+
+def write_cases(cases: Sequence[Case], task: TaskOptions, max_decisions: int | None, path: Path) -> None:
+    """Write a protocol file of cases; options of the task that are as usual are left out."""
+    import tomli_w
+
+    usual = choices_of(TaskOptions())
+    table = {key: value for key, value in choices_of(task).items() if value != usual[key]}
+    if max_decisions is not None:
+        table["max_decisions"] = max_decisions
+    table["cases"] = [dataclasses.asdict(case) for case in cases]
+    path.write_text(tomli_w.dumps(table), encoding="utf-8")
 
 
 def plan_episodes(num_starts: int, num_episodes: int, seed: int, is_anywhere: bool = False) -> tuple[EpisodePlan, ...]:

@@ -8,6 +8,8 @@ reaching the goal without a collision.
 
 from __future__ import annotations
 
+from math import cos
+
 import numpy as np
 import numpy.typing as npt
 
@@ -53,7 +55,11 @@ class ReactivePolicy:
         self._lengths = pattern.lengths
         self._roof, self._floor = elevation > STEEP, elevation < -STEEP
         self._fans = _level_fans(azimuth, np.abs(elevation) < STEEP)
-        self._azimuths = azimuth[self._fans[0]]
+        azimuths = azimuth[self._fans[0]]
+        self._is_ahead = np.abs(azimuths) < STEEP
+        self._between = _interpolation(HEADINGS, azimuths)
+        self._straight_worth = STRAIGHT_WEIGHT * np.cos(HEADINGS)
+        self._reach = self._lengths.max()
         self._parts = layout("full")
 
     def reset(self, seed: int) -> None:
@@ -61,23 +67,26 @@ class ReactivePolicy:
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return [ballast, steer, thrust] for one observation."""
-        read = {name: observation[part].astype(np.float64) for name, part in self._parts.items()}
-        distances = read["rays"] * self._lengths
+        # Plain numbers where one is enough: NumPy's calls on scalars take most of a decision's time.
+        seen, parts = observation.astype(np.float64), self._parts
+        distances = seen[parts["rays"]] * self._lengths
         level = distances[self._fans].min(axis=0)
-        velocity = unsoft(read["velocity"], SPEED_SCALE)
-        heading = self._choose_heading(level, read["goal"][1] * np.pi)
-        steer = _steer(heading, unsoft(read["rates"][2], RATE_SCALE))
-        thrust = _thrust(heading, level[np.abs(self._azimuths) < STEEP].min(), velocity[0])
-        roof, floor = distances[self._roof].min(), distances[self._floor].min()
-        ballast = _ballast(roof, floor, read["goal"][2], velocity[2], read["trim"][0])
+        goal, velocity = seen[parts["goal"]].tolist(), unsoft(seen[parts["velocity"]], SPEED_SCALE).tolist()
+        heading = self._choose_heading(level, goal[1] * np.pi)
+        steer = _steer(heading, float(unsoft(seen[parts["rates"]][2], RATE_SCALE)))
+        thrust = _thrust(heading, float(level[self._is_ahead].min()), velocity[0])
+        roof, floor = float(distances[self._roof].min()), float(distances[self._floor].min())
+        ballast = _ballast(roof, floor, goal[2], velocity[2], float(seen[parts["trim"]][0]))
         return np.array([ballast, steer, thrust])
 
     def _choose_heading(self, level: Array, goal_azimuth: float) -> float:
-        """Return the azimuth to turn to, rad, from the distances along the passage at `self._azimuths`."""
-        openness = np.interp(HEADINGS, self._azimuths, level) / self._lengths.max()
-        worth = openness + GOAL_WEIGHT * np.cos(HEADINGS - goal_azimuth) + STRAIGHT_WEIGHT * np.cos(HEADINGS)
-        right, left = level[:2].min(), level[-2:].min()
-        away = CENTRING * (left - right) / (left + right)
+        """Return the azimuth to turn to, rad, from the distances along the passage, from right to left."""
+        below, part = self._between
+        openness = (level[below] + part * (level[below + 1] - level[below])) / self._reach
+        worth = openness + GOAL_WEIGHT * np.cos(HEADINGS - goal_azimuth) + self._straight_worth
+        outer = level.tolist()
+        right, left = min(outer[:2]), min(outer[-2:])
+        away = CENTRING * (left - right) / max(left + right, 1e-9)
         return float(HEADINGS[np.argmax(worth)] + away)
 
 
@@ -85,6 +94,12 @@ def _level_fans(azimuth: Array, is_level: BoolArray) -> npt.NDArray[np.int64]:
     """Return the (2, 9) indices of the rays along the passage, a row per fan, from right to left."""
     rays = np.flatnonzero(is_level).reshape(2, -1)
     return rays[:, np.argsort(azimuth[rays[0]])]
+
+
+def _interpolation(places: Array, known: Array) -> tuple[npt.NDArray[np.int64], Array]:
+    """Return below which known place, and at what share of the way to the next, each place lies; ends go on level."""
+    below = np.clip(np.searchsorted(known, places, side="right") - 1, 0, len(known) - 2)
+    return below, np.clip((places - known[below]) / (known[below + 1] - known[below]), 0.0, 1.0)
 
 
 def _steer(heading: float, rate: float) -> int:
@@ -95,17 +110,21 @@ def _steer(heading: float, rate: float) -> int:
 
 
 def _thrust(heading: float, ahead: float, speed: float) -> int:
-    wanted = np.clip(SPEED_PER_METRE * (ahead - STOPPING_DISTANCE), SLOWEST, FASTEST) * max(np.cos(heading), 0.2)
+    wanted = _within(SPEED_PER_METRE * (ahead - STOPPING_DISTANCE), SLOWEST, FASTEST) * max(cos(heading), 0.2)
     if speed < wanted:
         return AHEAD
     return REVERSE if speed > wanted + OVERSPEED else STOP
 
 
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
+
+
 def _ballast(roof: float, floor: float, goal_elevation: float, climb: float, trim: float) -> int:
     """Return the choice of ballast; `goal_elevation` is scaled to [-1, 1], `climb` in m/s, `trim` in [-1, 1]."""
     off_middle = 2.0 * goal_elevation if min(roof, floor) > FAR else 0.5 * (roof - floor)
-    wanted_climb = np.clip(CLIMB_PER_METRE * off_middle, -FASTEST_CLIMB, FASTEST_CLIMB)
-    wanted_trim = np.clip(TRIM_PER_SPEED * (wanted_climb - climb), -1.0, 1.0)
+    wanted_climb = _within(CLIMB_PER_METRE * off_middle, -FASTEST_CLIMB, FASTEST_CLIMB)
+    wanted_trim = _within(TRIM_PER_SPEED * (wanted_climb - climb), -1.0, 1.0)
     if abs(wanted_trim - trim) <= TRIM_DEADBAND:
         return KEEP_TRIM
     return UP if wanted_trim > trim else DOWN

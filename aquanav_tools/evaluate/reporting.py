@@ -69,7 +69,7 @@ def write_report(
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
     summary, groups = results
-    episodes = [entry.metrics for entry in journal.entries]
+    episodes = journal.episodes
     sections = tuple(_cave_section(scenario, journal, episodes, pictures) for scenario in scenarios)
     page = Page(
         title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
@@ -148,7 +148,7 @@ def _drawn(indices: Sequence[int]) -> list[int]:
 
 
 def _plots(scenarios: Sequence[Scenario], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
-    trails: list[Trail] = [journal.trail(index) for index in _drawn(range(len(journal.entries)))]
+    trails: list[Trail] = [journal.trail(index) for index in _drawn(range(len(journal)))]
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
     plot_progress(trails, max(scenario.guide.length for scenario in scenarios), pictures / "progress.png")
     plot_clearance(trails, pictures / "clearance.png")
@@ -324,9 +324,9 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
     ]
     for scenario in provenance.scenarios:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
-    rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid")]
+    rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
-    rows.append(("episodes flown", str(len(journal.entries))))
+    rows.append(("episodes flown", str(len(journal))))
     return Table("What was evaluated", ("", ""), tuple(rows))
 
 
@@ -335,6 +335,8 @@ def repeat_command(provenance: Provenance) -> str:
     protocol, plain = provenance.protocol, choices_of(TaskOptions())
     words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
     words += [scenario["path"] for scenario in provenance.scenarios]
+    if "cases" in protocol:
+        return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
     for name in ("episodes", "seed", "max_decisions", *plain):
         value = protocol[name]
         if name in ("episodes", "seed") or (value is not None and value != plain.get(name)):

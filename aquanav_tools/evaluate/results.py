@@ -11,6 +11,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from aquanav_tools.evaluate.summary import Group, Summary
 
 FORMAT = 2
 SCHEMA = Path(__file__).with_name("results.schema.json")
+ROWS_AT_A_TIME = 10_000
+"""Of the Parquet file; memory need not hold them all."""
 DIGITS = 6
 """Decimals kept: micrometres and microseconds."""
 
@@ -44,17 +47,14 @@ class Provenance:
         return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
 
 
-def results_table(
-    provenance: Provenance, summary: Summary, groups: Sequence[Group], episodes: Sequence[EpisodeMetrics]
-) -> dict[str, Any]:
-    """Return the table that results.json holds."""
+def results_table(provenance: Provenance, summary: Summary, groups: Sequence[Group]) -> dict[str, Any]:
+    """Return the table that results.json holds, without its episodes."""
     table = {
         "format": FORMAT,
         **dataclasses.asdict(provenance),
         "versions": versions(),
         "summary": dataclasses.asdict(summary),
         "groups": [dataclasses.asdict(group) for group in groups],
-        "episodes": [dataclasses.asdict(episode) for episode in episodes],
     }
     rounded: dict[str, Any] = _rounded(table)
     return rounded
@@ -62,17 +62,22 @@ def results_table(
 
 def check_results(table: dict[str, Any]) -> None:
     """Raise jsonschema.ValidationError when a table does not follow the shipped schema."""
-    import jsonschema  # type: ignore[import-untyped]
-
-    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
-    jsonschema.Draft202012Validator(schema).validate(table)
+    _validator().validate(table)
 
 
-def write_results(table: dict[str, Any], path: Path) -> None:
-    """Check a table and write it as results.json, whole or not at all."""
-    check_results(table)
+def write_results(table: dict[str, Any], episodes: Sequence[EpisodeMetrics], path: Path) -> None:
+    """Check a table and its episodes and write them as results.json, whole or not at all, an episode at a time."""
+    check_results({**table, "episodes": [_row(episodes[0])]})
+    row_validator = _validator("episode")
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(json.dumps(table, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with partial.open("w", encoding="utf-8") as stream:
+        stream.write(json.dumps(table, indent=2, allow_nan=False).removesuffix("\n}") + ',\n  "episodes": [')
+        for number, episode in enumerate(episodes):
+            row = _row(episode)
+            row_validator.validate(row)
+            text = json.dumps(row, indent=2, allow_nan=False)
+            stream.write(("," if number else "") + "\n" + textwrap.indent(text, "    "))
+        stream.write("\n  ]\n}\n")
     os.replace(partial, path)
 
 
@@ -82,7 +87,7 @@ def read_results(path: Path) -> dict[str, Any]:
     Raises:
         InputError: no such file, or it does not follow this version's schema.
     """
-    import jsonschema
+    import jsonschema  # type: ignore[import-untyped]
 
     if not path.is_file():
         raise InputError(f"There is no file {path}. Name the results.json, or the folder, of a finished evaluation.")
@@ -110,11 +115,13 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = [_rounded(dataclasses.asdict(episode)) for episode in episodes]
     types = {"int": pa.int64(), "str": pa.string(), "float": pa.float64(), "float | None": pa.float64()}
     schema = pa.schema([(field.name, types[str(field.type)]) for field in dataclasses.fields(EpisodeMetrics)])
     partial = path.with_name(path.name + ".partial")
-    pq.write_table(pa.Table.from_pylist(rows, schema=schema), partial)
+    with pq.ParquetWriter(partial, schema) as writer:
+        for first in range(0, len(episodes), ROWS_AT_A_TIME):
+            rows = [_row(episode) for episode in episodes[first : first + ROWS_AT_A_TIME]]
+            writer.write_table(pa.Table.from_pylist(rows, schema=schema))
     os.replace(partial, path)
 
 
@@ -123,6 +130,20 @@ def versions() -> dict[str, str]:
     packages = ("numpy", "gymnasium", "pybullet", "torch", "stable-baselines3")
     found = {name: importlib.metadata.version(name) for name in packages}
     return {"aquanav": __version__, "python": platform.python_version(), **found}
+
+
+def _validator(part: str = "") -> Any:
+    """Return what holds a table, or the part of one that the schema defines, to the shipped schema."""
+    import jsonschema
+
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+    whole = jsonschema.Draft202012Validator(schema)
+    return whole.evolve(schema=schema["$defs"][part]) if part else whole
+
+
+def _row(episode: EpisodeMetrics) -> dict[str, Any]:
+    row: dict[str, Any] = _rounded(dataclasses.asdict(episode))
+    return row
 
 
 def _rounded(value: Any) -> Any:

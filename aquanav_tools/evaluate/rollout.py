@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
+import random
+import re
 import signal
+import sys
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -19,73 +24,120 @@ from aquanav_tools.report.track import FAILED, Track
 TERM_PREFIX = "reward/"
 ACTION_TIME_LIMIT = 30.0
 """Wall time in which a policy must give an action, s: hundreds of times what any network here takes."""
+LOOKS = 4
+"""Times that the clock is looked at within the time limit; a policy may overrun by one part of it."""
 
 
-class _HangError(Exception):
-    """A policy took too long."""
+_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
+"""In texts of objects; it changes from run to run."""
 
 
-def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, time_limit: float = ACTION_TIME_LIMIT) -> Track:
+class _HangError(BaseException):
+    """A policy took too long. Not an Exception, so that a policy that catches these does not catch it."""
+
+
+class Watch:
+    """Ends calls of a policy that take too long.
+
+    A timer interrupts them on the main thread of Unix systems. It cannot interrupt compiled code; for that, another
+    process may read `began`, which can lie in memory that it shares.
+    """
+
+    def __init__(self, limit: float = ACTION_TIME_LIMIT, began: Any = None) -> None:
+        self.limit = limit
+        """Wall time of a call, s."""
+        self.began = ctypes.c_double(0.0) if began is None else began
+        """Its `value` is the monotonic clock when the call that runs began, s; 0 while none runs."""
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Watch the calls in the body. One timer for all of them: setting one for each takes longer than most calls."""
+        if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+            yield
+            return
+        before = signal.signal(signal.SIGALRM, self._look)
+        signal.setitimer(signal.ITIMER_REAL, self.limit / LOOKS, self.limit / LOOKS)
+        try:
+            yield
+        finally:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def outcome(self, call: Any) -> tuple[Any, str]:
+        """Return what a call of the policy returns and "", or None and why it failed."""
+        try:
+            try:
+                self.began.value = time.monotonic()
+                return call(), ""
+            finally:
+                self.began.value = 0.0
+        except _HangError:
+            return None, self.reason
+        except (Exception, SystemExit) as error:  # foreign code: whatever it raises costs this episode only
+            return None, _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:500]
+
+    @property
+    def reason(self) -> str:
+        """What is said of a call that takes too long."""
+        return f"gave no action within {self.limit:g} s"
+
+    @property
+    def overrun(self) -> float:
+        """Time by which the call that runs is too long, s; not positive while it is not, or none runs."""
+        began = float(self.began.value)
+        return time.monotonic() - began - self.limit if began else 0.0
+
+    def _look(self, *_: object) -> None:
+        if self.overrun > 0.0:
+            raise _HangError
+
+
+def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = "") -> Track:
     """Return the track of one episode, from the planned start to its end.
 
-    A policy that raises an error, gives no action of its form, or takes more than `time_limit` seconds for one ends
-    its episode with the outcome FAILED and the reason. Time is watched on the main thread of Unix systems only, and a
-    policy that hangs in compiled code is noticed when that returns.
+    A policy that raises an error, gives no action of its form, or takes too long for one ends its episode with the
+    outcome FAILED and the reason. A `reason` that is given ends it like this before the policy is asked.
     """
+    watch = watch or Watch()
     observation, info = env.reset(seed=plan.seed, options=_start(plan))
     form = next(model for model in map(ActionModel, ACTIONS) if model.space == env.action_space)
     infos, actions, commands, rewards = [info], [], [], []
-    is_over, reason = False, _failure(lambda: policy.reset(plan.seed), time_limit)[1]
-    while not is_over and not reason:
-        chosen, reason = _failure(lambda seen=observation: _choose(policy, form, seen), time_limit)
-        if reason:
-            break
-        action, command = chosen
-        observation, reward, terminated, truncated, info = env.step(action)
-        is_over = terminated or truncated
-        infos.append(info)
-        actions.append(action)
-        commands.append(command)
-        rewards.append(reward)
+    is_over = False
+    with watch.kept():
+        reason = reason or watch.outcome(lambda: _reset(policy, plan.seed))[1]
+        while not is_over and not reason:
+            chosen, reason = watch.outcome(lambda seen=observation: _choose(policy, form, seen))
+            if reason:
+                break
+            action, command = chosen
+            observation, reward, terminated, truncated, info = env.step(action)
+            is_over = terminated or truncated
+            infos.append(info)
+            actions.append(action)
+            commands.append(command)
+            rewards.append(reward)
     limits = env.scenario.settings.limits
     return _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+
+
+def _reset(policy: Policy, seed: int) -> None:
+    """Begin an episode; a policy that draws from the libraries' own generators repeats in any order of episodes."""
+    random.seed(seed)
+    np.random.seed(seed % (1 << 32))
+    if "torch" in sys.modules:
+        sys.modules["torch"].manual_seed(seed)
+    policy.reset(seed)
 
 
 def _choose(policy: Policy, form: ActionModel, observation: Any) -> tuple[Any, tuple[float, ...]]:
     """Return the policy's action and the command that it means; raises where it is no action."""
     action = policy.act(observation)
-    if not np.isfinite(np.asarray(action, dtype=np.float64)).all():
-        raise ValueError(f"it gave {action!r}, which is not finite")
-    return action, tuple(form.command(action))
-
-
-def _failure(call: Any, time_limit: float) -> tuple[Any, str]:
-    """Return what a call returns and "", or None and why it failed."""
     try:
-        with _alarm(time_limit):
-            return call(), ""
-    except _HangError:
-        return None, f"gave no action within {time_limit:g} s"
-    except Exception as error:  # a policy is foreign code: whatever it raises costs this episode only
-        return None, f"{type(error).__name__}: {error}".strip()[:500]
-
-
-@contextmanager
-def _alarm(time_limit: float) -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
-        yield
-        return
-
-    def ring(*_: object) -> None:
-        raise _HangError
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, time_limit)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        return action, tuple(form.command(action))
+    except Exception:
+        if not np.isfinite(np.asarray(action, dtype=np.float64)).all():
+            raise ValueError(f"it gave {action!r}, which is not finite") from None
+        raise
 
 
 def _start(plan: EpisodePlan) -> dict[str, Any]:

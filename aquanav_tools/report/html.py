@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import base64
+import html
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z.-]*[a-z]")
 TEMPLATE = Path(__file__).with_name("page.html")
 MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg"}
 
@@ -113,8 +116,13 @@ def write_page(page: Page, path: Path) -> None:
         TEMPLATE.read_text(encoding="utf-8")
     )
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(template.render(page=page, embed=_embed), encoding="utf-8")
+    partial.write_text(template.render(page=page, embed=_embed, typeset=_typeset), encoding="utf-8")
     os.replace(partial, path)
+
+
+def _typeset(text: str) -> str:
+    """Return a text as escaped HTML in which no line ends inside an option or before a per cent sign."""
+    return OPTION.sub(r"<code>\g<0></code>", html.escape(text).replace(" %", "\u00a0%"))
 
 
 def _embed(picture: Path) -> str:

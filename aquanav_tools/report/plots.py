@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,13 @@ import numpy as np
 
 from aquanav_tools.report.figures import BLUE, INK, MUTED, OUTCOME_COLOURS, new_figure, save_figure
 from aquanav_tools.report.track import Trail
+from aquanav_tools.types import Array
 
 DPI = 140
 SIZE_IN = (4.7, 3.5)
 
 Interval = tuple[float, float]
+Cases = tuple[Array, Sequence[str]]
 
 
 def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path, title: str = "How the episodes ended") -> None:
@@ -72,9 +74,41 @@ def plot_progress(tracks: Sequence[Trail], route_length: float, path: Path) -> N
     _finish(figure, axes, path)
 
 
+def plot_cases(panels: Mapping[str, Cases], axes_names: tuple[str, str, str], path: Path) -> None:
+    """Write a column of two scatter plots for each kind of cases: the first value against the second and the third.
+
+    Args:
+        panels: By title, the (N, 3) values of its cases and their N outcomes.
+        axes_names: Of the three values, with units.
+        path: The picture.
+    """
+    figure = new_figure(2.0 * SIZE_IN[0], 1.7 * SIZE_IN[1])
+    grid = figure.subplots(2, len(panels), squeeze=False, sharex=True, sharey="row")
+    for column, (title, (values, outcomes)) in enumerate(panels.items()):
+        for row in (0, 1):
+            axes = grid[row][column]
+            for outcome, colour in OUTCOME_COLOURS.items():
+                chosen = values[[found == outcome for found in outcomes]]
+                size = 12 if outcome == "success" else 26  # failures lie above and are seen first
+                axes.scatter(chosen[:, 0], chosen[:, row + 1], s=size, color=colour, alpha=0.7, label=outcome, lw=0)
+            if column == 0:
+                axes.set_ylabel(axes_names[row + 1])
+        grid[0][column].set_title(title, loc="left", fontweight="bold")
+        grid[1][column].set_xlabel(axes_names[0])
+    grid[0][0].legend(frameon=False, fontsize=9, ncols=2, loc="lower left", bbox_to_anchor=(0.0, 1.12))
+    for axes in grid.ravel():
+        _finish_axes(axes)
+    figure.tight_layout()
+    save_figure(figure, path, DPI)
+
+
 def _finish(figure: Any, axes: Any, path: Path) -> None:
+    _finish_axes(axes)
+    figure.tight_layout()
+    save_figure(figure, path, DPI)
+
+
+def _finish_axes(axes: Any) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(MUTED)
     axes.tick_params(colors=INK)
-    figure.tight_layout()
-    save_figure(figure, path, DPI)

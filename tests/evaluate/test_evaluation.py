@@ -26,7 +26,7 @@ from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.results import check_results
-from aquanav_tools.evaluate.rollout import run_episode
+from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from tests.evaluate.models import make_model
@@ -98,10 +98,9 @@ def run(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callab
     """Return a function that evaluates in this process, with coarse pictures, and returns results.json."""
     monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
 
-    def evaluate_here(policy: str, **options: Any) -> Any:
-        evaluation = evaluate(
-            EvaluateOptions((policy,), (folder,), tmp_path / "eval", **options), lambda done, total: None
-        )
+    def evaluate_here(policy: str, load: Callable[[str], LoadedPolicy] = load_policy, **options: Any) -> Any:
+        choices = EvaluateOptions((policy,), (folder,), tmp_path / "eval", **options)
+        evaluation = evaluate(choices, lambda done, total: None, load=load)
         return json.loads(evaluation.results.read_text())
 
     return evaluate_here
@@ -216,8 +215,8 @@ class Broken:
 )
 def test_failing_policy_costs_its_episode_only(tube: Scenario, act: Callable[[], Any], reason: str) -> None:
     env, policy = CaveEnv(tube, max_decisions=5), Broken(act)
-    first = run_episode(env, policy, EpisodePlan(0, 0), time_limit=0.2)
-    second = run_episode(env, policy, EpisodePlan(1, 0), time_limit=5.0)
+    first = run_episode(env, policy, EpisodePlan(0, 0), Watch(0.2))
+    second = run_episode(env, policy, EpisodePlan(1, 0), Watch(5.0))
     env.close()
     assert first.outcome == "failed"
     assert reason in first.reason
@@ -225,14 +224,13 @@ def test_failing_policy_costs_its_episode_only(tube: Scenario, act: Callable[[],
 
 
 def test_policy_that_never_acts_fails_every_episode_and_gets_its_report(
-    tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, run: Callable[..., Any]
 ) -> None:
     def load_silent(name: str) -> LoadedPolicy:
         loaded = load_policy(name)
         return dataclasses.replace(loaded, policy=Broken(lambda: 1 / 0))
 
-    monkeypatch.setattr("aquanav_tools.evaluate.evaluation.load_policy", load_silent)
-    table = run("baseline:random", episodes=1)
+    table = run("baseline:random", load_silent, episodes=1)
     assert table["episodes"][0]["outcome"] == "failed"
     assert table["summary"]["collision_free_success"]["rate"] == 0.0
     assert "ZeroDivisionError" in (tmp_path / "eval" / "report.html").read_text()

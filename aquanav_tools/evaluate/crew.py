@@ -1,0 +1,218 @@
+"""Flying episodes in processes of their own: on all cores, and what brings a process down costs no other episode.
+
+An episode whose process ends is flown once more; where that ends too, the episode has failed. Episodes come back as
+they end. Each depends on its number alone, so nothing depends on how many processes there are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import multiprocessing
+import os
+import signal
+import traceback
+from collections import Counter, deque
+from collections.abc import Iterator
+from multiprocessing import connection
+from typing import Any
+
+from aquanav_tools.errors import AquanavError, ResourceError
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, make_plan, open_pilot
+from aquanav_tools.evaluate.rollout import Watch
+
+EPISODES_PER_WORKER = 10
+"""A process takes about as long to start as 20 short episodes, and works beside the others meanwhile."""
+GRACE = 5.0
+"""Time that a policy's call has to end by itself after its limit before its process is killed, s."""
+LOOK_EVERY = 0.5
+"""Interval at which policies that hang are looked for, s."""
+MAX_FLIGHTS = 2
+"""Times that an episode is flown whose process ends."""
+END = "end"
+MAX_LOSSES = 5
+"""Processes that may end before they are ready, or over an episode that is not even flown any more."""
+
+
+def flown(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks as they end, flown in this process or in several others."""
+    num_workers = _num_workers(orders.options.workers, count)
+    if num_workers > 1:
+        yield from fly_in_processes(orders, num_workers, tasks)
+        return
+    with open_pilot(orders, plan, Watch(orders.options.action_time_limit)) as pilot:
+        for task in tasks:
+            if task is not None:
+                yield pilot.carry_out(task)
+
+
+def _num_workers(wanted: int | None, num_episodes: int) -> int:
+    if wanted is None:
+        return min(len(os.sched_getaffinity(0)), -(-num_episodes // EPISODES_PER_WORKER))
+    return min(wanted, num_episodes)
+
+
+def fly_in_processes(orders: Orders, num_workers: int, tasks: Iterator[Task | None]) -> Iterator[Row]:
+    """Yield the journal's rows of episodes as they end.
+
+    The next task is asked for when a process is free for it; None stands for one that depends on episodes in flight.
+    The processes begin by importing the main module again: a script that calls this needs `if __name__ == "__main__"`.
+
+    Raises:
+        ResourceError: processes end again and again before they fly.
+    """
+    crew = _Crew(orders, tasks)
+    try:
+        crew.hire(num_workers)
+        yield from crew.rows()
+    finally:
+        crew.dismiss()
+
+
+class _Worker:
+    """A process that flies, seen from outside."""
+
+    def __init__(self, orders: Orders) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.watch = Watch(orders.options.action_time_limit, context.RawValue("d", 0.0))
+        self.pipe, inner = context.Pipe()
+        self.process = context.Process(target=_work, args=(orders, inner, self.watch.began), daemon=True)
+        self.process.start()
+        inner.close()
+        self.task: Task | None = None
+        self.is_free = False
+
+    def read(self) -> Any:
+        """Return its message, or None where it has ended."""
+        try:
+            return self.pipe.recv() if self.pipe.poll() else None
+        except (EOFError, OSError):
+            return None
+
+    def end(self) -> int:
+        """End it and return its exit code."""
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+        return self.process.exitcode or 0
+
+
+class _Crew:
+    """The processes and what they are at."""
+
+    def __init__(self, orders: Orders, tasks: Iterator[Task | None]) -> None:
+        self._orders, self._tasks = orders, tasks
+        self._again: deque[Task] = deque()
+        self._workers: list[_Worker] = []
+        self._losses: Counter[int | None] = Counter()
+
+    def hire(self, num: int) -> None:
+        """Start processes."""
+        self._workers += [_Worker(self._orders) for _ in range(num)]
+
+    def dismiss(self) -> None:
+        """End all processes."""
+        for worker in self._workers:
+            worker.end()
+
+    def rows(self) -> Iterator[Row]:
+        """Yield rows until no task is left."""
+        while self._workers:
+            ends: dict[Any, _Worker] = {worker.pipe: worker for worker in self._workers}
+            ends |= {worker.process.sentinel: worker for worker in self._workers}
+            ready = {ends[end] for end in connection.wait(list(ends), LOOK_EVERY)}
+            for worker in [worker for worker in self._workers if worker in ready]:
+                message = worker.read()
+                if message is None:
+                    self._lose(worker, worker.end())
+                    continue
+                if isinstance(message, BaseException):
+                    raise message
+                self._losses[None] = 0
+                if message:
+                    yield message
+                worker.is_free, worker.task = True, None
+            for worker in [worker for worker in self._workers if worker.is_free]:
+                self._employ(worker)
+            self._end_hanging()
+
+    def _employ(self, worker: _Worker) -> None:
+        """Give a process its next task, let it wait where there is none yet, or let it go."""
+        task = self._again.popleft() if self._again else next(self._tasks, END)
+        if isinstance(task, str):
+            self._workers.remove(worker)
+            worker.end()
+            return
+        worker.is_free, worker.task = task is None, task
+        if task is None:
+            return
+        try:
+            worker.pipe.send(task)
+        except OSError:
+            self._lose(worker, worker.end())
+
+    def _lose(self, worker: _Worker, exit_code: int) -> None:
+        """Replace a process that has ended, and plan its episode again."""
+        task = worker.task
+        key = None if task is None else task.index
+        self._losses[key] += 1
+        if self._losses[key] >= MAX_LOSSES:
+            raise ResourceError(
+                f"A process that flies episodes {_ending(exit_code)}, {MAX_LOSSES} times in a row, before it flew. "
+                f"{_cause(exit_code)} What was flown is kept: go on with --resume."
+            )
+        if task is not None and self._losses[key] >= MAX_FLIGHTS:
+            task = dataclasses.replace(task, reason=task.reason or f"its process {_ending(exit_code)}, twice")
+        self._replace(worker, task)
+
+    def _end_hanging(self) -> None:
+        """Kill processes whose policy hangs where no alarm reaches it."""
+        for worker in [worker for worker in self._workers if worker.watch.overrun > GRACE]:
+            worker.end()
+            task = worker.task
+            self._replace(worker, task and dataclasses.replace(task, reason=worker.watch.reason))
+
+    def _replace(self, worker: _Worker, task: Task | None) -> None:
+        self._workers.remove(worker)
+        if task is not None:
+            self._again.append(task)
+        self.hire(1)
+
+
+def _cause(exit_code: int) -> str:
+    if exit_code < 0:
+        return "The likely cause is too little memory. Take fewer processes with --workers."
+    return (
+        'Its own message is above; a script that calls evaluate needs `if __name__ == "__main__":` around that. '
+        "--workers 1 does without processes."
+    )
+
+
+def _ending(exit_code: int) -> str:
+    """Return how a process ended."""
+    if exit_code >= 0:
+        return f"ended with exit code {exit_code}"
+    try:
+        return f"was ended by {signal.Signals(-exit_code).name}"
+    except ValueError:
+        return f"was ended by signal {-exit_code}"
+
+
+def _work(orders: Orders, pipe: Any, began: Any) -> None:
+    """Fly what the pipe asks for until the other end is closed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the first process ends this one
+    parent = multiprocessing.parent_process()
+
+    def is_wanted() -> bool:
+        return parent is None or parent.is_alive()
+
+    try:
+        with open_pilot(orders, make_plan(orders), Watch(orders.options.action_time_limit, began)) as pilot:
+            pipe.send({})
+            while is_wanted():
+                pipe.send(pilot.carry_out(pipe.recv(), is_wanted))
+    except (EOFError, BrokenPipeError, ConnectionResetError):
+        return
+    except AquanavError as error:
+        pipe.send(error)
+    except Exception:
+        pipe.send(RuntimeError(f"A process that flies episodes failed.\n{traceback.format_exc()}"))

@@ -1,0 +1,122 @@
+"""Carrying out what an evaluation asks for, episode by episode: in its own process or in one of several."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
+from aquanav_tools.evaluate.journal import journal_row, write_trail
+from aquanav_tools.evaluate.options import Case, EvaluateOptions
+from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
+from aquanav_tools.evaluate.rollout import Watch
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+
+RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
+Row = dict[str, Any]
+"""What the journal keeps of an episode."""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What an evaluation is told; travels to other processes."""
+
+    options: EvaluateOptions
+    policy: str
+    """Which of the options' policies."""
+    output: Path
+    """Folder of the evaluation."""
+    load: Callable[[str], LoadedPolicy]
+    """Loads a policy by its name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What follows from the orders: the same in every process."""
+
+    policy: LoadedPolicy
+    scenarios: tuple[Scenario, ...]
+    conditions: tuple[Condition, ...]
+    flights: tuple[Flight, ...]
+    """All episodes in their order: by scenario, then by condition."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """One episode to fly."""
+
+    index: int
+    """Its place in the evaluation."""
+    record: Literal["always", "failure", "never"]
+    """When to write its recording."""
+    reason: str = ""
+    """Why it fails without being flown: it brought its process down before."""
+    case: Case | None = None
+    """What to fly in the first scenario instead of the plan's episode."""
+
+
+def make_plan(orders: Orders) -> Plan:
+    """Load the policy and the scenarios and plan all episodes.
+
+    Raises:
+        InputError: the policy cannot be used, or no start lies in a condition's region.
+        ScenarioError: a scenario cannot be read.
+    """
+    options = orders.options
+    policy = orders.load(orders.policy)
+    scenarios = tuple(read_scenario(path) for path in options.scenario)
+    conditions = conditions_of(options.grid)
+    flights = [
+        Flight(0, scenario, condition, plan)
+        for scenario in scenarios
+        for condition in conditions
+        for plan in plan_condition(scenario, options, condition)
+    ]
+    if options.cases:
+        flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
+        conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
+    return Plan(policy, scenarios, conditions, numbered(flights))
+
+
+def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:
+    """Return the episode of a case in a scenario."""
+    return Flight(index, scenario, case_condition(case), plan_case(scenario, case))
+
+
+class Pilot:
+    """Flies episodes of a plan and leaves their trails and recordings in the evaluation's folder."""
+
+    def __init__(self, plan: Plan, hangar: Hangar, output: Path, *, is_filming: bool) -> None:
+        self._plan, self._hangar, self._output, self._is_filming = plan, hangar, output, is_filming
+
+    def carry_out(self, task: Task, is_wanted: Callable[[], bool] = lambda: True) -> Row:
+        """Return the journal's row of an episode; nothing is written once it is no longer wanted."""
+        flight = (
+            self._plan.flights[task.index]
+            if task.case is None
+            else case_flight(self._plan.scenarios[0], task.case, task.index)
+        )
+        track, metrics = self._hangar.fly(flight, task.reason)
+        name = None
+        if not is_wanted():
+            return {}
+        if task.record == "always" or (task.record == "failure" and not metrics.is_collision_free_success):
+            name = RECORDING.format(index=flight.index)
+            path = self._output / name
+            self._hangar.record(flight, track, path)
+            if self._is_filming:
+                self._hangar.film(flight, track, path.with_suffix(FILM_SUFFIX), "chase")
+        write_trail(self._output, flight.index, track)
+        return journal_row(metrics, name)
+
+
+@contextmanager
+def open_pilot(orders: Orders, plan: Plan, watch: Watch) -> Iterator[Pilot]:
+    """Yield a pilot whose environment is closed at the end."""
+    with open_hangar(plan.policy, orders.options, watch) as hangar:
+        yield Pilot(plan, hangar, orders.output, is_filming=orders.options.film)

@@ -1,0 +1,210 @@
+"""The one-page report of a search for failures."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aquanav_tools import __version__
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.options import Case, StressOptions
+from aquanav_tools.evaluate.reporting import percent, share
+from aquanav_tools.evaluate.statistics import Proportion, wilson
+from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
+from aquanav_tools.report.plots import plot_cases
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import Array
+
+NUM_PARTS = 4
+"""Of each range in the table of where it fails."""
+NUM_SHOWN = 20
+"""Worst cases in the table."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A case and how it went."""
+
+    case: Case
+    metrics: EpisodeMetrics
+    danger: float
+    """As `search.danger` has it: above 0 for a failure."""
+    way: float
+    """From the start to the goal, m."""
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether it was anything but a success without contact."""
+        return self.danger > 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Stress:
+    """What a search found."""
+
+    policy: str
+    scenario: Scenario
+    drawn: tuple[Trial, ...]
+    """At random."""
+    searched: tuple[Trial, ...]
+    """By the optimiser."""
+    worst: tuple[Trial, ...]
+    """The most dangerous of both, each case once."""
+    report: Path
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One of the values that make a case."""
+
+    name: str
+    value: Callable[[Trial], float]
+
+
+AXES = (
+    Axis("way from the start to the goal, m", lambda trial: trial.way),
+    Axis("share of the current", lambda trial: trial.case.current),
+    Axis("sensor noise, m", lambda trial: trial.case.sensor_noise),
+)
+
+
+def failure_rate(trials: Sequence[Trial]) -> Proportion:
+    """Return the share of failures among the trials that differ to the bit, with its 95 % Wilson interval."""
+    failures = {trial.metrics.digest: trial.is_failure for trial in trials}
+    return wilson(sum(failures.values()), len(failures))
+
+
+def verdict(found: Stress) -> str:
+    """Return in a sentence or two what the search found."""
+    drawn, searched = failure_rate(found.drawn), failure_rate(found.searched)
+    failures = sum(trial.is_failure for trial in (*found.drawn, *found.searched))
+    if not failures:
+        return f"None of {2 * len(found.drawn)} episodes failed, neither searched nor drawn at random."
+    times = f"{searched.rate / drawn.rate:.1f} times as many" if drawn.rate else "where drawing at random found none"
+    return (
+        f"It failed in {percent(drawn)} of {len(found.drawn)} cases drawn at random. The search, with as many "
+        f"episodes, found failures in {share(searched.rate)} of its cases: {times}."
+    )
+
+
+def write_stress_report(found: Stress, options: StressOptions) -> None:
+    """Write the plot and the page."""
+    pictures = found.report.parent / "pictures"
+    pictures.mkdir(exist_ok=True)
+    panels = {"drawn at random": _panel(found.drawn), "searched": _panel(found.searched)}
+    names = (AXES[0].name, AXES[1].name, AXES[2].name)
+    plot_cases(panels, names, pictures / "cases.png")
+    caption = "A point per episode, by how it ended; a success that touched the wall counts as a collision."
+    page = Page(
+        title=f"What breaks {found.policy} in {found.scenario.name}",
+        summary=verdict(found),
+        facts=_facts(found),
+        warnings=_warnings(found, options),
+        figures=(Figure(pictures / "cases.png", caption),),
+        tables=(_region_table(found), _worst_table(found), _repeat_table(found, options)),
+        footer=f"aquanav {__version__}. Numbers for programs: stress.json. The worst cases as a protocol: worst.toml.",
+    )
+    write_page(page, found.report)
+
+
+def _panel(trials: Sequence[Trial]) -> tuple[Array, list[str]]:
+    values = np.array([[axis.value(trial) for axis in AXES] for trial in trials])
+    return values, [_outcome(trial) for trial in trials]
+
+
+def _outcome(trial: Trial) -> str:
+    metrics = trial.metrics
+    return "collision" if metrics.is_success and trial.is_failure else metrics.outcome
+
+
+def _facts(found: Stress) -> tuple[Fact, ...]:
+    drawn, searched = failure_rate(found.drawn), failure_rate(found.searched)
+    most = found.worst[0]
+    return (
+        Fact("failures at random", share(drawn.rate), f"95 % interval {drawn.low:.0%} to {drawn.high:.0%}"),
+        Fact("failures searched", share(searched.rate), f"95 % interval {searched.low:.0%} to {searched.high:.0%}"),
+        Fact("episodes each", str(len(found.drawn)), "of equal budget"),
+        Fact("worst", _outcome(most), f"{most.metrics.collisions} contacts, start {most.case.start}"),
+    )
+
+
+def _warnings(found: Stress, options: StressOptions) -> tuple[Notice, ...]:
+    notices = [
+        Notice(
+            "searched-rate",
+            "The rate at random estimates how often the policy fails when all cases are equally likely. The rate of "
+            "the search does not: it goes where failures are, and its episodes depend on each other. It says how well "
+            "the search finds them.",
+        )
+    ]
+    water = found.scenario.settings.water.current if options.current is None else options.current
+    if water in ("still", 0.0):
+        text = "The water is still, so the share of the current changes nothing. Add --current half to search currents."
+        notices.append(Notice("still-water", text))
+    return tuple(notices)
+
+
+def _region_table(found: Stress) -> Table:
+    rows: list[tuple[str, ...]] = []
+    trials = (*found.drawn, *found.searched)
+    failures = [trial for trial in trials if trial.is_failure]
+    for axis in AXES:
+        values = [axis.value(trial) for trial in trials]
+        edges = np.linspace(min(values), max(values), NUM_PARTS + 1)
+        if edges[0] == edges[-1]:
+            continue
+        for part in range(NUM_PARTS):
+            low, high = edges[part], edges[part + 1]
+            rows.append((f"{axis.name}: {low:.2f} to {high:.2f}", *_part(found, axis, low, high, part == 0)))
+        if failures:
+            low, high = np.percentile([axis.value(trial) for trial in failures], [5.0, 95.0])
+            rows.append((f"{axis.name}: nine in ten failures lie between", f"{low:.2f} and {high:.2f}", "", ""))
+    return Table("Where it fails", ("", "fails, at random", "95 % interval", "failures searched"), tuple(rows))
+
+
+def _part(found: Stress, axis: Axis, low: float, high: float, is_first: bool) -> tuple[str, str, str]:
+    def inside(trial: Trial) -> bool:
+        return low < axis.value(trial) <= high or (is_first and axis.value(trial) == low)
+
+    drawn = [trial for trial in found.drawn if inside(trial)]
+    searched = [trial for trial in found.searched if inside(trial)]
+    count = f"{sum(trial.is_failure for trial in searched)} of {len(searched)}"
+    if not drawn:
+        return "no episode", "", count
+    rate = failure_rate(drawn)
+    return share(rate.rate), f"{rate.low:.0%} to {rate.high:.0%}", count
+
+
+def _worst_table(found: Stress) -> Table:
+    rows = tuple(
+        (
+            str(number), str(trial.case.start), f"{trial.way:.1f}", str(trial.case.seed), f"{trial.case.current:g}",
+            f"{trial.case.sensor_noise:g}", _outcome(trial), str(trial.metrics.collisions),
+            f"{trial.metrics.progress:.1f}", f"{trial.metrics.min_clearance:.2f}",
+        )
+        for number, trial in enumerate(found.worst[:NUM_SHOWN])
+    )  # fmt: skip
+    columns = (
+        "case", "start", "way, m", "seed", "current", "noise, m", "outcome", "contacts", "progress, m",
+        "min clearance, m",
+    )  # fmt: skip
+    return Table("The worst cases", columns, rows)
+
+
+def _repeat_table(found: Stress, options: StressOptions) -> Table:
+    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml"]
+    search = [
+        "aquanav-eval", "stress", options.policy, "--scenario", options.scenario, "--budget", options.budget,
+        "--seed", options.seed, "--max-noise", options.max_noise, "--max-current", options.max_current,
+        "--seeds", options.seeds,
+    ]  # fmt: skip
+    rows = (
+        ("fly the worst cases again", shlex.join(map(str, again))),
+        ("search again", shlex.join(map(str, search))),
+        ("scenario, content hash", found.scenario.content_hash),
+    )
+    return Table("To repeat it", ("", ""), rows)
