@@ -12,7 +12,7 @@ import numpy as np
 
 from aquanav_tools.envs.action import ACTIONS, ActionModel
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.evaluate.policies import Policy
+from aquanav_tools.evaluate.policies import Boarding, Policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.track import FAILED, Track
 
@@ -32,6 +32,8 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, time_limit: flo
     its episode with the outcome FAILED and the reason. Time is watched on the main thread of Unix systems only, and a
     policy that hangs in compiled code is noticed when that returns.
     """
+    if isinstance(policy, Boarding):
+        policy.board(env)
     observation, info = env.reset(seed=plan.seed, options=_start(plan))
     form = next(model for model in map(ActionModel, ACTIONS) if model.space == env.action_space)
     infos, actions, commands, rewards = [info], [], [], []

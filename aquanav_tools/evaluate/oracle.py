@@ -1,0 +1,167 @@
+"""A pilot that knows the map, its own pose and the water: the ceiling that scenarios and policies are held against.
+
+It follows the roomiest way to the goal (the geodesic whose cost rises near walls) by pure pursuit, aiming the nose up
+the current so that the way over ground is right. Before each decision it flies the next second ahead by the vehicle's own
+equations; where pursuit would come too near to a wall, it takes the first command, of all 27, after which pursuit keeps
+the most room (a rollout of a base policy: Bertsekas, Dynamic Programming and Optimal Control, chapter 6). It uses the
+task's own multidiscrete actions, so what it does, a policy can do. Where it fails, the scenario is wrong.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.envs.action import IDLE, Command
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.observation import layout
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
+from aquanav_tools.sim.hull import hull_clearance
+from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.types import Array
+
+MAX_NODES = 60_000
+"""Samples of the water that the way is sought on: some seconds of work, and finer than the vehicle is long."""
+SMOOTHING = 5
+"""Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
+REACH = 0.7
+"""Distance along the way to the point that is aimed at, m: about one and a half lengths of the vehicle."""
+SLOWEST, FASTEST, SPEED_PER_METRE = 0.3, 0.8, 0.8
+"""Speed over ground, m/s: so much per metre of clearance of the hull, between the two."""
+STEER_LEAD, STEER_DEADBAND = 0.25, np.radians(4.0)
+"""The rate of turn is taken to go on for so long, s; errors of heading up to the second are left."""
+OVERSPEED = 0.15
+"""It reverses when faster than it wants by this much, m/s."""
+CLIMB_PER_METRE, FASTEST_CLIMB = 1.2, 0.4
+"""Vertical speed per metre off the way, 1/s, and its limit, m/s."""
+TRIM_PER_SPEED, TRIM_DEADBAND = 4.0, 0.05
+HORIZON = 12
+"""Decisions flown ahead: longer than it takes to stop."""
+MARGIN = 0.15
+"""Clearance of the hull that the look-ahead asks for, m."""
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """The way from a start to the goal."""
+
+    points: Array
+    """(N, 3) m."""
+    arc: Array
+    """(N,) m from the start."""
+
+    def nearest(self, position: Array) -> int:
+        """Return the number of the point nearest to a (3,) position."""
+        return int(((self.points - position) ** 2).sum(axis=1).argmin())
+
+    def ahead(self, number: int, reach: float) -> Array:
+        """Return the (3,) point `reach` metres after a point, or the last."""
+        return self.points[min(int(np.searchsorted(self.arc, self.arc[number] + reach)), len(self.arc) - 1)]
+
+
+class OraclePolicy:
+    """Acts on the true state of the environment that it is brought aboard of."""
+
+    def __init__(self) -> None:
+        self._env: CaveEnv | None = None
+        self._graph: WaterGraph | None = None
+        self._trim = layout("full")["trim"]
+
+    def board(self, env: CaveEnv) -> None:
+        """Learn the map, the vehicle and the water of an environment."""
+        if env is self._env:
+            return
+        if self._env is None or env.scenario is not self._env.scenario or env.vehicle.capsule != self._env.vehicle.capsule:
+            self._graph = WaterGraph(env.scenario.field, env.vehicle.capsule.radius, MAX_NODES)
+        self._env, self._model = env, Lookahead(env)
+
+    def reset(self, seed: int) -> None:
+        """Find the way from where the vehicle is; nothing is drawn at random."""
+        if self._env is None or self._graph is None:
+            raise InputError("The oracle knows a map: call its board(env) before its reset.")
+        goal = np.array(self._env.scenario.settings.goal.position, dtype=np.float64)
+        self._way = _find_way(self._graph, self._env.state[:3], goal)
+        self._pending = deque([IDLE] * self._env.task.action_delay)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+        """Return [ballast, steer, thrust]; of the observation it only needs its own trim."""
+        assert self._env is not None
+        state, trim, current = self._env.state, float(observation[self._trim][0]), self._env.water_velocity
+        for command in self._pending:  # what was chosen before and has yet to come through
+            state, trim = self._model.after(state, trim, command, current)
+        chosen = self._choose(state, trim, current)
+        if self._env.task.action_delay:
+            self._pending.append(chosen)
+            self._pending.popleft()
+        return choices_of(chosen)
+
+    def _choose(self, state: Array, trim: float, current: Array) -> Command:
+        pursuit = self._pursue(state, trim, current)
+        room, _ = self._foresee(state, trim, current, pursuit)
+        if room >= MARGIN:
+            return pursuit
+        foreseen = {command: self._foresee(state, trim, current, command) for command in CHOICES}
+        return max(CHOICES, key=lambda command: (min(foreseen[command][0], MARGIN), foreseen[command][1]))
+
+    def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
+        """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""
+        room = np.inf
+        for _ in range(HORIZON):
+            state, trim = self._model.after(state, trim, command, current)
+            room = min(room, self._clearance(state))
+            command = self._pursue(state, trim, current)
+        return room, float(self._way.arc[self._way.nearest(state[:3])])
+
+    def _clearance(self, state: Array) -> float:
+        assert self._env is not None
+        capsule, field = self._env.vehicle.capsule, self._env.scenario.field
+        return float(hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid))
+
+    def _pursue(self, state: Array, trim: float, current: Array) -> Command:
+        """Return the command that steers along the way."""
+        at = self._way.nearest(state[:3])
+        offset = self._way.ahead(at, REACH) - state[:3]
+        speed = np.clip(SPEED_PER_METRE * self._clearance(state), SLOWEST, FASTEST)
+        wanted = speed * offset / max(float(np.linalg.norm(offset)), 1e-9)
+        above = self._way.ahead(at, 0.5 * REACH)[2] - state[2]
+        wanted[2] = np.clip(CLIMB_PER_METRE * above, -FASTEST_CLIMB, FASTEST_CLIMB)
+        return steer_for(state, trim, wanted - current, current)
+
+
+def steer_for(state: Array, trim: float, wanted: Array, current: Array) -> Command:
+    """Return the command that brings a vehicle to a wanted (3,) velocity through the water, world frame, m/s."""
+    rotation = np.array(rotation_rows(state))
+    nose = np.arctan2(rotation[1, 0], rotation[0, 0])
+    error = np.arctan2(wanted[1], wanted[0]) - nose
+    error -= 2.0 * np.pi * np.round(error / (2.0 * np.pi))
+    lead = error - STEER_LEAD * state[12]
+    steer = 0.0 if abs(lead) <= STEER_DEADBAND else float(np.sign(lead))
+    through = rotation @ state[7:10] - current
+    surge = float(through[:2] @ (np.cos(nose), np.sin(nose)))
+    ahead = float(np.hypot(wanted[0], wanted[1])) * max(np.cos(error), 0.0)
+    thrust = 1.0 if surge < ahead else -1.0 if surge > ahead + OVERSPEED else 0.0
+    wanted_trim = np.clip(TRIM_PER_SPEED * (wanted[2] - through[2]), -1.0, 1.0)
+    ballast = 0.0 if abs(wanted_trim - trim) <= TRIM_DEADBAND else float(np.sign(wanted_trim - trim))
+    return Command(ballast, steer, thrust)
+
+
+def _find_way(graph: WaterGraph, start: Array, goal: Array) -> Way:
+    found = graph.roomy_path(start, goal)
+    if found is None:
+        raise InputError(
+            f"No way as wide as the vehicle leads from {start.round(2).tolist()} to the goal at "
+            f"{goal.round(2).tolist()}. The scenario is wrong: build it again, or choose a smaller vehicle."
+        )
+    points = np.vstack([start, _smooth(found), goal])
+    return Way(points, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]))
+
+
+def _smooth(points: Array) -> Array:
+    """Return (N, 3) points averaged over SMOOTHING of them, the ends over fewer."""
+    half = SMOOTHING // 2
+    return np.array([points[max(n - half, 0) : n + half + 1].mean(axis=0) for n in range(len(points))])
