@@ -57,7 +57,7 @@ def evaluate(
         ScenarioError: a scenario cannot be read.
     """
     output = output or options.output
-    policy = load_policy(policy_name or options.policies[0])
+    policy = load_policy(policy_name or options.policies[0], options.trust)
     scenarios = [read_scenario(path) for path in options.scenario]
     _check_names(scenarios)
     conditions = conditions_of(options.grid)
@@ -166,7 +166,7 @@ def _provenance(
     options: EvaluateOptions,
 ) -> Provenance:
     return Provenance(
-        policy={"name": policy.name, "sha256": policy.sha256, "path": path},
+        policy={"name": policy.name, "sha256": policy.sha256, "path": path, "is_trusted": options.trust},
         scenarios=[
             {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
             for scenario, folder in zip(scenarios, options.scenario, strict=True)

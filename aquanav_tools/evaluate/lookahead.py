@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numba
 import numpy as np
 
-from aquanav_tools.envs.action import Command
+from aquanav_tools.envs.action import NUM_CHOICES, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.motion import advance
 from aquanav_tools.types import Array
 
 CHOICES = tuple(
-    Command(ballast, steer, thrust) for ballast in (1.0, 0.0, -1.0) for steer in (1.0, 0.0, -1.0) for thrust in (-1.0, 0.0, 1.0)
-)  # fmt: skip
+    Command(1.0 - ballast, 1.0 - steer, thrust - 1.0)
+    for ballast, steer, thrust in product(range(NUM_CHOICES), repeat=3)
+)
 """The 27 commands of the multidiscrete form, in the order of the discrete one."""
 
 

@@ -1,10 +1,10 @@
 """A pilot that knows the map, its own pose and the water: the ceiling that scenarios and policies are held against.
 
 It follows the roomiest way to the goal (the geodesic whose cost rises near walls) by pure pursuit, aiming the nose up
-the current so that the way over ground is right. Before each decision it flies the next second ahead by the vehicle's own
-equations; where pursuit would come too near to a wall, it takes the first command, of all 27, after which pursuit keeps
-the most room (a rollout of a base policy: Bertsekas, Dynamic Programming and Optimal Control, chapter 6). It uses the
-task's own multidiscrete actions, so what it does, a policy can do. Where it fails, the scenario is wrong.
+the current so that the way over ground is right. Before each decision it flies the next second ahead by the vehicle's
+own equations; where pursuit would come too near to a wall, it takes the command, of all 27, after which pursuit keeps
+enough room and gets farthest (a rollout of a base policy: Bertsekas, Dynamic Programming and Optimal Control, chapter
+6). It uses the task's own multidiscrete actions, so what it does, a policy can do. Where it fails, the scenario is wrong.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -33,7 +34,7 @@ REACH = 0.7
 """Distance along the way to the point that is aimed at, m: about one and a half lengths of the vehicle."""
 SLOWEST, FASTEST, SPEED_PER_METRE = 0.3, 0.8, 0.8
 """Speed over ground, m/s: so much per metre of clearance of the hull, between the two."""
-STEER_LEAD, STEER_DEADBAND = 0.25, np.radians(4.0)
+STEER_LEAD, STEER_DEADBAND = 0.25, float(np.radians(4.0))
 """The rate of turn is taken to go on for so long, s; errors of heading up to the second are left."""
 OVERSPEED = 0.15
 """It reverses when faster than it wants by this much, m/s."""
@@ -55,14 +56,6 @@ class Way:
     arc: Array
     """(N,) m from the start."""
 
-    def nearest(self, position: Array) -> int:
-        """Return the number of the point nearest to a (3,) position."""
-        return int(((self.points - position) ** 2).sum(axis=1).argmin())
-
-    def ahead(self, number: int, reach: float) -> Array:
-        """Return the (3,) point `reach` metres after a point, or the last."""
-        return self.points[min(int(np.searchsorted(self.arc, self.arc[number] + reach)), len(self.arc) - 1)]
-
 
 class OraclePolicy:
     """Acts on the true state of the environment that it is brought aboard of."""
@@ -73,19 +66,18 @@ class OraclePolicy:
         self._trim = layout("full")["trim"]
 
     def board(self, env: CaveEnv) -> None:
-        """Learn the map, the vehicle and the water of an environment."""
-        if env is self._env:
-            return
-        if self._env is None or env.scenario is not self._env.scenario or env.vehicle.capsule != self._env.vehicle.capsule:
-            self._graph = WaterGraph(env.scenario.field, env.vehicle.capsule.radius, MAX_NODES)
+        """Learn the map, the vehicle and the water of an environment, and find the way from where the vehicle is."""
+        known, radius = self._env, env.vehicle.capsule.radius
+        if self._graph is None or known is None or known.scenario is not env.scenario or radius != self._radius:
+            self._graph, self._radius = WaterGraph(env.scenario.field, radius, MAX_NODES), radius
         self._env, self._model = env, Lookahead(env)
+        goal = np.array(env.scenario.settings.goal.position, dtype=np.float64)
+        self._way = _find_way(self._graph, env.state[:3], goal)
 
     def reset(self, seed: int) -> None:
-        """Find the way from where the vehicle is; nothing is drawn at random."""
-        if self._env is None or self._graph is None:
+        """Begin an episode; nothing is drawn at random."""
+        if self._env is None:
             raise InputError("The oracle knows a map: call its board(env) before its reset.")
-        goal = np.array(self._env.scenario.settings.goal.position, dtype=np.float64)
-        self._way = _find_way(self._graph, self._env.state[:3], goal)
         self._pending = deque([IDLE] * self._env.task.action_delay)
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
@@ -101,7 +93,7 @@ class OraclePolicy:
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:
-        pursuit = self._pursue(state, trim, current)
+        pursuit = Command(*self._steer(state, trim, current)[:3])
         room, _ = self._foresee(state, trim, current, pursuit)
         if room >= MARGIN:
             return pursuit
@@ -110,44 +102,65 @@ class OraclePolicy:
 
     def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
         """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""
-        room = np.inf
+        room, made, chosen = np.inf, 0.0, tuple(command)
         for _ in range(HORIZON):
-            state, trim = self._model.after(state, trim, command, current)
-            room = min(room, self._clearance(state))
-            command = self._pursue(state, trim, current)
-        return room, float(self._way.arc[self._way.nearest(state[:3])])
+            state, trim = self._model.after(state, trim, chosen, current)
+            *chosen, clearance, made = self._steer(state, trim, current)
+            room = min(room, clearance)
+        return room, made
 
-    def _clearance(self, state: Array) -> float:
+    def _steer(self, state: Array, trim: float, current: Array) -> tuple[float, ...]:
+        """Return the pursuit's ballast, steer and thrust, the hull's clearance, m, and the way made, m."""
         assert self._env is not None
         capsule, field = self._env.vehicle.capsule, self._env.scenario.field
-        return float(hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid))
-
-    def _pursue(self, state: Array, trim: float, current: Array) -> Command:
-        """Return the command that steers along the way."""
-        at = self._way.nearest(state[:3])
-        offset = self._way.ahead(at, REACH) - state[:3]
-        speed = np.clip(SPEED_PER_METRE * self._clearance(state), SLOWEST, FASTEST)
-        wanted = speed * offset / max(float(np.linalg.norm(offset)), 1e-9)
-        above = self._way.ahead(at, 0.5 * REACH)[2] - state[2]
-        wanted[2] = np.clip(CLIMB_PER_METRE * above, -FASTEST_CLIMB, FASTEST_CLIMB)
-        return steer_for(state, trim, wanted - current, current)
+        clearance = hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid)
+        return _pursue(state, trim, current, self._way.points, self._way.arc, clearance)
 
 
-def steer_for(state: Array, trim: float, wanted: Array, current: Array) -> Command:
-    """Return the command that brings a vehicle to a wanted (3,) velocity through the water, world frame, m/s."""
-    rotation = np.array(rotation_rows(state))
-    nose = np.arctan2(rotation[1, 0], rotation[0, 0])
+@numba.njit(cache=True)
+def _pursue(state, trim, current, points, arc, clearance):  # type: ignore[no-untyped-def]
+    """Return the command that steers along the way, the clearance, and the way made."""
+    at, nearest = 0, np.inf
+    for n in range(len(points)):
+        apart = (points[n, 0] - state[0]) ** 2 + (points[n, 1] - state[1]) ** 2 + (points[n, 2] - state[2]) ** 2
+        if apart < nearest:
+            at, nearest = n, apart
+    last = len(arc) - 1
+    aim = min(np.searchsorted(arc, arc[at] + REACH), last)
+    wanted = points[aim] - state[:3]
+    speed = min(max(SPEED_PER_METRE * clearance, SLOWEST), FASTEST)
+    wanted *= speed / max(np.sqrt((wanted**2).sum()), 1e-9)
+    above = points[min(np.searchsorted(arc, arc[at] + 0.5 * REACH), last), 2] - state[2]
+    wanted[2] = min(max(CLIMB_PER_METRE * above, -FASTEST_CLIMB), FASTEST_CLIMB)
+    ballast, steer, thrust = _command_for(state, trim, wanted - current, current)
+    return ballast, steer, thrust, clearance, arc[at]
+
+
+@numba.njit(cache=True)
+def _command_for(state, trim, wanted, current):  # type: ignore[no-untyped-def]
+    """Return ballast, steer and thrust towards a (3,) velocity through the water, world frame, m/s."""
+    rotation = rotation_rows(state)
+    nose = np.arctan2(rotation[1][0], rotation[0][0])
     error = np.arctan2(wanted[1], wanted[0]) - nose
     error -= 2.0 * np.pi * np.round(error / (2.0 * np.pi))
-    lead = error - STEER_LEAD * state[12]
-    steer = 0.0 if abs(lead) <= STEER_DEADBAND else float(np.sign(lead))
-    through = rotation @ state[7:10] - current
-    surge = float(through[:2] @ (np.cos(nose), np.sin(nose)))
-    ahead = float(np.hypot(wanted[0], wanted[1])) * max(np.cos(error), 0.0)
-    thrust = 1.0 if surge < ahead else -1.0 if surge > ahead + OVERSPEED else 0.0
-    wanted_trim = np.clip(TRIM_PER_SPEED * (wanted[2] - through[2]), -1.0, 1.0)
-    ballast = 0.0 if abs(wanted_trim - trim) <= TRIM_DEADBAND else float(np.sign(wanted_trim - trim))
-    return Command(ballast, steer, thrust)
+    through = np.empty(3)
+    for axis in range(3):
+        row = rotation[axis]
+        through[axis] = row[0] * state[7] + row[1] * state[8] + row[2] * state[9] - current[axis]
+    surge = through[0] * np.cos(nose) + through[1] * np.sin(nose)
+    ahead = np.hypot(wanted[0], wanted[1]) * max(np.cos(error), 0.0)
+    thrust = 1.0 if surge < ahead else (-1.0 if surge > ahead + OVERSPEED else 0.0)
+    wanted_trim = min(max(TRIM_PER_SPEED * (wanted[2] - through[2]), -1.0), 1.0)
+    return (
+        _step(wanted_trim - trim, TRIM_DEADBAND),
+        _step(error - STEER_LEAD * state[12], STEER_DEADBAND),
+        thrust,
+    )
+
+
+@numba.njit(cache=True)
+def _step(error, deadband):  # type: ignore[no-untyped-def]
+    return 0.0 if abs(error) <= deadband else float(np.sign(error))
 
 
 def _find_way(graph: WaterGraph, start: Array, goal: Array) -> Way:

@@ -20,7 +20,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
 
-FORMAT = 2
+FORMAT = 3
 SCHEMA = Path(__file__).with_name("results.schema.json")
 DIGITS = 6
 """Decimals kept: micrometres and microseconds."""
@@ -31,7 +31,7 @@ class Provenance:
     """What was evaluated, where and how; the tables are those of results.json."""
 
     policy: dict[str, Any]
-    """Its name, SHA-256 (None for a baseline) and path."""
+    """Its name, SHA-256 (None for a baseline), path, and whether its file was let run code."""
     scenarios: list[dict[str, Any]]
     """The name, content hash and path of each."""
     protocol: dict[str, Any]
@@ -112,6 +112,7 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
 
     rows = [_rounded(dataclasses.asdict(episode)) for episode in episodes]
     types = {"int": pa.int64(), "str": pa.string(), "float": pa.float64(), "float | None": pa.float64()}
+    types["int | None"] = pa.int64()
     schema = pa.schema([(field.name, types[str(field.type)]) for field in dataclasses.fields(EpisodeMetrics)])
     partial = path.with_name(path.name + ".partial")
     pq.write_table(pa.Table.from_pylist(rows, schema=schema), partial)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import signal
 import threading
 from collections.abc import Iterator
@@ -50,7 +51,8 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, time_limit: flo
         commands.append(command)
         rewards.append(reward)
     limits = env.scenario.settings.limits
-    return _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+    track = _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+    return dataclasses.replace(track, interventions=getattr(policy, "interventions", None))
 
 
 def _choose(policy: Policy, form: ActionModel, observation: Any) -> tuple[Any, tuple[float, ...]]:

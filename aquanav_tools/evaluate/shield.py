@@ -1,14 +1,13 @@
 """A safety shield around any policy: of the action that it chooses, the nearest one that is safe is taken.
 
-What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own software's
-trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is flown ahead
+What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own
+software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is flown ahead
 through the chosen action and then a full stop. The action is safe where on all of this the hull keeps MARGIN from every
 wall that the rays have met lately, or, where it is nearer already, comes no nearer. If it is not, the safe action that
 differs least takes its place; if none is, the one that keeps the most room.
 
 Source of the rule: a predictive safety filter whose backup is to stop (Wabersich and Zeilinger, A predictive safety
-filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). It promises nothing:
-between rays, behind the vehicle and in a current it sees less than there is. Evaluations count what it does.
+filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). No promise: between rays, behind the vehicle and in a current it sees less than there is. Evaluations count what it does.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import Command, ActionModel
+from aquanav_tools.envs.action import ActionModel, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import RATE_SCALE, SPEED_SCALE, layout, unsoft
 from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
@@ -131,9 +130,10 @@ class ShieldedPolicy:
         """Return the (N, 3) points of wall that the rays met now and lately."""
         has_echo = shares < NO_ECHO
         hits = (shares * self._lengths)[:, None] * self._directions @ np.array(rotation_rows(state)).T
-        above = [hits[rows, 2] for rows in (self._steep & has_echo & (hits[:, 2] > 0), self._steep & has_echo & (hits[:, 2] < 0))]
-        level = [(0.0, 0.0, float(heights[np.abs(heights).argmin()])) for heights in above if len(heights)]
-        self._walls.append(state[:3] + np.concatenate([hits[has_echo], np.array(level).reshape(-1, 3)]))
+        heights = hits[self._steep & has_echo, 2]
+        lids = [float(heights[heights > 0].min(initial=np.inf)), float(heights[heights < 0].max(initial=-np.inf))]
+        level = np.array([(0.0, 0.0, height) for height in lids if np.isfinite(height)]).reshape(-1, 3)
+        self._walls.append(state[:3] + np.concatenate([hits[has_echo], level]))
         return np.concatenate(self._walls)
 
     def _as_action(self, command: Command) -> Any:

@@ -101,11 +101,13 @@ class TorchScriptPolicy:
             return np.asarray(self._module(batch).numpy()).reshape(-1)
 
     def _try_sizes(self, path: Path) -> tuple[spaces.Box, npt.NDArray[Any]]:
+        import torch
+
         reasons = []
         for size in OBSERVATION_SIZES.values():
             try:
                 output = self._run(np.zeros(size, dtype=np.float32))
-            except (RuntimeError, AttributeError, TypeError) as cause:  # a wrong size, or no tensor comes out
+            except (torch.jit.Error, RuntimeError, AttributeError, TypeError) as cause:  # wrong size, or no tensor
                 reasons.append(f"{size}: {_first_line(cause)}")
             else:
                 return spaces.Box(-np.inf, np.inf, (size,), np.float32), output
