@@ -4,7 +4,7 @@ It follows the roomiest way to the goal (the geodesic whose cost rises near wall
 the current so that the way over ground is right. Before each decision it flies the next second ahead by the vehicle's
 own equations; where pursuit would come too near to a wall, it takes the command, of all 27, after which pursuit keeps
 enough room and gets farthest (a rollout of a base policy: Bertsekas, Dynamic Programming and Optimal Control, chapter
-6). It uses the task's own multidiscrete actions, so what it does, a policy can do. Where it fails, the scenario is wrong.
+6). It uses the task's own multidiscrete actions, so what it does, a policy can do.
 """
 
 from __future__ import annotations

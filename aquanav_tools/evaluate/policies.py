@@ -41,7 +41,7 @@ class Boarding(Protocol):
     """A policy that knows more than it observes: its vehicle, or the whole map."""
 
     def board(self, env: CaveEnv) -> None:
-        """Look at the environment in which the next episode will be."""
+        """Look at the environment in which an episode has been reset and is about to begin."""
 
 
 @dataclass(frozen=True)

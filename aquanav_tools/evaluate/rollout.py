@@ -33,9 +33,9 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, time_limit: flo
     its episode with the outcome FAILED and the reason. Time is watched on the main thread of Unix systems only, and a
     policy that hangs in compiled code is noticed when that returns.
     """
+    observation, info = env.reset(seed=plan.seed, options=_start(plan))
     if isinstance(policy, Boarding):
         policy.board(env)
-    observation, info = env.reset(seed=plan.seed, options=_start(plan))
     form = next(model for model in map(ActionModel, ACTIONS) if model.space == env.action_space)
     infos, actions, commands, rewards = [info], [], [], []
     is_over, reason = False, _failure(lambda: policy.reset(plan.seed), time_limit)[1]

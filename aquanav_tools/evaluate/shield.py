@@ -1,13 +1,14 @@
 """A safety shield around any policy: of the action that it chooses, the nearest one that is safe is taken.
 
 What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own
-software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is flown ahead
-through the chosen action and then a full stop. The action is safe where on all of this the hull keeps MARGIN from every
-wall that the rays have met lately, or, where it is nearer already, comes no nearer. If it is not, the safe action that
-differs least takes its place; if none is, the one that keeps the most room.
+software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is
+flown ahead through the chosen action and then a full stop. The action is safe where on all of this the hull keeps
+MARGIN from every wall that the rays have met lately, or, where it is nearer already, comes no nearer. If it is not, the
+safe action that differs least takes its place; if none is, the one that keeps the most room.
 
 Source of the rule: a predictive safety filter whose backup is to stop (Wabersich and Zeilinger, A predictive safety
-filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). No promise: between rays, behind the vehicle and in a current it sees less than there is. Evaluations count what it does.
+filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). It promises
+nothing: between rays, behind the vehicle and in a current it sees less than there is. Evaluations count what it does.
 """
 
 from __future__ import annotations

@@ -103,10 +103,10 @@ def test_rebuilt_policy_acts_as_the_trained_one(
     assert_acts_alike(model, tmp_path / "policy.zip", rng)
 
 
-@pytest.mark.parametrize(
-    "kwargs",
-    [{}, {"lstm_hidden_size": 12, "n_lstm_layers": 2, "shared_lstm": True, "enable_critic_lstm": False, **SWISH}],
-)
+SHARED: dict[str, Any] = {"n_lstm_layers": 2, "shared_lstm": True, "enable_critic_lstm": False, **SWISH}
+
+
+@pytest.mark.parametrize("kwargs", [{}, SHARED])
 def test_rebuilt_recurrent_policy_acts_as_the_trained_one_and_forgets_between_episodes(
     kwargs: dict[str, Any], tube: Scenario, tmp_path: Path, rng: np.random.Generator
 ) -> None:

@@ -62,7 +62,8 @@ def test_oracle_dives_through_every_shipped_scenario_without_a_collision(name: s
 @pytest.mark.slow
 @pytest.mark.parametrize("name", shipped_names("scenarios"))
 def test_random_stays_near_zero_in_every_shipped_scenario(name: str) -> None:
-    summary = score(read_scenario(name), "baseline:random", 20, max_decisions=2400)
+    # A collision decides already, so the episode may end with it.
+    summary = score(read_scenario(name), "baseline:random", 20, max_decisions=2400, on_collision="end")
     assert summary.collision_free_success.rate <= NEAR_ZERO
 
 
