@@ -3,8 +3,8 @@
 What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own
 software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is
 flown ahead through the chosen action and then a full stop. The action is safe where on all of this the hull keeps
-MARGIN from every wall that the rays have met lately, or, where it is nearer already, comes no nearer. If it is not, the
-safe action that differs least takes its place; if none is, the one that keeps the most room.
+MARGIN from every wall that the rays have met lately, or, where it is nearer already, comes no nearer and ends farther
+away. If it is not, the safe action that differs least takes its place; if none is, the one that ends farthest away.
 
 Source of the rule: a predictive safety filter whose backup is to stop (Wabersich and Zeilinger, A predictive safety
 filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). It promises
@@ -14,6 +14,7 @@ nothing: between rays, behind the vehicle and in a current it sees less than the
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -29,18 +30,22 @@ from aquanav_tools.types import Array, Pose, yaw_quaternion
 
 MARGIN = 0.15
 """Room that is kept between hull and wall, m: about the hull's radius; chosen, see test_shield."""
-STOP_DECISIONS = 10
-"""A BlueROV2 stops within these from full speed ahead, and from full climb."""
-MEMORY = 40
-"""Decisions for which walls are remembered: 4 s, a few lengths of the vehicle."""
+STOP_DECISIONS = 30
+"""Longest full stop that is flown ahead; the ballast alone takes 2 s from full up to full down."""
+MEMORY = 20
+"""Decisions for which walls are remembered: 2 s, in which a BlueROV2 swims a few of its lengths."""
+NEAR = 2.5
+"""Walls beyond this distance do not matter, m: no vehicle here needs as much to stop."""
 STEEP = np.radians(30.0)
 """Rays above this elevation tell of roof and floor, which are taken to go on level above and below the vehicle."""
 NO_ECHO = 1.0 - 1e-3
 """Share of a ray's length from which it met nothing."""
 STILL = 0.05
 """Speed that counts as stopped, m/s."""
-SLACK = 1e-3
+SLACK = 1e-4
 """A vehicle beside a wall may come nearer by this, m: less is no motion."""
+GAIN = 1e-3
+"""It must end farther away by this, m: merely not nearer by rays that miss what is between them, it would creep on."""
 
 
 class ShieldedPolicy:
@@ -82,33 +87,29 @@ class ShieldedPolicy:
         read = {name: observation[part].astype(np.float64) for name, part in self._parts.items()}
         state, trim = self._estimate(read), float(read["trim"][0])
         walls = self._remember(read["rays"], state)
-        enough = min(MARGIN, self._room(state, walls) - SLACK)
-        if self._foresee(state, trim, wanted, walls) >= enough:
+        now = self._room(state, walls)
+        enough, end = (MARGIN, MARGIN) if now >= MARGIN else (now - SLACK, now + GAIN)
+
+        def foresee(command: Command) -> tuple[bool, float]:
+            least, last = self._foresee(state, trim, command, walls)
+            return least >= enough and last >= end, last
+
+        if foresee(wanted)[0]:
             return action
         self.interventions += 1
-        return self._as_action(self._nearest_safe(state, trim, wanted, walls, enough))
+        return self._as_action(_nearest_safe(wanted, foresee))
 
-    def _nearest_safe(self, state: Array, trim: float, wanted: Command, walls: Array, enough: float) -> Command:
-        order = sorted(CHOICES, key=lambda command: sum(abs(a - b) for a, b in zip(command, wanted, strict=True)))
-        best, most = order[0], -np.inf
-        for command in order:
-            room = self._foresee(state, trim, command, walls)
-            if room >= enough:
-                return command
-            if room > most:
-                best, most = command, room
-        return best
-
-    def _foresee(self, state: Array, trim: float, command: Command, walls: Array) -> float:
-        """Return the least room between hull and walls, m, through a command and a full stop."""
-        room, water = np.inf, np.zeros(3)
+    def _foresee(self, state: Array, trim: float, command: Command, walls: Array) -> tuple[float, float]:
+        """Return the least and the last room between hull and walls, m, through a command and a full stop."""
+        least, room, water = np.inf, np.inf, np.zeros(3)
         for _ in range(1 + STOP_DECISIONS):
             state, trim = self._model.after(state, trim, command, water)
-            room = min(room, self._room(state, walls))
+            room = self._room(state, walls)
+            least = min(least, room)
             if np.linalg.norm(state[7:10]) < STILL:
                 break
             command = _stop(state, trim)
-        return room
+        return least, room
 
     def _room(self, state: Array, walls: Array) -> float:
         if not len(walls):
@@ -135,13 +136,27 @@ class ShieldedPolicy:
         lids = [float(heights[heights > 0].min(initial=np.inf)), float(heights[heights < 0].max(initial=-np.inf))]
         level = np.array([(0.0, 0.0, height) for height in lids if np.isfinite(height)]).reshape(-1, 3)
         self._walls.append(state[:3] + np.concatenate([hits[has_echo], level]))
-        return np.concatenate(self._walls)
+        walls = np.concatenate(self._walls)
+        return walls[((walls - state[:3]) ** 2).sum(axis=1) < NEAR**2]
 
     def _as_action(self, command: Command) -> Any:
         if self._form == "continuous":
             return np.array(command, dtype=np.float32)
         choices = choices_of(command)
         return choices if self._form == "multidiscrete" else int(choices @ (9, 3, 1))
+
+
+def _nearest_safe(wanted: Command, foresee: Callable[[Command], tuple[bool, float]]) -> Command:
+    """Return the safe command that differs least from a wanted one, or the one that ends farthest from the walls."""
+    order = sorted(CHOICES, key=lambda command: sum(abs(a - b) for a, b in zip(command, wanted, strict=True)))
+    best, most = order[0], -np.inf
+    for command in order:
+        is_safe, last = foresee(command)
+        if is_safe:
+            return command
+        if last > most:
+            best, most = command, last
+    return best
 
 
 def _stop(state: Array, trim: float) -> Command:

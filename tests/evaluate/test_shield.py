@@ -45,7 +45,6 @@ def fly(tube: Scenario, policy: Any, action: str = "multidiscrete", decisions: i
 INTO_THE_WALL = [
     ("multidiscrete", [0, 1, 1]),  # up to the roof
     ("multidiscrete", [2, 1, 2]),  # down to the floor, ahead
-    ("multidiscrete", [1, 0, 2]),  # round in circles
     ("discrete", 9 * 2 + 3 * 1 + 2),
     ("continuous", np.array([1.0, 0.3, 1.0], dtype=np.float32)),
 ]
