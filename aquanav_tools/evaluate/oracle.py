@@ -10,6 +10,7 @@ enough room and gets farthest (a rollout of a base policy: Bertsekas, Dynamic Pr
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numba
@@ -102,7 +103,8 @@ class OraclePolicy:
 
     def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
         """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""
-        room, made, chosen = np.inf, 0.0, tuple(command)
+        room, made = np.inf, 0.0
+        chosen: Sequence[float] = command
         for _ in range(HORIZON):
             state, trim = self._model.after(state, trim, chosen, current)
             *chosen, clearance, made = self._steer(state, trim, current)

@@ -71,7 +71,7 @@ def _import(name: str) -> Any:
         ) from cause
 
 
-def _made(kind: type, spec: str) -> Any:
+def _made(kind: type[Any], spec: str) -> Any:
     try:
         return kind()
     except Exception as cause:  # foreign code again
