@@ -75,7 +75,8 @@ class TorchScriptPolicy:
         _warn(path)
         torch.set_num_threads(1)
         try:
-            self._module = torch.jit.load(str(path), map_location="cpu").eval()
+            loaded = torch.jit.load(str(path), map_location="cpu")  # type: ignore[no-untyped-call]
+            self._module: Any = loaded.eval()
         except (RuntimeError, ValueError) as cause:
             raise InputError(f"{path} is no TorchScript: {_first_line(cause)} {EXPORT}") from cause
         self.observation_space, output = self._try_sizes(path)
