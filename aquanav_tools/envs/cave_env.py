@@ -215,6 +215,16 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         observation = self._observations.through(self._observe(rays, before, command)).copy()
         return observation, sum(terms.values()), terminated, truncated, info
 
+    @property
+    def state(self) -> Array:
+        """The vehicle's true (13,) state or more, as in `BulletWorld.state`: for controllers that know the map."""
+        return self._world.state.copy()
+
+    @property
+    def water_velocity(self) -> Array:
+        """(3,) velocity of the water where the vehicle is, world frame, m/s."""
+        return self._current.copy()
+
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the (H, W, 3) picture of where the vehicle is, RGB; None where the viewer shows it already.
 

@@ -30,7 +30,8 @@ def read_archive(path: Path) -> tuple[dict[str, Any], bytes]:
     """
     if not path.is_file():
         raise InputError(
-            f"There is no policy at {path}. Name an SB3 zip, or one of baseline:reactive and baseline:random."
+            f"There is no policy at {path}. Name an SB3 zip, an ONNX file, module:function, or one of "
+            "baseline:reactive, baseline:random and baseline:oracle."
         )
     try:
         with zipfile.ZipFile(path) as archive:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -46,7 +47,7 @@ def evaluate(
     progress: Progress,
     policy_name: str = "",
     output: Path | None = None,
-    load: Callable[[str], LoadedPolicy] = load_policy,
+    load: Callable[[str], LoadedPolicy] | None = None,
 ) -> Evaluation:
     """Evaluate one policy and write everything about it into a folder.
 
@@ -55,7 +56,8 @@ def evaluate(
         progress: Told how many episodes are done.
         policy_name: Which of the options' policies; empty for the first.
         output: The folder; None takes the options'.
-        load: Loads the policy by its name; a function of a module, as other processes call it too.
+        load: Loads the policy by its name; a function of a module, as other processes call it too. Without one that is
+            `load_policy`.
 
     Raises:
         InputError: the policy cannot be used, the output folder cannot be made, or its episodes are of another
@@ -63,6 +65,7 @@ def evaluate(
         ScenarioError: a scenario cannot be read.
         ResourceError: the processes that fly do not start.
     """
+    load = load or partial(load_policy, is_trusted=options.trust)
     orders = Orders(options, policy_name or options.policies[0], output or options.output, load)
     output = orders.output
     plan = make_plan(orders)
@@ -152,7 +155,7 @@ def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
 def _provenance(plan: Plan, orders: Orders) -> Provenance:
     options, policy = orders.options, plan.policy
     return Provenance(
-        policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy},
+        policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
         scenarios=[
             {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)

@@ -79,6 +79,8 @@ class EpisodeMetrics:
     """Work done against the water's drag."""
     jerk: float
     """Root mean square of the rate of change of acceleration over ground, m/s^3: smaller is smoother."""
+    interventions: int | None
+    """Decisions in which a safety shield took another action than the policy's; None without a shield."""
     digest: str
     """SHA-256 of its states, actions and rewards: equal only where an episode repeats to the bit."""
 
@@ -140,6 +142,7 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         control_change=_mean(np.abs(np.diff(track.commands, axis=0))),
         energy=float((0.5 * (power[1:] + power[:-1]) * steps).sum()),
         jerk=_jerk(track),
+        interventions=track.interventions,
         digest=digest_of(track),
     )
 

@@ -1,9 +1,14 @@
-"""Policies that Stable-Baselines3 trained, rebuilt from their weights and readable settings alone."""
+"""Policies that Stable-Baselines3 trained, rebuilt from their weights and readable settings alone.
+
+A zip that `model.save` wrote holds weights, and settings as JSON beside base64 pickles. Pickles run code when they are
+loaded, so they are never touched: the JSON names the class, the layers, the activation and the spaces, and that is all
+the networks of MlpPolicy and MlpLstmPolicy are made of. What it does not tell is refused, not guessed.
+"""
 
 from __future__ import annotations
 
-import importlib
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,20 +20,71 @@ from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.archive import read_archive, read_weights
 from aquanav_tools.evaluate.spaces import parse_space
 
-ACTIVATIONS = ("SiLU", "Tanh", "ReLU", "ELU", "GELU", "LeakyReLU")
-"""Activations without parameters of their own that a policy may name."""
-CLASSES = {
-    "ActorCriticPolicy": "stable_baselines3.common.policies",
-    "RecurrentActorCriticPolicy": "sb3_contrib.common.recurrent.policies",
-    "SACPolicy": "stable_baselines3.sac.policies",
-    "TD3Policy": "stable_baselines3.td3.policies",
-}
-"""Classes that may be rebuilt, and the modules that have them."""
+ACTIVATIONS = (
+    "CELU", "ELU", "GELU", "Hardswish", "Hardtanh", "Identity", "LeakyReLU", "Mish", "ReLU", "ReLU6", "SELU", "SiLU",
+    "Sigmoid", "Softplus", "Softsign", "Tanh",
+)  # fmt: skip
+"""PyTorch's activations without trained parameters; swish is SiLU there."""
+ACTIVATION = re.compile(r"<class 'torch\.nn\.modules\.(?:activation|linear)\.(\w+)'>")
+TRAINING_ONLY = {
+    "optimizer_class", "optimizer_kwargs", "ortho_init", "log_std_init", "full_std", "use_expln", "clip_mean",
+    "n_critics", "share_features_extractor", "normalize_images", "shared_lstm", "enable_critic_lstm",
+}  # fmt: skip
+"""Settings that do not change what trained weights make of a vector of observations."""
+MAX_LAYERS, MAX_WIDTH = 16, 8192
+LSTM = "lstm_actor"
 NORMALISED = "<class 'aquanav_tools.policy.normaliser.NormalisedObservations'>"
 """The one features extractor that may be rebuilt, as a zip names it: aquanav-train's."""
-TRAINING_ONLY = {"optimizer_class", "optimizer_kwargs", "ortho_init", "log_std_init", "use_sde"}
-"""Settings that do not change what trained weights compute."""
-MAX_LAYERS, MAX_WIDTH = 16, 8192
+TRUST = (
+    "If you trust whoever made the file, add --trust: then Stable-Baselines3 itself loads it, which runs any code that "
+    "the file holds."
+)
+
+
+class ExoticPolicyError(InputError):
+    """A policy that cannot be rebuilt without running code from its file."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How one of Stable-Baselines3's policy classes names the weights that choose an action, and its defaults."""
+
+    features: str
+    """Where the normaliser of observations is, if there is one."""
+    hidden: str
+    """Where the hidden layers are; the last layer too where `output` is empty."""
+    output: str
+    others: tuple[str, ...]
+    """Weights that only training needs: critics, targets, the spread of actions."""
+    layers: tuple[int, ...]
+    activation: str
+    is_squashed: bool = False
+    """Whether tanh bounds the actions."""
+    is_recurrent: bool = False
+
+
+_CRITICS = ("critic.", "critic_target.")
+_VALUES = ("mlp_extractor.value_net.", "value_net.", "log_std", "pi_features_extractor.", "vf_features_extractor.")
+KINDS = {
+    "stable_baselines3.common.policies.ActorCriticPolicy": Kind(
+        "features_extractor", "mlp_extractor.policy_net", "action_net", _VALUES, (64, 64), "Tanh"
+    ),
+    "sb3_contrib.common.recurrent.policies.RecurrentActorCriticPolicy": Kind(
+        "features_extractor", "mlp_extractor.policy_net", "action_net", (*_VALUES, "lstm_critic.", "critic."), (64, 64),
+        "Tanh", is_recurrent=True,
+    ),
+    "stable_baselines3.dqn.policies.DQNPolicy": Kind(
+        "q_net.features_extractor", "q_net.q_net", "", ("q_net_target.",), (64, 64), "ReLU"
+    ),
+    "stable_baselines3.sac.policies.SACPolicy": Kind(
+        "actor.features_extractor", "actor.latent_pi", "actor.mu", ("actor.log_std.", *_CRITICS), (256, 256), "ReLU",
+        is_squashed=True,
+    ),
+    "stable_baselines3.td3.policies.TD3Policy": Kind(
+        "actor.features_extractor", "actor.mu", "", ("actor_target.", *_CRITICS), (400, 300), "ReLU", is_squashed=True
+    ),
+}  # fmt: skip
+"""By module and name of the class, with the defaults of version 2.x."""
 
 
 class NetworkPolicy:
@@ -38,115 +94,186 @@ class NetworkPolicy:
         """Read an SB3 zip.
 
         Raises:
-            InputError: it is damaged, unsafe, or not an actor-critic policy on flat observations.
+            ExoticPolicyError: it was made with what its readable settings do not tell in full.
+            InputError: it is damaged or unsafe, or does not act on flat observations.
         """
+        import torch
+
+        torch.set_num_threads(1)  # measured: a second thread on a busy machine makes small networks 4-20 times slower
         settings, weights = read_archive(path)
-        kind = _policy_class(settings, path)
+        self._kind = _kind(settings, path)
         self.observation_space = parse_space(settings.get("observation_space"), "observation space")
         self.action_space = parse_space(settings.get("action_space"), "action space")
         if not isinstance(self.observation_space, spaces.Box):
             raise InputError(f"The policy in {path} observes {self.observation_space}; a flat Box is needed.")
-        self._network = _build_network(kind, settings, (self.observation_space, self.action_space), path)
-        _load_weights(self._network, read_weights(weights, path), path)
+        with torch.device("meta"):  # takes no memory, whatever widths a file claims to have
+            parts = _build(self._kind, settings, self.observation_space, self.action_space, path)
+        _load_weights(parts, self._kind, read_weights(weights, path), path)
+        self._normaliser = parts.pop(self._kind.features, None)
+        self._lstm = parts.pop(LSTM, None)
+        self._layers = torch.nn.Sequential(*parts.values())
         self._memory: Any = None
 
     def reset(self, seed: int) -> None:
-        """Forget the last episode, where the network has a memory; it draws no random numbers."""
+        """Forget what was seen; nothing is drawn at random."""
         self._memory = None
 
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Return the action for one observation."""
-        action, self._memory = self._network.predict(observation, self._memory, deterministic=True)
-        return action
+        import torch
+
+        with torch.inference_mode():
+            features = torch.as_tensor(np.asarray(observation, dtype=np.float32)).reshape(1, -1)
+            if self._normaliser is not None:
+                features = self._normaliser(features)
+            if self._lstm is not None:
+                sequence, self._memory = self._lstm(features[None], self._memory)
+                features = sequence[0]
+            output = self._layers(features)[0]
+            return _action((torch.tanh(output) if self._kind.is_squashed else output).numpy(), self.action_space)
 
 
-def _policy_class(settings: dict[str, Any], path: Path) -> Any:
+def _action(output: npt.NDArray[np.float32], space: spaces.Space[Any]) -> Any:
+    """Return the action that a network's last layer stands for: the best of each choice, or levels in [-1, 1]."""
+    if isinstance(space, spaces.Discrete):
+        return np.int64(output.argmax())
+    if isinstance(space, spaces.MultiDiscrete):
+        choices = np.split(output, np.cumsum(space.nvec)[:-1])
+        return np.array([choice.argmax() for choice in choices], dtype=np.int64)
+    return np.clip(output, -1.0, 1.0)
+
+
+def _kind(settings: dict[str, Any], path: Path) -> Kind:
     entry = settings.get("policy_class")
-    initialiser = str(entry.get("__init__")) if isinstance(entry, dict) else ""
-    found = re.search(r"<function (\w+)\.__init__", initialiser)
-    name = found.group(1) if found else "nothing readable"
-    if name not in CLASSES:
-        raise InputError(
-            f"The policy in {path} is of class {name}; {', '.join(CLASSES)} are supported: MlpPolicy of PPO, A2C, SAC "
-            "and TD3, and MlpLstmPolicy of RecurrentPPO. Train one with aquanav-train."
+    entry = entry if isinstance(entry, dict) else {}
+    found = re.search(r"<function (\w+)\.__init__", str(entry.get("__init__")))
+    name = f"{entry.get('__module__')}.{found.group(1)}" if found else "nothing readable"
+    if name not in KINDS:
+        raise ExoticPolicyError(
+            f"The policy in {path} is of class {name[:200]}. Known are MlpPolicy of PPO, A2C, DQN, SAC and TD3, and "
+            f"MlpLstmPolicy of RecurrentPPO. {TRUST}"
         )
     if settings.get("use_sde"):
-        raise InputError(f"The policy in {path} uses state dependent exploration (use_sde). Train one without it.")
-    try:
-        return getattr(importlib.import_module(CLASSES[name]), name)
-    except ImportError as cause:
-        raise InputError(
-            f"The policy in {path} needs sb3-contrib, which is not installed. Install it: pip install "
-            "'aquanav[recurrent]'"
-        ) from cause
+        raise ExoticPolicyError(f"The policy in {path} uses state dependent exploration (use_sde). {TRUST}")
+    return KINDS[name]
 
 
-def _build_network(kind: Any, settings: dict[str, Any], both: tuple[spaces.Box, spaces.Space[Any]], path: Path) -> Any:
-    import torch
+def _build(
+    kind: Kind, settings: dict[str, Any], observation: spaces.Box, action: spaces.Space[Any], path: Path
+) -> dict[str, Any]:
+    """Return the network's parts in their order, called as their weights are."""
+    from torch import nn
 
-    torch.set_num_threads(1)  # measured: a second thread on a busy machine makes small networks 4-20 times slower
-    options = _network_options(settings.get("policy_kwargs"), path)
-    try:
-        network = kind(*both, lr_schedule=lambda _: 0.0, **options)
-    except (AssertionError, RuntimeError, TypeError, ValueError) as cause:
-        raise InputError(f"The network in {path} cannot be built from {options}: {cause}.") from cause
-    network.set_training_mode(False)
-    return network
+    options = _options(settings.get("policy_kwargs"), kind, path)
+    activation = getattr(nn, options["activation_fn"])
+    width, num_outputs = int(observation.shape[0]), _num_outputs(kind, settings, action, path)
+    parts: dict[str, Any] = {}
+    if options["is_normalised"]:
+        from aquanav_tools.policy.normaliser import NormalisedObservations
+
+        parts[kind.features] = NormalisedObservations(observation)
+    if kind.is_recurrent:
+        memory = options["lstm_hidden_size"]
+        parts[LSTM], width = nn.LSTM(width, memory, options["n_lstm_layers"]), memory
+    hidden: list[nn.Module] = []
+    for size in options["net_arch"]:
+        hidden += [nn.Linear(width, size), activation()]
+        width = size
+    output = nn.Linear(width, num_outputs)
+    parts[kind.hidden] = nn.Sequential(*hidden, *([] if kind.output else [output]))
+    if kind.output:
+        parts[kind.output] = output
+    return parts
 
 
-def _network_options(entry: Any, path: Path) -> dict[str, Any]:
-    """Return the keywords of the policy's class, taken from the readable fields of `policy_kwargs`."""
+def _num_outputs(kind: Kind, settings: dict[str, Any], action: spaces.Space[Any], path: Path) -> int:
+    if isinstance(action, spaces.Discrete):
+        return int(action.n)
+    if isinstance(action, spaces.MultiDiscrete):
+        return int(action.nvec.sum())
+    shape = action.shape or (1,)
+    for name, bound in (("low", -1.0), ("high", 1.0)):
+        text = str(settings["action_space"].get(name))
+        if any(float(number) != bound for number in re.findall(r"[-+\d.e]+", text)) or not re.search(r"\d", text):
+            raise InputError(
+                f"The policy in {path} acts in a Box whose {name} is {text[:80]}; the task's levels reach from -1 to 1."
+                " It was trained for another task. Train one with aquanav-train."
+            )
+    return int(shape[0])
+
+
+def _options(entry: Any, kind: Kind, path: Path) -> dict[str, Any]:
+    """Return what the network is made of, from the readable fields of `policy_kwargs` and the class's defaults."""
     if not isinstance(entry, dict):
         raise InputError(f"The settings in {path} have no readable policy_kwargs. Save the policy with SB3 2.x.")
     given = {key: value for key, value in entry.items() if not key.startswith(":") and key not in TRAINING_ONLY}
+    for name in ("use_sde", "squash_output", "lstm_kwargs"):  # as good as not given
+        if name in given and not given[name]:
+            del given[name]
     normaliser = given.pop("features_extractor_class", None)
-    unknown = sorted(set(given) - {"net_arch", "activation_fn", "lstm_hidden_size"})
-    unknown += [] if normaliser in (None, NORMALISED) else [f"features_extractor_class {normaliser}"]
+    plain = f"<class 'torch.nn.modules.activation.{kind.activation}'>"
+    options: dict[str, Any] = {"net_arch": list(kind.layers), "activation_fn": plain}
+    memory = {"lstm_hidden_size": 256, "n_lstm_layers": 1} if kind.is_recurrent else {}
+    unknown = sorted(set(given) - set(options) - set(memory))
+    unknown += [] if normaliser in (None, NORMALISED) else [f"features_extractor_class {str(normaliser)[:200]}"]
     if unknown:
-        raise InputError(
-            f"The policy in {path} was made with {', '.join(unknown)}, which cannot be rebuilt without running "
-            "code from the file. Only net_arch and activation_fn are supported."
+        raise ExoticPolicyError(
+            f"The policy in {path} was made with {', '.join(unknown)}, which cannot be rebuilt without running code "
+            f"from the file. Only {', '.join([*options, *memory])} are understood. {TRUST}"
         )
-    options: dict[str, Any] = {}
-    if normaliser is not None:
-        from aquanav_tools.policy.normaliser import NormalisedObservations
-
-        options["features_extractor_class"] = NormalisedObservations
-    if "lstm_hidden_size" in given:
-        options["lstm_hidden_size"] = _checked_layers([given["lstm_hidden_size"]], path)[0]
-    if "net_arch" in given:
-        options["net_arch"] = _checked_layers(given["net_arch"], path)
-    if "activation_fn" in given:
-        options["activation_fn"] = _activation(str(given["activation_fn"]), path)
+    options |= memory | {name: value for name, value in given.items() if value is not None}
+    for name, most in (("lstm_hidden_size", MAX_WIDTH), ("n_lstm_layers", MAX_LAYERS)):
+        if name in memory and not (type(options[name]) is int and 1 <= options[name] <= most):
+            raise InputError(f"The policy in {path} has {name} {options[name]!r}; 1 to {most} are supported.")
+    options["is_normalised"] = normaliser is not None
+    options["net_arch"] = _actors_layers(options["net_arch"], path)
+    options["activation_fn"] = _activation(str(options["activation_fn"]), path)
     return options
 
 
-def _checked_layers(net_arch: Any, path: Path) -> Any:
-    if isinstance(net_arch, dict) and set(net_arch) == {"pi", "vf"}:
-        return {part: _checked_layers(layers, path) for part, layers in net_arch.items()}
-    is_valid = isinstance(net_arch, list) and len(net_arch) <= MAX_LAYERS
-    if not is_valid or not all(type(width) is int and 1 <= width <= MAX_WIDTH for width in net_arch):
+def _actors_layers(net_arch: Any, path: Path) -> list[int]:
+    """Return the widths of the hidden layers that lead to actions."""
+    layers = net_arch
+    if isinstance(layers, list) and len(layers) == 1 and isinstance(layers[0], dict):
+        layers = layers[0]  # as versions before 1.8 wrote it
+    if isinstance(layers, dict) and set(layers) <= {"pi", "vf", "qf", ":type:"}:
+        layers = layers.get("pi", [])
+    is_valid = isinstance(layers, list) and len(layers) <= MAX_LAYERS
+    if not is_valid or not all(type(width) is int and 1 <= width <= MAX_WIDTH for width in layers):
         raise InputError(
-            f"The policy in {path} has the layers {net_arch!r}; at most {MAX_LAYERS} widths in [1, {MAX_WIDTH}] are "
-            "supported, alone or as {'pi': [...], 'vf': [...]}."
+            f"The policy in {path} has the layers {str(net_arch)[:200]}; at most {MAX_LAYERS} widths in "
+            f"[1, {MAX_WIDTH}] are supported, alone or as 'pi' beside 'vf' or 'qf'."
         )
-    return net_arch
+    return list(layers)
 
 
-def _activation(text: str, path: Path) -> Any:
-    import torch
+def _activation(text: str, path: Path) -> str:
+    found = ACTIVATION.fullmatch(text)
+    if found is None or found.group(1) not in ACTIVATIONS:
+        hint = did_you_mean(text.removesuffix("'>").rsplit(".", 1)[-1], ACTIVATIONS)
+        raise ExoticPolicyError(
+            f"The policy in {path} uses the activation {text[:200]}, which is none of PyTorch's without trained "
+            f"parameters.{hint} {TRUST}"
+        )
+    return found.group(1)
 
-    name = text.removesuffix("'>").rsplit(".", 1)[-1]
-    if name not in ACTIVATIONS:
-        raise InputError(f"The policy in {path} uses the activation {name}.{did_you_mean(name, ACTIVATIONS)}")
-    return getattr(torch.nn, name)
 
-
-def _load_weights(network: Any, tensors: dict[str, Any], path: Path) -> None:
+def _load_weights(parts: dict[str, Any], kind: Kind, tensors: dict[str, Any], path: Path) -> None:
+    """Fill the parts; every tensor must belong to one, or to what only training needs."""
+    left = {name for name in tensors if not name.startswith(kind.others)}
     try:
-        network.load_state_dict(tensors, strict=True)
+        for prefix, part in parts.items():
+            names = {name.removeprefix(prefix + "."): name for name in tensors if name.startswith(prefix + ".")}
+            part.load_state_dict({own: tensors[name].float() for own, name in names.items()}, strict=True, assign=True)
+            part.eval()
+            left -= set(names.values())
     except RuntimeError as cause:
         reason = " ".join(str(cause).split())[:300]
         raise InputError(
             f"The weights in {path} do not fit its own settings: {reason}. Save the policy again."
         ) from cause
+    if left:
+        raise InputError(
+            f"The weights in {path} do not fit its own settings: {', '.join(sorted(left)[:3])} belong to nothing that "
+            "the settings name. Save the policy again."
+        )

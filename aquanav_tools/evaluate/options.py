@@ -90,8 +90,10 @@ class EvaluateOptions(ProtocolOptions):
     """How a policy is evaluated. Each field is an option of aquanav-eval."""
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
-    """A Stable-Baselines3 zip (PPO or A2C), an ONNX file of ML-Agents, baseline:reactive or baseline:random. Several
-    are taken for training runs of one method."""
+    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), an ONNX file of ML-Agents, TorchScript (.pt,
+    with --trust), module:function for code of your own in the working directory, or baseline:random, baseline:reactive
+    or baseline:oracle, which knows the map. "shield:" before any of them puts a safety shield around it. Several are
+    taken for training runs of one method."""
     scenario: tuple[Path, ...]
     """Scenario folders."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))
@@ -107,6 +109,9 @@ class EvaluateOptions(ProtocolOptions):
     """Recordings stop at this number; each takes about 1 MB."""
     film: bool = False
     """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
+    trust: bool = False
+    """Let policy files run code, which those of unknown make and TorchScript do when they are loaded. Only for files
+    whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     workers: int | None = None
@@ -199,6 +204,8 @@ class ReplayOptions:
     """The recording; without it, replay-00017.rrd beside the results."""
     policy: str | None = None
     """The policy, where it is no longer at its path."""
+    trust: bool = False
+    """Let the policy's file run code; see aquanav-eval --help."""
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
     film: Path | None = None

@@ -1,25 +1,29 @@
-"""Policies by name: a Stable-Baselines3 zip, an ONNX file of ML-Agents, or one of the baselines."""
+"""Policies by name: files of several kinds, the user's own code, baselines, and a shield around any of them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import ACTIONS, ActionModel
-from aquanav_tools.envs.observation import PRESETS, layout
+from aquanav_tools.envs.action import NUM_CHOICES
+from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
-from aquanav_tools.evaluate.network import NetworkPolicy
+from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
+from aquanav_tools.evaluate.oracle import OraclePolicy
+from aquanav_tools.evaluate.own_code import SPEC, OwnPolicy
+from aquanav_tools.evaluate.presets import fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
-from aquanav_tools.evaluate.spaces import describe_space, is_same_space
+from aquanav_tools.evaluate.shield import ShieldedPolicy
+from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.provenance import file_hash
 
 PREFIX = "baseline:"
-NUM_CHOICES = 3
+SHIELD = "shield:"
 
 
 class Policy(Protocol):
@@ -30,6 +34,14 @@ class Policy(Protocol):
 
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Return the action for one observation."""
+
+
+@runtime_checkable
+class Boarding(Protocol):
+    """A policy that knows more than it observes: its vehicle, or the whole map."""
+
+    def board(self, env: CaveEnv) -> None:
+        """Look at the environment in which an episode has been reset and is about to begin."""
 
 
 @dataclass(frozen=True)
@@ -62,39 +74,66 @@ class RandomPolicy:
         return self._rng.integers(NUM_CHOICES, size=3)
 
 
-BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy]] = {"reactive": ReactivePolicy, "random": RandomPolicy}
+BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[OraclePolicy]] = {
+    "reactive": ReactivePolicy,
+    "random": RandomPolicy,
+    "oracle": OraclePolicy,
+}
 
 
-def load_policy(spec: str) -> LoadedPolicy:
-    """Return the policy named by `spec`: a path of an SB3 zip or an ONNX file, or a baseline.
+def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
+    """Return the policy named by `spec`.
+
+    Args:
+        spec: A path of an SB3 zip, of an ONNX file or of TorchScript; module:function; a baseline; or "shield:" before
+            any of these.
+        is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
+            same.
 
     Raises:
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
+    if spec.startswith(SHIELD):
+        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted))
     if spec.startswith(PREFIX):
         name = spec.removeprefix(PREFIX)
         if name not in BASELINES:
             raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, BASELINES)}")
         return LoadedPolicy(BASELINES[name](), spec, None, "full", "multidiscrete")
+    if SPEC.fullmatch(spec):
+        own = OwnPolicy(spec)
+        return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action)
     path = Path(spec)
-    policy = MlAgentsPolicy(path) if path.suffix.lower() == SUFFIX else NetworkPolicy(path)
-    observation, action = _fitting_presets(policy, path)
+    policy = _load_file(path, is_trusted)
+    observation, action = fitting_presets(policy.observation_space, policy.action_space, spec)
     return LoadedPolicy(policy, path.name, file_hash(path), observation, action)
 
 
-def _fitting_presets(policy: NetworkPolicy | MlAgentsPolicy, path: Path) -> tuple[str, str]:
-    """Return the observation preset and the action form whose spaces the network was trained for."""
-    sizes = {preset: max(part.stop for part in layout(preset).values()) for preset in PRESETS}
-    forms = {form: ActionModel(form).space for form in ACTIONS}
-    observations = [preset for preset, size in sizes.items() if policy.observation_space.shape == (size,)]
-    actions = [form for form, space in forms.items() if is_same_space(policy.action_space, space)]
-    if not observations or not actions:
+def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:
+    suffix = path.suffix.lower()
+    if suffix == SUFFIX:
+        return MlAgentsPolicy(path)
+    if suffix in TORCHSCRIPT:
+        if not is_trusted:
+            raise InputError(
+                f"{path} is called like TorchScript, which is a program: its operators can write files. If you trust "
+                "whoever made it, add --trust. A Stable-Baselines3 zip or an ONNX file is read without running code."
+            )
+        return TorchScriptPolicy(path)
+    try:
+        return NetworkPolicy(path)
+    except ExoticPolicyError:
+        if not is_trusted:
+            raise
+        return TrustedPolicy(path)
+
+
+def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
+    if inner.observation == "original":
         raise InputError(
-            f"The policy in {path} observes a {describe_space(policy.observation_space)} and acts in "
-            f"{describe_space(policy.action_space)}. The task offers the observations "
-            f"{', '.join(f'{preset} ({size} values)' for preset, size in sizes.items())} and the actions "
-            f"{', '.join(f'{form} ({describe_space(space)})' for form, space in forms.items())}. "
-            "It was trained for another task; train one with aquanav-train."
+            f"The policy {inner.name} observes the preset 'original', which has no speed, so the shield cannot foresee "
+            "where an action leads. Shield a policy that observes 'full' or 'paper'."
         )
-    return observations[0], actions[0]
+    policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
+    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action)

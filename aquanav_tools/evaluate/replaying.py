@@ -73,7 +73,7 @@ def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetr
 
 def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
     expected = table["policy"]
-    policy = load_policy(options.policy or expected["path"])
+    policy = load_policy(options.policy or expected["path"], options.trust)
     if policy.sha256 != expected["sha256"]:
         raise InputError(
             f"The policy {policy.name} is another one than was evaluated ({policy.sha256} instead of "

@@ -50,6 +50,7 @@ MEAN_ROWS = {
     "control_change": ("change of the controls between decisions", "2f", ""),
     "energy": ("energy, work done against the water's drag", "0f", "J"),
     "jerk": ("jerk, root mean square", "1f", "m/s³"),
+    "interventions": ("actions that the safety shield replaced, per episode", "1f", ""),
 }
 EPISODE_COLUMNS = (
     "episode", "scenario", "condition", "seed", "start", "outcome", "collisions", "min clearance, m",
@@ -341,6 +342,7 @@ def repeat_command(provenance: Provenance) -> str:
         value = protocol[name]
         if name in ("episodes", "seed") or (value is not None and value != plain.get(name)):
             words += ["--" + name.replace("_", "-"), *(value if isinstance(value, list | tuple) else [value])]
+    words += ["--trust"] if provenance.policy["is_trusted"] else []
     for name, values in protocol["grid"].items():
         words += ["--grid." + name.replace("_", "-"), *values] if values else []
     return shlex.join(map(str, words))

@@ -21,7 +21,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
 
-FORMAT = 2
+FORMAT = 3
 SCHEMA = Path(__file__).with_name("results.schema.json")
 ROWS_AT_A_TIME = 10_000
 """Of the Parquet file; memory need not hold them all."""
@@ -34,7 +34,7 @@ class Provenance:
     """What was evaluated, where and how; the tables are those of results.json."""
 
     policy: dict[str, Any]
-    """Its name, SHA-256 (None for a baseline) and path."""
+    """Its name, SHA-256 (None for a baseline), path, and whether its file was let run code."""
     scenarios: list[dict[str, Any]]
     """The name, content hash and path of each."""
     protocol: dict[str, Any]
@@ -116,6 +116,7 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
     import pyarrow.parquet as pq
 
     types = {"int": pa.int64(), "str": pa.string(), "float": pa.float64(), "float | None": pa.float64()}
+    types["int | None"] = pa.int64()
     schema = pa.schema([(field.name, types[str(field.type)]) for field in dataclasses.fields(EpisodeMetrics)])
     partial = path.with_name(path.name + ".partial")
     with pq.ParquetWriter(partial, schema) as writer:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import random
 import re
 import signal
@@ -17,7 +18,7 @@ import numpy as np
 
 from aquanav_tools.envs.action import ACTIONS, ActionModel
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.evaluate.policies import Policy
+from aquanav_tools.evaluate.policies import Boarding, Policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.track import FAILED, Track
 
@@ -100,6 +101,8 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
     """
     watch = watch or Watch()
     observation, info = env.reset(seed=plan.seed, options=_start(plan))
+    if isinstance(policy, Boarding):
+        policy.board(env)
     form = next(model for model in map(ActionModel, ACTIONS) if model.space == env.action_space)
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
@@ -117,7 +120,8 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
             commands.append(command)
             rewards.append(reward)
     limits = env.scenario.settings.limits
-    return _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+    track = _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+    return dataclasses.replace(track, interventions=getattr(policy, "interventions", None))
 
 
 def _reset(policy: Policy, seed: int) -> None:

@@ -20,6 +20,7 @@ from aquanav_tools.evaluate.statistics import (
 MEANS = (
     "spl", "progress", "collisions", "min_clearance", "clearance_p5", "mean_clearance", "time_close", "time",
     "time_ratio", "path_length", "reward", "cost", "control_effort", "control_change", "energy", "jerk",
+    "interventions",
 )  # fmt: skip
 """Metrics that are averaged over episodes; those that an episode lacks, over the episodes that have them."""
 GROUPINGS = ("scenario", "region", "condition")

@@ -68,6 +68,8 @@ class Track(Trail):
     """(D,) per term of the reward."""
     reason: str = ""
     """Why the policy failed; empty unless it did."""
+    interventions: int | None = None
+    """Decisions in which a safety shield took another action than the policy's; None without a shield."""
 
     @property
     def num_decisions(self) -> int:

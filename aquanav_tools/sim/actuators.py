@@ -27,6 +27,10 @@ class ActuatorModel(ABC):
         """In [-1, 1]: 0 floats, 1 is full buoyancy up."""
 
     @abstractmethod
+    def set_trim(self, trim: float) -> None:
+        """Bring the ballast to a trim in [-1, 1] at once: for looking ahead from a state that was measured."""
+
+    @abstractmethod
     def reset(self) -> None:
         """Trim to neutral."""
 
@@ -72,6 +76,10 @@ class WrenchActuators(ActuatorModel):
         """In [-1, 1]: 0 floats, 1 is full buoyancy up."""
         return self._trim
 
+    def set_trim(self, trim: float) -> None:
+        """Bring the ballast to a trim at once."""
+        self._trim = trim
+
     def reset(self) -> None:
         """Trim to neutral."""
         self._trim = 0.0
@@ -104,6 +112,13 @@ class OriginalActuators(ActuatorModel):
         neutral = self._ballast.power
         limit = self._ballast.max_power if self._power > neutral else self._ballast.min_power
         return (self._power - neutral) / abs(limit - neutral)
+
+    def set_trim(self, trim: float) -> None:
+        """Bring the ballast's power to a trim at once."""
+        if self._ballast is not None:
+            neutral = self._ballast.power
+            limit = self._ballast.max_power if trim > 0.0 else self._ballast.min_power
+            self._power = neutral + trim * abs(limit - neutral)
 
     def reset(self) -> None:
         """Set the power to the start's."""

@@ -55,6 +55,8 @@ def test_list_names_the_shipped_vehicles_and_the_baselines(capsys: pytest.Captur
     assert "13.5 kg, 0.57 m long, 0.61 m/s ahead, 8 thrusters" in vehicles["bluerov2-heavy"]
     assert ["baseline", "baseline:reactive"] in rows
     assert ["baseline", "baseline:random"] in rows
+    assert ["baseline", "baseline:oracle"] in rows
+    assert any(line.startswith("shield ") and "shield:POLICY" in line for line in lines)
 
 
 def test_list_names_every_recipe(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import gymnasium
 import torch
 from gymnasium import spaces
-from stable_baselines3 import PPO
+from stable_baselines3 import DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 ACTIONS = {
@@ -34,5 +34,12 @@ def make_model(
     """A network as aquanav-train makes it, unless `policy_kwargs` say otherwise."""
     kwargs = policy_kwargs or {"net_arch": [128, 128, 128], "activation_fn": torch.nn.SiLU}
     space = ACTIONS[action] if isinstance(action, str) else action
-    env = Still(space, num_observations)
-    return kind("MlpPolicy", env, policy_kwargs=kwargs, seed=0, device="cpu")  # type: ignore[call-arg]
+    return model_for(kind, Still(space, num_observations), **kwargs)
+
+
+def model_for(kind: type[BaseAlgorithm], env: gymnasium.Env[Any, Any], **policy_kwargs: Any) -> BaseAlgorithm:
+    """An untrained model that learns from very few steps."""
+    name = "MlpLstmPolicy" if kind.__name__ == "RecurrentPPO" else "MlpPolicy"
+    few: dict[str, Any] = {"buffer_size": 64, "learning_starts": 8} if kind in (DQN, SAC, TD3) else {"n_steps": 16}
+    few |= {} if kind.__name__ == "A2C" else {"batch_size": 8}
+    return kind(name, env, policy_kwargs=policy_kwargs, seed=0, device="cpu", **few)

@@ -76,7 +76,8 @@ def test_command_prints_the_rates_and_where_to_look(finished: tuple[Path, str]) 
 def test_results_follow_the_schema_and_the_protocol(table: Any) -> None:
     check_results(table)
     assert [episode["seed"] for episode in table["episodes"]] == [5, 6, 7, 8]
-    assert table["policy"] == {"name": "baseline:reactive", "sha256": None, "path": "baseline:reactive"}
+    name = "baseline:reactive"
+    assert table["policy"] == {"name": name, "sha256": None, "path": name, "is_trusted": False}
     assert len(table["scenarios"][0]["content_hash"]) == 64
 
 

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import base64
 import io
 import json
 import pickle
+import resource
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -12,14 +14,20 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import archive
-from aquanav_tools.evaluate.network import NetworkPolicy
-from aquanav_tools.policy.normaliser import NormalisedObservations
-from tests.evaluate.models import ACTIONS, Still, make_model
+from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
+from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.scenario.schema import Scenario
+from tests.evaluate.models import make_model, model_for
+
+ROUNDING = 2.0**-23
+"""Of an action in [-1, 1]: the library scales it to the space's bounds and back, in float32."""
 
 
 @pytest.fixture(scope="session")
@@ -51,16 +59,62 @@ def edited_settings(saved_zip: Path, **changes: Any) -> bytes:
         return json.dumps(json.loads(source.read("data")) | changes).encode()
 
 
-@pytest.mark.parametrize("action", list(ACTIONS))
-@pytest.mark.parametrize("kind", [PPO, A2C])
-def test_rebuilt_policy_acts_as_the_saved_one(
-    kind: type[BaseAlgorithm], action: str, tmp_path: Path, rng: np.random.Generator
+def assert_acts_alike(model: BaseAlgorithm, path: Path, rng: np.random.Generator) -> None:
+    """Hold a rebuilt policy against the library's, over two episodes of observations."""
+    model.save(path)
+    policy = NetworkPolicy(path)
+    for seed in range(2):
+        policy.reset(seed)
+        state, is_first = None, np.ones(1, dtype=bool)
+        for observation in rng.uniform(-1.0, 1.0, (50, 44)).astype(np.float32):
+            expected, state = model.predict(observation, state=state, episode_start=is_first, deterministic=True)
+            np.testing.assert_allclose(policy.act(observation), expected, rtol=0.0, atol=ROUNDING)
+            is_first = np.zeros(1, dtype=bool)
+
+
+SWISH: dict[str, Any] = {"net_arch": [24, 16], "activation_fn": torch.nn.SiLU}
+TRAINED = [
+    (PPO, "multidiscrete", SWISH),
+    (PPO, "continuous", {"net_arch": {"pi": [16, 8], "vf": [32]}}),
+    (A2C, "discrete", {}),
+    (DQN, "discrete", {}),
+    (DQN, "discrete", SWISH),
+    (SAC, "continuous", {}),
+    (SAC, "continuous", {"net_arch": {"pi": [16], "qf": [32]}, "activation_fn": torch.nn.ELU}),
+    (TD3, "continuous", {}),
+    (TD3, "continuous", SWISH),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "action", "kwargs"), TRAINED, ids=lambda value: getattr(value, "__name__", str(value)[:20])
+)
+def test_rebuilt_policy_acts_as_the_trained_one(
+    kind: type[BaseAlgorithm],
+    action: str,
+    kwargs: dict[str, Any],
+    tube: Scenario,
+    tmp_path: Path,
+    rng: np.random.Generator,
 ) -> None:
-    model = make_model(kind, action)
-    model.save(tmp_path / "policy.zip")
-    policy = NetworkPolicy(tmp_path / "policy.zip")
-    for observation in rng.uniform(-1.0, 1.0, (20, 44)).astype(np.float32):
-        np.testing.assert_array_equal(policy.act(observation), model.predict(observation, deterministic=True)[0])
+    env = CaveEnv(tube, action=action)
+    model = model_for(kind, env, **kwargs).learn(24)
+    env.close()
+    assert_acts_alike(model, tmp_path / "policy.zip", rng)
+
+
+SHARED: dict[str, Any] = {"n_lstm_layers": 2, "shared_lstm": True, "enable_critic_lstm": False, **SWISH}
+
+
+@pytest.mark.parametrize("kwargs", [{}, SHARED])
+def test_rebuilt_recurrent_policy_acts_as_the_trained_one_and_forgets_between_episodes(
+    kwargs: dict[str, Any], tube: Scenario, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    contrib = pytest.importorskip("sb3_contrib", reason="RecurrentPPO is sb3-contrib's: pip install -e '.[dev]'")
+    env = CaveEnv(tube)
+    model = model_for(contrib.RecurrentPPO, env, **{"lstm_hidden_size": 16, **kwargs}).learn(16)
+    env.close()
+    assert_acts_alike(model, tmp_path / "policy.zip", rng)
 
 
 def test_separate_networks_for_actor_and_critic_are_rebuilt(tmp_path: Path) -> None:
@@ -102,6 +156,21 @@ def test_pickles_in_the_settings_are_not_run(edit_zip: Callable[..., Path], save
         return value
 
     NetworkPolicy(edit_zip(data=json.dumps(spoil(settings)).encode()))  # would fail if any of them were read
+
+
+def test_hostile_pickle_in_the_settings_is_not_run_unless_trusted(
+    edit_zip: Callable[..., Path], saved_zip: Path, tmp_path: Path
+) -> None:
+    witness = tmp_path / "witness"
+    payload = base64.b64encode(pickle.dumps(WritesFile(witness))).decode()
+    entry = {":type:": "<class 'mine'>", ":serialized:": payload, "__module__": "mine"}
+    path = edit_zip(data=edited_settings(saved_zip, policy_class=entry))
+    with pytest.raises(InputError, match="--trust"):
+        load_policy(str(path))
+    assert not witness.exists()
+    with pytest.raises(InputError, match="cannot load"):
+        load_policy(str(path), is_trusted=True)
+    assert witness.exists()  # the attack is real: the library does run it
 
 
 def test_truncated_zip_says_so(saved_zip: Path, tmp_path: Path) -> None:
@@ -163,10 +232,7 @@ def test_weights_of_another_network_are_refused(edit_zip: Callable[..., Path]) -
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"policy_kwargs": {"features_extractor_class": "x"}}, "features_extractor_class"),
         ({"policy_kwargs": {"net_arch": [10**9]}}, "layers"),
-        ({"policy_kwargs": {"activation_fn": "<class 'os.system'>"}}, "activation system"),
-        ({"use_sde": True}, "use_sde"),
         ({"observation_space": {":type:": "<class 'gymnasium.spaces.dict.Dict'>"}}, "observation space is a Dict"),
         ({"observation_space": {":type:": "<class 'gymnasium.spaces.box.Box'>"}}, "cannot be read"),
         ({"observation_space": None}, "cannot be read"),
@@ -185,47 +251,42 @@ def test_settings_that_are_no_json_table_are_refused(edit_zip: Callable[..., Pat
         NetworkPolicy(edit_zip(data=text))
 
 
-def test_policy_of_another_algorithm_is_named(tmp_path: Path) -> None:
-    DQN("MlpPolicy", Still(ACTIONS["discrete"]), device="cpu", buffer_size=10).save(tmp_path / "dqn.zip")
-    with pytest.raises(InputError, match="class DQNPolicy"):
-        NetworkPolicy(tmp_path / "dqn.zip")
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"policy_class": {"__module__": "mine", "__init__": "<function ActorCriticPolicy.__init__ at 0x1>"}},
+            r"class mine\.ActorCriticPolicy.*RecurrentPPO.*--trust",
+        ),
+        ({"policy_class": "MlpPolicy"}, r"nothing readable.*--trust"),
+        ({"use_sde": True}, r"use_sde.*--trust"),
+        ({"policy_kwargs": {"features_extractor_class": "x"}}, r"features_extractor_class.*--trust"),
+        ({"policy_kwargs": {"activation_fn": "<class 'mine.Tanh'>"}}, r"activation <class 'mine\.Tanh'>.*--trust"),
+        (
+            {"policy_kwargs": {"activation_fn": "<class 'torch.nn.modules.activation.Tahn'>"}},
+            r"Did you mean 'Tanh'\? .*--trust",
+        ),
+    ],
+)
+def test_exotic_policy_is_told_what_was_found_and_how_to_trust_it(
+    edit_zip: Callable[..., Path], saved_zip: Path, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ExoticPolicyError, match=message):
+        NetworkPolicy(edit_zip(data=edited_settings(saved_zip, **changes)))
 
 
-@pytest.mark.parametrize("kind", [SAC, TD3])
-def test_off_policy_actor_is_rebuilt(kind: type[BaseAlgorithm], tmp_path: Path, rng: np.random.Generator) -> None:
-    kwargs = {"net_arch": [16, 16], "features_extractor_class": NormalisedObservations}
-    model: Any = kind("MlpPolicy", Still(ACTIONS["continuous"]), policy_kwargs=kwargs, buffer_size=10, device="cpu")
-    model.save(tmp_path / "policy.zip")
-    policy = NetworkPolicy(tmp_path / "policy.zip")
-    for observation in rng.uniform(-1.0, 1.0, (5, 44)).astype(np.float32):
-        np.testing.assert_array_equal(policy.act(observation), model.predict(observation, deterministic=True)[0])
+def test_levels_in_other_bounds_are_refused(tmp_path: Path) -> None:
+    make_model(action=spaces.Box(-2.0, 2.0, (3,))).save(tmp_path / "policy.zip")
+    with pytest.raises(InputError, match=r"low is \[-2\. -2\. -2\.\].*from -1 to 1"):
+        NetworkPolicy(tmp_path / "policy.zip")
 
 
-def test_memory_is_kept_within_an_episode_and_forgotten_after_it(tmp_path: Path, rng: np.random.Generator) -> None:
-    contrib = pytest.importorskip("sb3_contrib")
-    kwargs = {"net_arch": [16], "lstm_hidden_size": 8, "features_extractor_class": NormalisedObservations}
-    env = Still(ACTIONS["continuous"])
-    model = contrib.RecurrentPPO("MlpLstmPolicy", env, policy_kwargs=kwargs, seed=0, device="cpu")
-    model.save(tmp_path / "policy.zip")
-    policy = NetworkPolicy(tmp_path / "policy.zip")
-    observations = rng.uniform(-1.0, 1.0, (4, 44)).astype(np.float32)
-    for _ in range(2):
-        policy.reset(0)
-        memory = None
-        for observation in observations:
-            action, memory = model.predict(observation, memory, deterministic=True)
-            np.testing.assert_array_equal(policy.act(observation), action)
-
-
-def test_policy_brings_its_observation_scaling_along(tmp_path: Path, rng: np.random.Generator) -> None:
-    model = make_model(net_arch=[16], features_extractor_class=NormalisedObservations)
-    seen = rng.normal(0.3, 0.05, (1000, 44)).astype(np.float32)
-    model.policy.features_extractor.take_in(seen)
-    model.save(tmp_path / "policy.zip")
-    network = NetworkPolicy(tmp_path / "policy.zip")._network
-    np.testing.assert_array_equal(network.features_extractor.mean, model.policy.features_extractor.mean)
-    # 0.05 / sqrt(1000) is the standard error of the mean of what was seen; five of them.
-    np.testing.assert_allclose(network.features_extractor.mean, 0.3, atol=5 * 0.05 / np.sqrt(1000))
+def test_widths_that_only_the_settings_claim_take_no_memory(edit_zip: Callable[..., Path], saved_zip: Path) -> None:
+    claimed = edited_settings(saved_zip, policy_kwargs={"net_arch": [8192] * 16})  # 4 GB of weights
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(InputError, match="do not fit its own settings"):
+        NetworkPolicy(edit_zip(data=claimed))
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 200_000  # kB
 
 
 def test_file_that_is_no_zip_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,8 +20,8 @@ from tests.evaluate.models import make_model
 from tests.evaluate.winding import winding_scenario
 
 
-def score(scenario: Scenario, spec: str, num_episodes: int, max_decisions: int = 1200) -> Summary:
-    options = ProtocolOptions(episodes=num_episodes, max_decisions=max_decisions)
+def score(scenario: Scenario, spec: str, num_episodes: int, max_decisions: int = 1200, **task: Any) -> Summary:
+    options = ProtocolOptions(episodes=num_episodes, max_decisions=max_decisions, **task)
     flights = plan_flights([scenario], conditions_of(options.grid), options)
     with open_hangar(load_policy(spec), options) as hangar:
         return summarise([hangar.fly(flight)[1] for flight in flights])
@@ -73,6 +74,13 @@ def test_policy_for_other_spaces_is_told_what_would_fit(tmp_path: Path) -> None:
         load_policy(str(tmp_path / "policy.zip"))
     for part in ("Box of 12 values", "Discrete(9)", "full (44 values)", "paper (31 values)", "discrete (Discrete(27))"):
         assert part in str(caught.value)
+
+
+def test_message_names_the_preset_that_fits_where_only_one_space_does(tmp_path: Path) -> None:
+    save(make_model(action=spaces.Discrete(9), num_observations=31), tmp_path)
+    shown = r"31 values \(the preset paper\).*Discrete\(9\) \(no form has that\).*observation='paper'"
+    with pytest.raises(InputError, match=shown):
+        load_policy(str(tmp_path / "policy.zip"))
 
 
 def save(model: BaseAlgorithm, folder: Path) -> None:

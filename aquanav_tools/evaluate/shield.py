@@ -1,0 +1,180 @@
+"""A safety shield around any policy: of the action that it chooses, the nearest one that is safe is taken.
+
+What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own
+software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is
+flown ahead through the chosen action and then a full stop. The action is safe where on all of this the hull keeps
+MARGIN from every wall that the rays have met lately, or, where it is nearer already, comes no nearer and ends farther
+away. If it is not, the safe action that differs least takes its place; if none is, the one that ends farthest away.
+
+Source of the rule: a predictive safety filter whose backup is to stop (Wabersich and Zeilinger, A predictive safety
+filter for learning-based control of constrained nonlinear dynamical systems, Automatica 129, 2021). It promises
+nothing: between rays, behind the vehicle and in a current it sees less than there is. Evaluations count what it does.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.envs.action import ActionModel, Command
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.observation import RATE_SCALE, SPEED_SCALE, layout, unsoft
+from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
+from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.types import Array, Pose, yaw_quaternion
+
+MARGIN = 0.15
+"""Room that is kept between hull and wall, m: about the hull's radius; chosen, see test_shield."""
+STOP_DECISIONS = 30
+"""Longest full stop that is flown ahead; the ballast alone takes 2 s from full up to full down."""
+MEMORY = 20
+"""Decisions for which walls are remembered: 2 s, in which a BlueROV2 swims a few of its lengths."""
+NEAR = 2.5
+"""Walls beyond this distance do not matter, m: no vehicle here needs as much to stop."""
+STEEP = np.radians(30.0)
+"""Rays above this elevation tell of roof and floor, which are taken to go on level above and below the vehicle."""
+NO_ECHO = 1.0 - 1e-3
+"""Share of a ray's length from which it met nothing."""
+STILL = 0.05
+"""Speed that counts as stopped, m/s."""
+SLACK = 1e-4
+"""A vehicle beside a wall may come nearer by this, m: less is no motion."""
+GAIN = 1e-3
+"""It must end farther away by this, m: merely not nearer by rays that miss what is between them, it would creep on."""
+
+
+class ShieldedPolicy:
+    """Observes "full"; hands the policy inside what it was made for."""
+
+    def __init__(self, inner: Any, observation: str, action: str) -> None:
+        self._inner, self._form = inner, action
+        self._size = max(part.stop for part in layout(observation).values())  # "paper" is the beginning of "full"
+        self._command = ActionModel(action).command
+        self._parts = layout("full")
+        pattern = original_pattern()
+        self._directions, self._lengths = pattern.directions, pattern.lengths
+        self._steep = np.abs(np.arcsin(pattern.directions[:, 2])) > STEEP
+        self.interventions = 0
+        """Decisions of this episode in which it took another action than the policy's."""
+
+    def board(self, env: CaveEnv) -> None:
+        """Learn the vehicle's own equations and size, and nothing of the cave."""
+        self._model = Lookahead(env)
+        self._vehicle = env.vehicle
+        self._dt = self._model.dt
+        half = 0.5 * env.vehicle.capsule.axis_length
+        self._axis = np.array([-half, 0.0, half])
+        self._radius = env.vehicle.capsule.radius
+        if hasattr(self._inner, "board"):
+            self._inner.board(env)
+
+    def reset(self, seed: int) -> None:
+        """Forget the walls of the last episode."""
+        self._inner.reset(seed)
+        self.interventions = 0
+        self._position, self._yaw = np.zeros(3), 0.0
+        self._walls: deque[Array] = deque(maxlen=MEMORY)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> Any:
+        """Return the policy's action, or the safe one nearest to it."""
+        action = self._inner.act(observation[: self._size])
+        wanted = self._command(action)
+        read = {name: observation[part].astype(np.float64) for name, part in self._parts.items()}
+        state, trim = self._estimate(read), float(read["trim"][0])
+        walls = self._remember(read["rays"], state)
+        now = self._room(state, walls)
+        enough, end = (MARGIN, MARGIN) if now >= MARGIN else (now - SLACK, now + GAIN)
+
+        def foresee(command: Command) -> tuple[bool, float]:
+            least, last = self._foresee(state, trim, command, walls)
+            return least >= enough and last >= end, last
+
+        if foresee(wanted)[0]:
+            return action
+        self.interventions += 1
+        return self._as_action(_nearest_safe(wanted, foresee))
+
+    def _foresee(self, state: Array, trim: float, command: Command, walls: Array) -> tuple[float, float]:
+        """Return the least and the last room between hull and walls, m, through a command and a full stop."""
+        least, room, water = np.inf, np.inf, np.zeros(3)
+        for _ in range(1 + STOP_DECISIONS):
+            state, trim = self._model.after(state, trim, command, water)
+            room = self._room(state, walls)
+            least = min(least, room)
+            if np.linalg.norm(state[7:10]) < STILL:
+                break
+            command = _stop(state, trim)
+        return least, room
+
+    def _room(self, state: Array, walls: Array) -> float:
+        if not len(walls):
+            return np.inf
+        nose = np.array([row[0] for row in rotation_rows(state)])
+        middles = state[:3] + self._axis[:, None] * nose
+        return float(np.sqrt(((walls[None] - middles[:, None]) ** 2).sum(axis=2).min())) - self._radius
+
+    def _estimate(self, read: dict[str, Array]) -> Array:
+        """Return the state in a frame that begins where the episode did, dead-reckoned from velocity and rates."""
+        velocity, rates = unsoft(read["velocity"], SPEED_SCALE), unsoft(read["rates"], RATE_SCALE)
+        state = self._vehicle.state_at(Pose(self._position, yaw_quaternion(self._yaw)))
+        state[3:7] = _tilted(self._yaw, *np.arcsin(np.clip(read["tilt"], -1.0, 1.0)))
+        state[7:10], state[10:13] = velocity, rates
+        self._yaw += self._dt * float(rates[2])
+        self._position = self._position + self._dt * np.array(rotation_rows(state)) @ velocity
+        return state
+
+    def _remember(self, shares: Array, state: Array) -> Array:
+        """Return the (N, 3) points of wall that the rays met now and lately."""
+        has_echo = shares < NO_ECHO
+        hits = (shares * self._lengths)[:, None] * self._directions @ np.array(rotation_rows(state)).T
+        heights = hits[self._steep & has_echo, 2]
+        lids = [float(heights[heights > 0].min(initial=np.inf)), float(heights[heights < 0].max(initial=-np.inf))]
+        level = np.array([(0.0, 0.0, height) for height in lids if np.isfinite(height)]).reshape(-1, 3)
+        self._walls.append(state[:3] + np.concatenate([hits[has_echo], level]))
+        walls = np.concatenate(self._walls)
+        return walls[((walls - state[:3]) ** 2).sum(axis=1) < NEAR**2]
+
+    def _as_action(self, command: Command) -> Any:
+        if self._form == "continuous":
+            return np.array(command, dtype=np.float32)
+        choices = choices_of(command)
+        return choices if self._form == "multidiscrete" else int(choices @ (9, 3, 1))
+
+
+def _nearest_safe(wanted: Command, foresee: Callable[[Command], tuple[bool, float]]) -> Command:
+    """Return the safe command that differs least from a wanted one, or the one that ends farthest from the walls."""
+    order = sorted(CHOICES, key=lambda command: sum(abs(a - b) for a, b in zip(command, wanted, strict=True)))
+    best, most = order[0], -np.inf
+    for command in order:
+        is_safe, last = foresee(command)
+        if is_safe:
+            return command
+        if last > most:
+            best, most = command, last
+    return best
+
+
+def _stop(state: Array, trim: float) -> Command:
+    """Return the command that takes speed off."""
+    surge = float(state[7])
+    climb = float(np.array(rotation_rows(state)[2]) @ state[7:10])
+    wanted = np.clip(-4.0 * climb, -1.0, 1.0)
+    ballast = 0.0 if abs(wanted - trim) <= STILL else float(np.sign(wanted - trim))
+    return Command(ballast, 0.0, 0.0 if abs(surge) < STILL else -float(np.sign(surge)))
+
+
+def _tilted(yaw: float, pitch_up: float, left_up: float) -> Array:
+    """Return the quaternion of a heading, with nose and left side up by some angles, rad."""
+    half = 0.5 * np.array([left_up, -pitch_up, yaw])
+    (cx, cy, cz), (sx, sy, sz) = np.cos(half), np.sin(half)
+    return np.array([
+        cx * cy * cz + sx * sy * sz,
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+    ])  # fmt: skip

@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquanav_tools.envs.action import Command
+from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
+from aquanav_tools.evaluate.oracle import OraclePolicy
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.shipped import shipped_names
+from aquanav_tools.sim.vehicle import known_vehicles
+from tests.evaluate.test_policies import score
+from tests.evaluate.winding import winding_scenario
+
+NEAR_ZERO = 0.05
+"""Random successes without a collision: 1 in 20."""
+
+
+@pytest.mark.parametrize("vehicle", known_vehicles())
+def test_look_ahead_in_still_free_water_is_what_the_environment_does(
+    vehicle: str, tube: Scenario, rng: np.random.Generator
+) -> None:
+    env = CaveEnv(tube, vehicle=vehicle)
+    observation, _ = env.reset(options={"start": 0})
+    model = Lookahead(env)
+    for _ in range(8):
+        command = CHOICES[rng.integers(len(CHOICES))]
+        expected, trim = model.after(env.state, float(observation[40]), command, env.water_velocity)
+        observation, *_ = env.step(choices_of(command))
+        np.testing.assert_allclose(env.state[:13], expected[:13], atol=1e-5)  # the trim is observed in float32
+        assert observation[40] == pytest.approx(trim, abs=1e-6)
+    env.close()
+
+
+def test_each_command_is_its_discrete_number() -> None:
+    for number, command in enumerate(CHOICES):
+        assert choices_of(command) @ (9, 3, 1) == number
+    assert choices_of(Command(1.0, 1.0, -1.0)).tolist() == [0, 0, 0]
+
+
+def test_oracle_finds_a_goal_that_is_out_of_sight_without_a_collision() -> None:
+    summary = score(winding_scenario(), "baseline:oracle", 10)
+    assert summary.collision_free_success.rate == 1.0
+
+
+def test_oracle_that_has_no_map_says_so() -> None:
+    with pytest.raises(InputError, match="call its board"):
+        OraclePolicy().reset(0)
+
+
+@pytest.mark.slow  # half an hour: builds the scenarios, and 20 episodes each with both policies
+@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("current", [None, "still", "full"])
+def test_oracle_dives_through_every_shipped_scenario_without_a_collision(name: str, current: str | None) -> None:
+    summary = score(read_scenario(name), "baseline:oracle", 20, max_decisions=2400, current=current)
+    assert summary.collision_free_success.rate == 1.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", shipped_names("scenarios"))
+def test_random_stays_near_zero_in_every_shipped_scenario(name: str) -> None:
+    # A collision decides already, so the episode may end with it.
+    summary = score(read_scenario(name), "baseline:random", 20, max_decisions=2400, on_collision="end")
+    assert summary.collision_free_success.rate <= NEAR_ZERO
+
+
+@pytest.mark.slow
+def test_shield_cuts_the_collisions_of_the_random_baseline_in_a_shipped_scenario() -> None:
+    scenario = read_scenario("cave-train-1")
+    bare, shielded = (score(scenario, spec, 10) for spec in ("baseline:random", "shield:baseline:random"))
+    assert shielded.collisions_per_100m.high < 0.5 * bare.collisions_per_100m.low
