@@ -109,7 +109,8 @@ class NetworkPolicy:
         with torch.device("meta"):  # takes no memory, whatever widths a file claims to have
             parts = _build(self._kind, settings, self.observation_space, self.action_space, path)
         _load_weights(parts, self._kind, read_weights(weights, path), path)
-        self._normaliser = parts.pop(self._kind.features, None)
+        self.normaliser = parts.pop(self._kind.features, None)
+        """What scales observations first, where the policy learned with that."""
         self._lstm = parts.pop(LSTM, None)
         self._layers = torch.nn.Sequential(*parts.values())
         self._memory: Any = None
@@ -124,8 +125,8 @@ class NetworkPolicy:
 
         with torch.inference_mode():
             features = torch.as_tensor(np.asarray(observation, dtype=np.float32)).reshape(1, -1)
-            if self._normaliser is not None:
-                features = self._normaliser(features)
+            if self.normaliser is not None:
+                features = self.normaliser(features)
             if self._lstm is not None:
                 sequence, self._memory = self._lstm(features[None], self._memory)
                 features = sequence[0]

@@ -249,7 +249,8 @@ def test_saved_policy_is_evaluated_with_its_hash(tmp_path: Path, run: Callable[.
     make_model(action="discrete", num_observations=31).save(tmp_path / "policy.zip")
     table = run(str(tmp_path / "policy.zip"), episodes=1)
     digest = hashlib.sha256((tmp_path / "policy.zip").read_bytes()).hexdigest()
-    assert table["policy"] == {"name": "policy.zip", "sha256": digest, "path": str(tmp_path / "policy.zip")}
+    path = str(tmp_path / "policy.zip")
+    assert table["policy"] == {"name": "policy.zip", "sha256": digest, "path": path, "is_trusted": False}
     assert (table["protocol"]["observation"], table["protocol"]["action"]) == ("paper", "discrete")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import stable_baselines3
 import torch
 from gymnasium import spaces
 from stable_baselines3 import A2C, DQN, PPO, SAC, TD3
@@ -23,6 +24,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import archive
 from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
 from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.models import make_model, model_for
 
@@ -114,6 +116,23 @@ def test_rebuilt_recurrent_policy_acts_as_the_trained_one_and_forgets_between_ep
     env = CaveEnv(tube)
     model = model_for(contrib.RecurrentPPO, env, **{"lstm_hidden_size": 16, **kwargs}).learn(16)
     env.close()
+    assert_acts_alike(model, tmp_path / "policy.zip", rng)
+
+
+@pytest.mark.parametrize(
+    ("kind", "action"), [("PPO", "multidiscrete"), ("SAC", "continuous"), ("TD3", "continuous"), ("RecurrentPPO", "")]
+)
+def test_rebuilt_policy_scales_observations_as_the_trained_one(
+    kind: str, action: str, tube: Scenario, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    library = stable_baselines3 if hasattr(stable_baselines3, kind) else pytest.importorskip("sb3_contrib")
+    env = CaveEnv(tube, action=action or "multidiscrete")
+    model = model_for(getattr(library, kind), env, net_arch=[16], features_extractor_class=NormalisedObservations)
+    env.close()
+    normalisers = [part for part in model.policy.modules() if isinstance(part, NormalisedObservations)]
+    assert normalisers
+    for normaliser in normalisers:
+        normaliser.take_in(rng.normal(0.3, 0.2, (100, 44)).astype(np.float32))
     assert_acts_alike(model, tmp_path / "policy.zip", rng)
 
 

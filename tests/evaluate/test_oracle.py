@@ -19,7 +19,7 @@ NEAR_ZERO = 0.05
 """Random successes without a collision: 1 in 20."""
 
 
-@pytest.mark.parametrize("vehicle", known_vehicles())
+@pytest.mark.parametrize("vehicle", [name for name in known_vehicles() if name != "boat"])  # too wide for the tube
 def test_look_ahead_in_still_free_water_is_what_the_environment_does(
     vehicle: str, tube: Scenario, rng: np.random.Generator
 ) -> None:

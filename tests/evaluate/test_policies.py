@@ -9,11 +9,10 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.evaluation import plan_flights
-from aquanav_tools.evaluate.flight import open_hangar
+from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
-from aquanav_tools.evaluate.protocol import conditions_of
+from aquanav_tools.evaluate.protocol import conditions_of, plan_condition
 from aquanav_tools.evaluate.summary import Summary, summarise
 from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.models import make_model
@@ -22,8 +21,10 @@ from tests.evaluate.winding import winding_scenario
 
 def score(scenario: Scenario, spec: str, num_episodes: int, max_decisions: int = 1200, **task: Any) -> Summary:
     options = ProtocolOptions(episodes=num_episodes, max_decisions=max_decisions, **task)
-    flights = plan_flights([scenario], conditions_of(options.grid), options)
+    (condition,) = conditions_of(options.grid)
+    plans = plan_condition(scenario, options, condition)
     with open_hangar(load_policy(spec), options) as hangar:
+        flights = [Flight(index, scenario, condition, plan) for index, plan in enumerate(plans)]
         return summarise([hangar.fly(flight)[1] for flight in flights])
 
 

@@ -109,8 +109,9 @@ def test_policy_has_seen_every_observation_but_those_of_the_last_update_once(run
     assert checkpoint is not None
     weights = checkpoint.learner["parameters"]["policy"]
     assert int(weights["features_extractor.count"]) == 512  # both lessons' decisions: statistics are carried on
-    network = NetworkPolicy(run / "policy.zip")._network
-    assert torch.equal(network.features_extractor.mean, weights["features_extractor.mean"])
+    normaliser = NetworkPolicy(run / "policy.zip").normaliser
+    assert normaliser is not None
+    assert torch.equal(normaliser.mean, weights["features_extractor.mean"])
 
 
 @pytest.mark.usefixtures("no_reports")
