@@ -6,6 +6,7 @@ Which openings are open ends is told in `openings`.
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -95,13 +96,12 @@ def cut_portals(
         openings: from `find_openings`.
         voxel: resolution of the scan, m.
         cuts: the user's own.
-        cameras: (N, 3) places in the water that an end's cut leaves in it, m, however ragged its rim.
+        cameras: (N, 3) places in the water that an end's cut leaves in it, m, however ragged its rim, if it can.
 
     Raises:
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
-    openings = tuple(_beyond_cameras(opening, closed.mesh, cameras, voxel) for opening in openings)
-    mesh, lids = _cut_cleanly(closed.mesh, openings, cuts, voxel)
+    mesh, lids = _cut_cleanly(closed.mesh, _ways(closed.mesh, openings, cameras, voxel), cuts, voxel)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -154,28 +154,41 @@ def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
     return np.isin(hits, np.concatenate([opening.faces, opening.folds]))
 
 
+def _ways(
+    mesh: Mesh, openings: tuple[Opening, ...], cameras: Array, voxel: float
+) -> Iterator[tuple[tuple[Opening, ...], Any]]:
+    """Yield ends with the solid to cut them from: drawn out past cameras and with their folds, then with ever less."""
+    drawn_out = tuple(_beyond_cameras(opening, mesh, cameras, voxel) for opening in openings)
+    found = [drawn_out]
+    if any(len(opening.folds) for opening in openings):
+        found.append(tuple(replace(opening, folds=NO_FACES) for opening in drawn_out))
+    if any(end is not opening for end, opening in zip(drawn_out, openings, strict=True)):
+        found.append(tuple(replace(opening, folds=NO_FACES) for opening in openings))
+    for ends in found:
+        for spread in SPREADS:
+            yield ends, _without_dents(mesh, ends, voxel, spread)
+    logger.warning("No open end could be carved without faces that cross: all are cut inside their rims as they are")
+    yield found[-1], to_manifold(mesh)
+
+
 def _cut_cleanly(
-    mesh: Mesh, openings: tuple[Opening, ...], cuts: tuple[Cut, ...], voxel: float
+    mesh: Mesh, ways: Iterator[tuple[tuple[Opening, ...], Any]], cuts: tuple[Cut, ...], voxel: float
 ) -> tuple[Mesh, list[Opening]]:
     """Return what `_cut_all` does the first way that leaves no crossing faces and no new tunnel.
 
-    Where every way does, the first without crossing faces; where all cross, the last that was tried.
+    Where every way leaves a tunnel, the first without crossing faces; where all cross, the last that was tried.
     """
-    found = []
-    for carved in (openings, tuple(replace(opening, folds=NO_FACES) for opening in openings)):
-        for spread in SPREADS:
-            solid = _without_dents(mesh, carved, voxel, spread)
-            for step in CUT_STEPS:
-                cut, lids = _cut_all(solid, mesh, carved, cuts, voxel, step * voxel)
-                if len(self_intersections(cut)):
-                    continue
-                if cut.to_trimesh().euler_number >= mesh.to_trimesh().euler_number:
-                    return cut, lids
-                found.append((cut, lids))
-                break
-        if not any(len(opening.folds) for opening in openings):
+    tunnelled = None
+    for openings, solid in ways:
+        for step in CUT_STEPS:
+            cut, lids = _cut_all(solid, mesh, openings, cuts, voxel, step * voxel)
+            if len(self_intersections(cut)):
+                continue
+            if cut.to_trimesh().euler_number >= mesh.to_trimesh().euler_number:
+                return cut, lids
+            tunnelled = tunnelled or (cut, lids)
             break
-    return found[0] if found else (cut, lids)
+    return tunnelled or (cut, lids)
 
 
 def _without_dents(mesh: Mesh, openings: tuple[Opening, ...], voxel: float, spread: float) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity, from_manifold, prove_watertight, to_manifold
+from aquanav_tools.cave.closing import portals
 from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.dents import carve_dents
 from aquanav_tools.cave.closing.openings import find_openings
@@ -169,6 +170,18 @@ def test_folds_in_an_end_that_runs_into_a_missing_floor_are_carved_out() -> None
     assert cavity.mesh.to_trimesh().contains(camera).all()
     (end,) = (lid for lid in cavity.portals if lid.centre[0] > 1.0)
     assert end.area == pytest.approx(TUBE_AREA, rel=FACETS)
+
+
+def test_an_end_that_cannot_be_carved_cleanly_is_cut_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    def carve_badly(solid: Any, *_: Any, **__: Any) -> Any:
+        return manifold3d.Manifold.compose([solid, solid.scale((0.9, 0.9, 0.9)).rotate((3, 0, 0))])
+
+    monkeypatch.setattr(portals, "carve_dents", carve_badly)
+    cameras = np.array([[LENGTH - 0.3, 0.0, 0.0], [4.0, 0.0, 0.0]])
+    cavity = cut(tube() - dent(), cameras=cameras)
+    prove_watertight(cavity.mesh)
+    assert len(cavity.portals) == 2
+    assert cavity.mesh.to_trimesh().contains(cameras).tolist() == [False, True]
 
 
 def test_a_camera_behind_observed_rock_moves_no_end() -> None:
