@@ -36,6 +36,9 @@ ROOT = Path(__file__).parents[2]
 DATA_DIR = Path(os.environ.get("AQUANAV_DATA", ROOT.parent / "shared" / "data"))
 RENDER = "from aquanav_tools.cli.info import main; main()"
 Run = Callable[[PhotoSetCase, argparse.Namespace], dict[str, Any]]
+NO_TIME = {"seconds": 0.0, "cpu_seconds": 0.0}
+TAKEN_SHARE = 0.2
+"""A stage that took less than this share of its earlier CPU time was not carried out again."""
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 
 
@@ -124,17 +127,26 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
     result = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
+    result |= {"seconds": ended.seconds, "cpu_seconds": ended.cpu_seconds}
     result |= {"sentence": sentence(ended).replace(f"{folder}/", "")}
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])
     record = build / "build.json"
     stages = json.loads(record.read_text(encoding="utf-8"))["stages"] if record.exists() else []
     made = {stage["title"]: {key: stage[key] for key in ("seconds", "cpu_seconds")} for stage in stages}
-    reused = {title: times for title, times in earlier["stages"].items() if title not in made}
-    result["seconds"] = ended.seconds + sum(times["seconds"] for times in reused.values())
-    result["cpu_seconds"] = ended.cpu_seconds + sum(times["cpu_seconds"] for times in reused.values())
+    result["stages"] = stage_times(made, earlier["stages"])
+    for key in ("seconds", "cpu_seconds"):
+        result[key] += sum(times[key] - made.get(title, NO_TIME)[key] for title, times in result["stages"].items())
     result["peak_gb"] = max(ended.peak_gb, earlier["peak_gb"])
-    result["stages"] = reused | made
     return result | judge(case, build, photos, arguments.data)
+
+
+def stage_times(made: dict[str, Any], earlier: dict[str, Any]) -> dict[str, Any]:
+    """Return the times of a build's stages, of those that were taken from its work folder the earlier ones."""
+    times = dict(made)
+    for title, before in earlier.items():
+        if made.get(title, NO_TIME)["cpu_seconds"] < TAKEN_SHARE * before["cpu_seconds"]:
+            times[title] = before
+    return times
 
 
 def photos_of(case: PhotoSetCase, arguments: argparse.Namespace) -> Path:
