@@ -58,6 +58,8 @@ def markdown(results: list[dict[str, Any]]) -> str:
         "",
         "## Seconds per stage, on the clock / of CPU",
         "",
+        "On the clock only where the machine had nothing else to do; compare CPU times.",
+        "",
         *_table(("set", *STAGES, "all other", "whole"), [_time_row(result) for result in results]),
     ]
     stopped = [result for result in results if result["outcome"] != "proven"]
