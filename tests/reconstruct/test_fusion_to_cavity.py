@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.evidence import Evidence, contradictions
-from aquanav_tools.cave.closing.openings import find_openings
-from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.closing.from_scan import close_scan
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, demo_cave
 from aquanav_tools.photograph.lens import Lens
@@ -56,10 +54,9 @@ def test_exact_depth_gives_the_cave_back(tmp_path: Path) -> None:
     cave = demo_cave()
     shots = plan_capture(cave.centreline, CaptureOptions())
     fused = fuse_exact(cave, shots, tmp_path)
-    surface = surface_from_cloud(fused.cloud, VOXEL).mesh
+    surface = surface_from_cloud(fused.cloud, VOXEL)
     evidence = Evidence(fused.sight.centres, sight=fused.sight)
-    closed = close_surface(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
-    cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL, evidence.sight), VOXEL)
+    cavity = close_scan(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence).cavity
     assert sorted(round(float(portal.normal[0])) for portal in cavity.portals) == [-1, 1]  # the ends at x = 0 and 9
     assert cavity.mesh.to_trimesh().euler_number == cave.truth.to_trimesh().euler_number
     assert cavity.volume == pytest.approx(abs(cave.truth.volume), rel=0.03)

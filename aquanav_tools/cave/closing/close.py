@@ -9,15 +9,18 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import from_manifold, to_manifold
+from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
+from aquanav_tools.cave.closing.columns import Column
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, NO_LEGS, Evidence, contradictions
 from aquanav_tools.cave.closing.lids import close_with_lids
-from aquanav_tools.cave.closing.winding import NO_CARVING, Carving, water_surface
+from aquanav_tools.cave.closing.winding import Sampler
 from aquanav_tools.cave.mesh.decimation import without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.scan.orientation import face_areas
@@ -71,13 +74,15 @@ def close_surface(
     keep_triangles: bool,
     min_portal: float,
     evidence: Evidence = NO_EVIDENCE,
-    water: Array = NO_LEGS,
     progress: Progress = ignore_progress,
 ) -> ClosedSurface:
-    """Return the solid enclosed by an open surface, normals out of the water.
+    """Return the solid enclosed by an open surface, normals out of the water; arguments and errors of `Closer`."""
+    closer = Closer(surface, voxel, keep_triangles=keep_triangles, min_portal=min_portal, evidence=evidence)
+    return closer.close(progress=progress)
 
-    Legs between two places in its water are dug free where rock blocks them. Evidence outside of it stays there: ends
-    are not drawn out here.
+
+class Closer:
+    """Closes one surface, and again where more turns out to be water.
 
     Args:
         surface: normals out of the water.
@@ -86,21 +91,67 @@ def close_surface(
             which smooths the false handles that noise makes.
         min_portal: holes narrower than this are filled with the curvature of the wall around them, m.
         evidence: what is known to be water.
-        water: (M, 2, 3) lines that become water whatever the surface says, m.
-        progress: called with (parts done, parts in all).
-
-    Raises:
-        MeshError: no space is enclosed, or two caves are.
     """
-    if keep_triangles and not len(water):
-        try:
-            lidded = close_with_lids(surface, min_portal)
-            if not contradictions(lidded.mesh, evidence, voxel).count:
-                return ClosedSurface(lidded.mesh, lidded.is_scan, "lids")
-            logger.info("Lids seal a place that is known to be water; resampling the surface at %.3g m", voxel)
-        except MeshError as reason:
-            logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, voxel)
-    return _resample(surface, voxel, evidence, water, progress)
+
+    def __init__(
+        self,
+        surface: Mesh,
+        voxel: float,
+        *,
+        keep_triangles: bool,
+        min_portal: float,
+        evidence: Evidence = NO_EVIDENCE,
+    ) -> None:
+        self._surface, self._voxel, self._evidence = surface, voxel, evidence
+        self._keep_triangles, self._min_portal = keep_triangles, min_portal
+        self._carving = replace(NO_CARVING, leg_radius=LEG_VOXELS * voxel, sight=evidence.sight)
+
+    def close(
+        self, legs: Array = NO_LEGS, columns: tuple[Column, ...] = (), progress: Progress = ignore_progress
+    ) -> ClosedSurface:
+        """Return the solid that is enclosed, normals out of the water.
+
+        Legs between two places in its water are dug free where rock blocks them. Evidence outside of it stays there:
+        ends are not drawn out by themselves.
+
+        Args:
+            legs: (M, 2, 3) lines that become water whatever the surface says, beside those of earlier calls, m.
+            columns: water that is added at open ends.
+            progress: called with (parts done, parts in all).
+
+        Raises:
+            MeshError: no space is enclosed, or two caves are.
+        """
+        if self._keep_triangles and not (len(legs) or columns):
+            try:
+                lidded = close_with_lids(self._surface, self._min_portal)
+                if not contradictions(lidded.mesh, self._evidence, self._voxel).count:
+                    return ClosedSurface(lidded.mesh, lidded.is_scan, "lids")
+                logger.info("Lids seal a place that is known to be water; resampling at %.3g m", self._voxel)
+            except MeshError as reason:
+                logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, self._voxel)
+        self._carving = replace(self._carving, legs=np.concatenate([self._carving.legs, legs]), columns=columns)
+        return self._resample(progress)
+
+    @cached_property
+    def _sampler(self) -> Sampler:
+        return Sampler(self._surface, self._voxel, self._evidence.sight)
+
+    def _resample(self, progress: Progress) -> ClosedSurface:
+        """Return the resampled solid, corrected until no leg is blocked and no tunnel left that nobody scanned."""
+        surface, voxel, evidence = self._surface, self._voxel, self._evidence
+        for fault_voxels in (*FAULT_VOXELS, None):
+            waters = self._sampler.water_surface(self._carving, progress)
+            solid, cautions = _main_water(waters, surface, evidence, voxel)
+            mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
+            if fault_voxels is None:
+                break
+            blocked = _blocked(mesh, waters, evidence, voxel)
+            faults = _false_handles(mesh, surface, voxel)
+            if not (len(blocked) or faults):
+                break
+            self._carving = _carve(self._carving, blocked, faults, fault_voxels, voxel)
+        return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
 
 
 def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
@@ -111,23 +162,6 @@ def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:
     squared = igl.point_mesh_squared_distance(centroids, surface.vertices, surface.faces)[0]
     near: BoolArray = np.asarray(squared) <= distance**2
     return near
-
-
-def _resample(surface: Mesh, voxel: float, evidence: Evidence, water: Array, progress: Progress) -> ClosedSurface:
-    """Return the resampled solid, corrected until no leg in it is blocked and no tunnel left that nobody scanned."""
-    carving = replace(NO_CARVING, legs=water, leg_radius=LEG_VOXELS * voxel, sight=evidence.sight)
-    for fault_voxels in (*FAULT_VOXELS, None):
-        waters = water_surface(surface, voxel, carving, progress)
-        solid, cautions = _main_water(waters, surface, evidence, voxel)
-        mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
-        if fault_voxels is None:
-            break
-        blocked = _blocked(mesh, waters, evidence, voxel)
-        faults = _false_handles(mesh, surface, voxel)
-        if not (len(blocked) or faults):
-            break
-        carving = _carve(carving, blocked, faults, fault_voxels, voxel)
-    return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
 
 
 def _blocked(mesh: Mesh, waters: Mesh, evidence: Evidence, voxel: float) -> Array:
@@ -154,12 +188,11 @@ def _carve(
         )
         for handle in faults
     ]
-    return Carving(
-        np.concatenate([before.legs, blocked]),
-        before.leg_radius,
-        np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
-        fault_voxels * voxel,
-        before.sight,
+    return replace(
+        before,
+        legs=np.concatenate([before.legs, blocked]),
+        faults=np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
+        fault_radius=fault_voxels * voxel,
     )
 
 

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, NO_LEGS, Evidence, contradictions
+from aquanav_tools.cave.closing.close import ClosedSurface, Closer
+from aquanav_tools.cave.closing.ends import NO_CAMERAS, find_ends
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.openings import find_openings
-from aquanav_tools.cave.closing.portals import NO_CAMERAS, Cut, cut_portals
+from aquanav_tools.cave.closing.portals import Cut, cut_portals
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Progress, ignore_progress
+from aquanav_tools.types import Progress, ignore_progress
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +28,7 @@ class ClosedScan:
     surface: Surface
     """The scan without what the closing passed by."""
     closed: ClosedSurface
-    """The solid before its ends were cut."""
+    """The solid before its ends were cut, drawn out to where they are."""
     cavity: Cavity
 
 
@@ -55,31 +56,24 @@ def close_scan(
     Raises:
         MeshError: no space is enclosed, two caves are, or known water cannot be kept.
     """
-
-    def close(water: Array) -> ClosedSurface:
-        return close_surface(
-            surface.mesh,
-            voxel,
-            keep_triangles=keep_triangles,
-            min_portal=min_portal,
-            evidence=evidence,
-            water=water,
-            progress=progress,
-        )
+    closer = Closer(surface.mesh, voxel, keep_triangles=keep_triangles, min_portal=min_portal, evidence=evidence)
+    cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
 
     def finish(closed: ClosedSurface) -> ClosedScan:
+        ends = find_ends(find_openings(closed, min_portal, evidence.sight), closed.mesh, voxel, cameras)
+        columns = tuple(end.column for end in ends if end.column is not None)
+        if columns:
+            closed = closer.close(columns=columns, progress=progress)
         kept = without_gaps(surface, closed.mesh, voxel)
-        openings = find_openings(closed, min_portal, evidence.sight)
-        cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
-        return ClosedScan(kept, closed, cut_portals(closed, kept.mesh, openings, voxel, cuts, cameras))
+        return ClosedScan(kept, closed, cut_portals(closed, kept.mesh, ends, voxel, cuts))
 
-    closed = close(NO_LEGS)
+    closed = closer.close(progress=progress)
     dry = _dry(closed, evidence, voxel)
     scan = finish(closed)
     sealed = dry.chosen(contradictions(scan.cavity.mesh, dry, voxel))
     if not sealed.count:
         return scan
-    closed = close(sealed.legs)
+    closed = closer.close(sealed.legs, progress=progress)
     dry = _dry(closed, evidence, voxel)
     if dry.count:
         raise _contradiction(dry)

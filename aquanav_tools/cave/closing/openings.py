@@ -8,12 +8,12 @@ beyond the patch to two opposite sides. Cameras tell more: through an end they l
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from aquanav_tools.cave.closing.close import ClosedSurface
-from aquanav_tools.cave.closing.portals import NO_FACES, Opening, plane_axes
+from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
@@ -42,10 +42,37 @@ NUM_DIRECTIONS = 64
 """Normals of a patch that are tried as its main direction."""
 MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
 """Faces of one opening face its main direction within 50 degrees."""
-MIN_FOLD_FACING = 0.1
-"""Cosine to the main direction that a fold before the opening still has; floor and walls lie along the passage."""
 MAX_RIM_DEPTH = 0.5
 """The rim of an open end reaches at most this many diameters into the passage; more, and no flat cut would do."""
+
+
+@dataclass(frozen=True, eq=False)
+class Opening:
+    """Invented surface across a hole in the wall or the end of a passage."""
+
+    centre: Array
+    """(3,) m."""
+    normal: Array
+    """(3,) unit vector out of the water."""
+    area: float
+    """Of its faces projected along the normal, m^2."""
+    radius: float
+    """Distance from the centre to the farthest vertex, m."""
+    innermost: float
+    """How far its rim reaches into the water, against the normal, m; not positive."""
+    outermost: float
+    """How far it bulges out of the plane through its centre, along the normal, m."""
+    faces: IntArray
+    """(N,) of the closed mesh."""
+    patch: IntArray
+    """(K,) all that was invented in one piece with them, whichever way it faces."""
+    is_portal: bool = False
+    """Whether it is the open end of a passage, not a hole in a wall."""
+
+    @property
+    def diameter(self) -> float:
+        """Of the circle with the same area, m."""
+        return float(np.sqrt(4.0 * self.area / np.pi))
 
 
 def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | None = None) -> tuple[Opening, ...]:
@@ -59,19 +86,16 @@ def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | Non
     view = _View(closed, sight)
     openings = []
     for patch in _unobserved_patches(closed):
-        whole = _measure(closed.mesh, patch)
+        whole = _measure(closed.mesh, patch, patch)
         if whole.diameter < min_diameter:
             continue
         if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter and view.ends_at(whole, patch):
             openings.append(replace(whole, is_portal=True))
             continue
         for part in _split_by_direction(closed.mesh, patch):
-            opening = _measure(closed.mesh, part)
-            if opening.diameter < min_diameter:
-                continue
-            is_portal = view.ends_at(opening, part)
-            folds = _folds(closed.mesh, patch, opening) if is_portal else NO_FACES
-            openings.append(replace(opening, is_portal=is_portal, folds=folds))
+            opening = _measure(closed.mesh, part, patch)
+            if opening.diameter >= min_diameter:
+                openings.append(replace(opening, is_portal=view.ends_at(opening, part)))
     return _without_overlaps(sorted(openings, key=lambda opening: -opening.area))
 
 
@@ -181,41 +205,22 @@ def _split_by_direction(mesh: Mesh, patch: IntArray) -> list[IntArray]:
     return [patch[np.asarray(part, dtype=np.int64)] for part in parts]
 
 
-def _folds(mesh: Mesh, patch: IntArray, end: Opening) -> IntArray:
-    """Return the faces of an end's patch that stand before it, though they face more sideways.
-
-    Where what was invented is uneven, its folds would be left standing as slots and fins when the end is cut flat.
-    """
-    from scipy.spatial import ConvexHull
-
-    others = np.setdiff1d(patch, end.faces)
-    axes = plane_axes(end.normal)
-    outline = ConvexHull((mesh.triangles[end.faces].reshape(-1, 3) - end.centre) @ axes.T).equations
-    middles = mesh.triangles[others].mean(axis=1) - end.centre
-    is_before = ((middles @ axes.T) @ outline[:, :2].T + outline[:, 2] <= 0.0).all(axis=1)
-    is_before &= middles @ end.normal > -MAX_RIM_DEPTH * end.diameter
-    is_before &= mesh.normals[others] @ end.normal > MIN_FOLD_FACING
-    folds: IntArray = others[is_before]
-    return folds
-
-
-def _measure(mesh: Mesh, patch: IntArray) -> Opening:
-    """Return a patch's place and size; nothing is said about its being a portal yet."""
-    part = Mesh(mesh.vertices, mesh.faces[patch])
+def _measure(mesh: Mesh, faces: IntArray, patch: IntArray) -> Opening:
+    """Return the place and size of faces of a patch; nothing is said about their being a portal yet."""
+    part = Mesh(mesh.vertices, mesh.faces[faces])
     corners, vector_area = part.triangles, part.vector_areas.sum(axis=0)
     area = float(np.linalg.norm(vector_area))
     normal = vector_area / max(area, 1e-12)
     centre = np.average(corners.mean(axis=1), axis=0, weights=part.areas + 1e-12)
-    offsets = mesh.vertices[_rim(mesh.faces[patch])] - centre
+    offsets = mesh.vertices[rim(mesh.faces[faces])] - centre
     innermost = min(float((offsets @ normal).min()), 0.0) if len(offsets) else 0.0
     radius = float(np.linalg.norm(corners.reshape(-1, 3) - centre, axis=1).max())
     outermost = float(((corners.reshape(-1, 3) - centre) @ normal).max())
-    return Opening(centre, normal, area, radius, innermost, outermost, False, patch, NO_FACES)
+    return Opening(centre, normal, area, radius, innermost, outermost, faces, patch)
 
 
-def _rim(faces: IntArray) -> IntArray:
+def rim(faces: IntArray) -> IntArray:
     """Return the vertices on the border of a patch."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
-    rim: IntArray = np.unique(unique[counts == 1])
-    return rim
+    return np.unique(unique[counts == 1])

@@ -7,11 +7,11 @@ only those with wall in them are ever held, so that memory follows the area of t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 
+from aquanav_tools.cave.closing.carving import BAND_VOXELS, NO_CARVING, Carving, carve, is_seen_through
 from aquanav_tools.cave.mesh.rasterise import band_distances
 from aquanav_tools.cave.scan.sight import Sight
 from aquanav_tools.errors import MeshError
@@ -24,12 +24,12 @@ COARSE_STEP = 4
 """Away from the walls the winding number is sampled on every fourth sample only."""
 CROSSED_VOXELS = 0.9
 """Every point of a wall is this near to a sample, half a cell's diagonal and a little more."""
-BAND_VOXELS = 2
-"""Distances are exact this near to the wall and cut off beyond: the smoothing looks no farther."""
 HALO = 4
 """Samples around a tile that smoothing may look at; a multiple of COARSE_STEP."""
 CARVING_HALO = 8
-"""The same where something is carved, which looks farther."""
+"""The same where something is carved, which looks farther ..."""
+FAULTS_HALO = 28
+"""... and where faults are smoothed, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles that the water's border crosses away from any wall."""
 NEAR_ACCURACY, HOLE_ACCURACY = 1.3, 2.0
@@ -41,36 +41,12 @@ UNSURE = 0.35
 """Winding numbers within this of the level are computed at every sample: a hole's middle passes there."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
-MIN_CAMERAS = 3
-"""Space that at least so many cameras looked through is water, whatever the surface says: a single one may be wrong."""
-SIGHT_VOXELS = 2.0
-"""... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise."""
-SIGHT_SMOOTHING = 1.5
-"""Standard deviation of the filter that takes slivers and pits from such water, voxels ..."""
-MIN_CARVED = 0.1
-"""... and changes nothing where less than this share of the surroundings was carved."""
 SMALLEST_VALUE = 1e-3
 """Marching cubes makes degenerate faces where a sample lies on the level; none comes nearer than this, voxels."""
 
 
-@dataclass(frozen=True, eq=False)
-class Carving:
-    """Where the field is corrected after looking at a first result."""
-
-    legs: Array
-    """(M, 2, 3) lines that are water up to `leg_radius` around them, m."""
-    leg_radius: float
-    """m."""
-    faults: Array
-    """(K, 5) balls (centre, radius) in which wall is smoothed until no window or pillar is left in it, and how near to
-    the scan it stays as it is, m."""
-    fault_radius: float
-    """Windows and pillars that are thinner than twice this disappear there, m."""
-    sight: Sight | None = None
-    """What cameras looked through becomes water; None without cameras."""
-
-
-NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
+_Piece: TypeAlias = tuple[Array, IntArray]
+"""Vertices, in samples, and faces."""
 
 
 def water_surface(
@@ -87,42 +63,68 @@ def water_surface(
     Raises:
         MeshError: no space is enclosed.
     """
-    import igl
+    return Sampler(surface, voxel, carving.sight).water_surface(carving, progress)
 
-    is_carved = len(carving.faults) > 0 or carving.sight is not None
-    lattice = _Lattice(surface, voxel, CARVING_HALO if is_carved else HALO)
-    winding = igl.FastWindingNumberBVH()
-    winding.init(surface.vertices, surface.faces)
-    tiles = lattice.tiles_with_level(winding, carving.sight)
-    pieces = []
-    for done, (tile, triangles) in enumerate(lattice.triangles_by_tile(tiles)):
-        pieces.append(_march(_tile_field(lattice, tile, triangles, winding, carving), tile * TILE))
-        progress(done + 1, len(tiles))
-    mesh = _weld(pieces, lattice.num_samples)
-    if not len(mesh.faces):
-        raise MeshError(
-            f"The scan of {len(surface.faces)} triangles encloses no space at {voxel:.3g} m. It is a single wall "
-            "or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the passage is narrower."
-        )
-    return Mesh(lattice.origin + voxel * mesh.vertices, mesh.faces)
+
+class Sampler:
+    """Samples the water in one surface, and again only where its corrections change."""
+
+    def __init__(self, surface: Mesh, voxel: float, sight: Sight | None = None) -> None:
+        import igl
+
+        self._surface, self._voxel = surface, voxel
+        self._lattice = _Lattice(surface, voxel, surface.vertices[:0] if sight is None else sight.centres)
+        self._winding = igl.FastWindingNumberBVH()
+        self._winding.init(surface.vertices, surface.faces)
+        self._tiles_with_level = self._lattice.tiles_with_level(self._winding, sight)
+        self._pieces: dict[tuple[int, ...], tuple[Carving, _Piece]] = {}
+
+    def water_surface(self, carving: Carving, progress: Progress = ignore_progress) -> Mesh:
+        """Return the boundary of all water; see the function of this name. The sight is that given at first."""
+        lattice, voxel = self._lattice, self._voxel
+        tiles = lattice.with_tiles_of(self._tiles_with_level, carving)
+        local = [carving.near(*lattice.box(tile)) for tile in tiles]
+        keys = [tuple(tile.tolist()) for tile in tiles]
+        is_stale = [
+            key not in self._pieces or not self._pieces[key][0].is_as(one) for key, one in zip(keys, local, strict=True)
+        ]
+        stale = np.flatnonzero(is_stale)
+        for done, index in enumerate(stale):
+            field = _tile_field(lattice, tiles[index], self._winding, local[index])
+            self._pieces[keys[index]] = local[index], _march(field, tiles[index] * TILE)
+            progress(done + 1, len(stale))
+        mesh = _weld([self._pieces[key][1] for key in keys], lattice.num_samples)
+        if not len(mesh.faces):
+            raise MeshError(
+                f"The scan of {len(self._surface.faces)} triangles encloses no space at {voxel:.3g} m. It is a single "
+                "wall or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the passage is "
+                "narrower."
+            )
+        return Mesh(lattice.origin + voxel * mesh.vertices, mesh.faces)
 
 
 class _Lattice:
-    """The samples in space: their tiles, and which triangles come near each tile."""
+    """The samples in space around a surface: their tiles, and which triangles come near each tile.
 
-    def __init__(self, surface: Mesh, voxel: float, halo: int) -> None:
-        self.voxel, self.halo = voxel, halo
-        margin = (halo + COARSE_STEP) * voxel
-        self.origin = surface.vertices.min(axis=0) - margin
-        extent = surface.vertices.max(axis=0) + margin - self.origin
+    Around (N, 3) places, too, and with room to draw out ends towards them.
+    """
+
+    def __init__(self, surface: Mesh, voxel: float, places: Array) -> None:
+        self.voxel = voxel
+        margin = (TILE if len(places) else CARVING_HALO + COARSE_STEP) * voxel
+        within = np.concatenate([surface.vertices, places])
+        self.origin = within.min(axis=0) - margin
+        extent = within.max(axis=0) + margin - self.origin
         self.num_tiles = np.ceil(extent / (TILE * voxel)).astype(np.int64)
         self.num_samples = self.num_tiles * TILE + 1
         self._corners = surface.triangles
-        reach = (halo + BAND_VOXELS + 1) * voxel
+        reach = (CARVING_HALO + BAND_VOXELS + 1) * voxel
         low = np.floor((self._corners.min(axis=1) - reach - self.origin) / (TILE * voxel)).astype(np.int64)
         high = np.floor((self._corners.max(axis=1) + reach - self.origin) / (TILE * voxel)).astype(np.int64)
         last = self.num_tiles - 1
-        self._members, self._tile_ids = _cover(np.clip(low, 0, last), np.clip(high, 0, last), self.num_tiles)
+        members, tile_ids = _cover(np.clip(low, 0, last), np.clip(high, 0, last), self.num_tiles)
+        order = np.argsort(tile_ids, kind="stable")
+        self._members, self._tile_ids = members[order], tile_ids[order]
 
     def tiles_with_level(  # type: ignore[no-untyped-def]  # igl ships no types
         self, winding, sight: Sight | None
@@ -140,22 +142,38 @@ class _Lattice:
             if sight is not None:
                 cameras = sight.near(samples[0], samples[-1])
                 # Water that was looked through where the surface has rock ends somewhere near.
-                is_carved = _is_seen_through(cameras, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
+                is_carved = is_seen_through(cameras, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
                 values[x][is_carved] = WATER_LEVEL
         unsure = np.argwhere(np.abs(values - WATER_LEVEL) < UNSURE)
         touched = [np.clip((unsure + shift) * step // TILE, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
         between = np.unique(np.ravel_multi_index(np.concatenate(touched).T, self.num_tiles))
         return np.stack(np.unravel_index(np.union1d(near, between), self.num_tiles), axis=1)
 
-    def triangles_by_tile(self, tiles: IntArray) -> Iterator[tuple[IntArray, Array]]:
-        """Yield each tile with the (K, 3, 3) triangles near it."""
-        order = np.argsort(self._tile_ids, kind="stable")
-        ids = np.asarray(np.ravel_multi_index(tiles.T, self.num_tiles))
-        sorted_ids = self._tile_ids[order]
-        starts = np.searchsorted(sorted_ids, ids).tolist()
-        ends = np.searchsorted(sorted_ids, ids, side="right").tolist()
-        for tile, start, end in zip(tiles, starts, ends, strict=True):
-            yield tile, self._corners[self._members[order[start:end]]]
+    def box(self, tile: IntArray) -> tuple[Array, Array]:
+        """Return the corners of all samples that are looked at for a tile, m."""
+        low = self.origin + self.voxel * (tile * TILE - CARVING_HALO)
+        return low, low + self.voxel * (TILE + 2 * CARVING_HALO)
+
+    def with_tiles_of(self, tiles: IntArray, carving: Carving) -> IntArray:
+        """Return (T, 3) tiles and those that legs and columns of water pass through far from any wall."""
+        around = carving.leg_radius
+        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg in carving.legs]
+        boxes += [column.box for column in carving.columns]
+        if not boxes:
+            return tiles
+        places = (np.array(boxes) - self.origin) / (TILE * self.voxel)
+        last = self.num_tiles - 1
+        low, high = (np.clip(np.floor(places[:, end]).astype(np.int64), 0, last) for end in (0, 1))
+        touched = np.union1d(np.ravel_multi_index(tiles.T, self.num_tiles), _cover(low, high, self.num_tiles)[1])
+        return np.stack(np.unravel_index(touched, self.num_tiles), axis=1)
+
+    def triangles_near(self, tile: IntArray, around: int) -> Array:
+        """Return the (K, 3, 3) triangles near a tile, or near any of those so many tiles around it."""
+        low, high = np.maximum(tile - around, 0), np.minimum(tile + around, self.num_tiles - 1)
+        ids = _cover(low[None], high[None], self.num_tiles)[1]
+        starts, ends = (np.searchsorted(self._tile_ids, ids, side=side) for side in ("left", "right"))
+        members = [self._members[start:end] for start, end in zip(starts, ends, strict=True)]
+        return self._corners[np.unique(np.concatenate(members))]
 
 
 def _cover(low: IntArray, high: IntArray, num_tiles: IntArray) -> tuple[IntArray, IntArray]:
@@ -170,25 +188,35 @@ def _cover(low: IntArray, high: IntArray, num_tiles: IntArray) -> tuple[IntArray
 
 
 def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
-    lattice: _Lattice, tile: IntArray, triangles: Array, winding, carving: Carving
+    lattice: _Lattice, tile: IntArray, winding, carving: Carving
 ) -> Array:
-    """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it."""
+    """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it.
+
+    The carving is what of it reaches there.
+    """
     from scipy.ndimage import gaussian_filter
 
-    voxel, halo = lattice.voxel, lattice.halo
+    voxel = lattice.voxel
+    halo = CARVING_HALO if carving.columns or carving.sight is not None else HALO
+    halo = FAULTS_HALO if len(carving.faults) else halo
     count = TILE + 1 + 2 * halo
     origin = lattice.origin + voxel * (tile * TILE - halo)
+    triangles = lattice.triangles_near(tile, around=1 if halo > CARVING_HALO else 0)
     close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
     distance = close.astype(np.float64)
     excess = _winding_in_tile(winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
     magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
     field: Array = -np.sign(excess) * magnitude
-    field = _with_sight(field, origin, voxel, carving.sight)
-    field = _without_faults(field, distance / voxel, origin, voxel, carving)
-    field = _with_legs(field, origin, voxel, carving)
+    field = carve(field, distance / voxel, origin, voxel, carving)
     inner = slice(halo, -halo)
     smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
     smooth[np.abs(smooth) < SMALLEST_VALUE] = SMALLEST_VALUE
+    for axis in range(3):  # no water leaves the samples
+        ends = np.moveaxis(smooth, axis, 0)
+        if tile[axis] == 0:
+            ends[0] = np.maximum(ends[0], SMALLEST_VALUE)
+        if tile[axis] == lattice.num_tiles[axis] - 1:
+            ends[-1] = np.maximum(ends[-1], SMALLEST_VALUE)
     return smooth
 
 
@@ -213,68 +241,7 @@ def _winding_in_tile(winding, origin: Array, voxel: float, is_wall: BoolArray) -
     return values
 
 
-def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, carving: Carving) -> Array:
-    """Return the field with the wall closed and opened by a ball inside the faulty places."""
-    from scipy.ndimage import distance_transform_edt
-
-    size = field.shape[0] * voxel
-    beside = np.abs(carving.faults[:, :3] - (origin + 0.5 * size)).max(axis=1) < 0.5 * size + carving.faults[:, 3]
-    if not beside.any():
-        return field
-    points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
-    is_faulty = np.zeros(field.shape, dtype=bool)
-    for x, y, z, radius, untouched in carving.faults[beside]:
-        is_faulty |= (((points - (x, y, z)) ** 2).sum(axis=-1) < radius**2) & (distance * voxel >= untouched)
-    radius = carving.fault_radius / voxel
-    water = distance_transform_edt(field >= 0) <= radius  # grown: pillars drown
-    water = distance_transform_edt(water) > radius  # shrunk back
-    water = distance_transform_edt(water) > radius  # shrunk: windows close
-    water = distance_transform_edt(~water) <= radius  # grown back
-    smooth = np.where(water, -1.0, 1.0)
-    return np.where(is_faulty, smooth, field)
-
-
-def _with_sight(field: Array, origin: Array, voxel: float, sight: Sight | None) -> Array:
-    """Return the field with water where cameras looked through it, its border as smooth as noise allows."""
-    from scipy.ndimage import gaussian_filter
-
-    rock = np.argwhere(field > 0.0)
-    if sight is None or not len(rock):
-        return field
-    sight = sight.near(origin, origin + voxel * np.array(field.shape))
-    carved = np.zeros(field.shape, dtype=np.float32)
-    carved[tuple(rock[_is_seen_through(sight, origin + voxel * rock, voxel)].T)] = 1.0
-    if not carved.any():
-        return field
-    wet = np.where(field < 0.0, np.float32(1.0), carved)
-    wet, beside = (gaussian_filter(mask, SIGHT_SMOOTHING, truncate=3.0) for mask in (wet, carved))
-    # Across a flat border the smooth mask falls by 1 / (sigma * sqrt(2 pi)) per voxel.
-    level = np.clip((0.5 - wet) * SIGHT_SMOOTHING * np.sqrt(2.0 * np.pi), -BAND_VOXELS, BAND_VOXELS)
-    return np.where(beside > MIN_CARVED, np.minimum(field, level), field)
-
-
-def _is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
-    """Return the (N,) flags of (N, 3) points that enough cameras looked through."""
-    seen: BoolArray = sight.num_through(points, SIGHT_VOXELS * voxel, MIN_CAMERAS) >= MIN_CAMERAS
-    return seen
-
-
-def _with_legs(field: Array, origin: Array, voxel: float, carving: Carving) -> Array:
-    """Return the field with water around the legs."""
-    size = field.shape[0] * voxel
-    for start, end in carving.legs:
-        low, high = np.minimum(start, end) - 2 * carving.leg_radius, np.maximum(start, end) + 2 * carving.leg_radius
-        if (low > origin + size).any() or (high < origin).any():
-            continue
-        points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
-        along = end - start
-        share = np.clip((points - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
-        distance = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-        field = np.minimum(field, (distance - carving.leg_radius) / voxel)
-    return field
-
-
-def _march(field: Array, first: IntArray) -> tuple[Array, IntArray]:
+def _march(field: Array, first: IntArray) -> _Piece:
     """Return the vertices (in samples) and faces of the level in one tile."""
     from skimage.measure import marching_cubes
 
@@ -284,7 +251,7 @@ def _march(field: Array, first: IntArray) -> tuple[Array, IntArray]:
     return vertices.astype(np.float64) + first, faces.astype(np.int64)
 
 
-def _weld(pieces: list[tuple[Array, IntArray]], num_samples: IntArray) -> Mesh:
+def _weld(pieces: list[_Piece], num_samples: IntArray) -> Mesh:
     """Return the tiles' surfaces as one: vertices on the same edge of the lattice are the same vertex."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
     vertices = np.concatenate([vertices for vertices, _ in pieces])

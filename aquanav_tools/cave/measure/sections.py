@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.portals import plane_axes
 from aquanav_tools.cave.mesh.slicing import slice_mesh
+from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.route.route import resample
 from aquanav_tools.types import Array, Mesh
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.closing.portals import plane_axes
 from aquanav_tools.cave.mesh.contact import Surface
+from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.route.route import resample
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.closing.portals import plane_axes
 from aquanav_tools.cave.measure.sections import water_in_plane
+from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.types import Array, Mesh

@@ -6,6 +6,7 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
@@ -22,7 +23,7 @@ MIN_PORTAL = 0.8
 def close(mesh: Mesh):
     surface = surface_from_mesh(mesh, VOXEL).mesh
     closed = close_surface(surface, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
-    return closed, cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), VOXEL)
+    return closed, cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL), VOXEL)
 
 
 def test_an_open_tube_becomes_a_proven_solid_of_known_volume_with_two_portals() -> None:
@@ -70,7 +71,7 @@ def test_an_open_end_that_runs_into_a_hole_in_the_floor_is_cut_straight_across()
     is_floor = (middles[:, 0] > 5.0) & (middles[:, 2] < -0.7 * RADIUS)
     surface = surface_from_mesh(Mesh(mesh.vertices, mesh.faces[~is_floor]), VOXEL).mesh
     closed = close_surface(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
-    cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), VOXEL)
+    cavity = cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL), VOXEL)
     assert len(cavity.portals) == 2
     end = max(cavity.portals, key=lambda portal: portal.centre[0])
     assert end.normal[0] > 0.95
@@ -103,7 +104,7 @@ def test_a_noisy_cloud_becomes_the_tube(has_normals: bool, rng: np.random.Genera
     voxel = choose_resolution(cloud, 0.2, 4.0).voxel
     surface = surface_from_cloud(cloud, voxel).mesh
     closed = close_surface(surface, voxel, keep_triangles=False, min_portal=MIN_PORTAL)
-    cavity = cut_portals(closed, surface, find_openings(closed, MIN_PORTAL), voxel)
+    cavity = cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, voxel), voxel)
     prove_watertight(cavity.mesh)
     assert len(cavity.portals) == 2
     # The cloud ends where the tube ends; trimming and the flat cut may each cost or add a few voxels of length.

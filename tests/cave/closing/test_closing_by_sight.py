@@ -7,6 +7,7 @@ import pytest
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
@@ -31,7 +32,9 @@ def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
         close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
     evidence = Evidence(sight=sight_of(straight(), places(1.0, 2.0, 3.0, 4.0), 0.0))
     closed = close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
-    cavity = cut_portals(closed, straight(), find_openings(closed, MIN_PORTAL, evidence.sight), VOXEL)
+    cavity = cut_portals(
+        closed, straight(), find_ends(find_openings(closed, MIN_PORTAL, evidence.sight), closed.mesh, VOXEL), VOXEL
+    )
     prove_watertight(cavity.mesh)
     assert cavity.mesh.to_trimesh().euler_number == 2
     assert len(cavity.portals) == 2
@@ -54,7 +57,14 @@ def test_an_end_with_a_swollen_rim_is_one_where_cameras_looked_into_the_dark(loo
     scan = surface_from_mesh(joined(straight(), disc(LENGTH, inner, 1.0)), VOXEL).mesh
     closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
     sight = sight_of(straight(), places(6.0, 7.0, 8.0), 0.0 if looks_out else 180.0)
-    assert len(cut_portals(closed, scan, find_openings(closed, MIN_PORTAL, sight), VOXEL).portals) == num_portals
+    assert (
+        len(
+            cut_portals(
+                closed, scan, find_ends(find_openings(closed, MIN_PORTAL, sight), closed.mesh, VOXEL), VOXEL
+            ).portals
+        )
+        == num_portals
+    )
     assert sum(opening.is_portal for opening in find_openings(closed, MIN_PORTAL)) == 1
 
 
@@ -63,7 +73,7 @@ def test_a_hole_in_the_wall_is_filled_and_unobserved_whether_anyone_looked_or_no
     scan = surface_from_mesh(without_faces_near(straight(), np.array([5.0, 0.0, RADIUS]), 0.6), VOXEL).mesh
     closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
     sight = sight_of(scan, places(2.0, 2.5, 3.0, 3.5), 0.0, pitch_deg)
-    cavity = cut_portals(closed, scan, find_openings(closed, MIN_PORTAL, sight), VOXEL)
+    cavity = cut_portals(closed, scan, find_ends(find_openings(closed, MIN_PORTAL, sight), closed.mesh, VOXEL), VOXEL)
     assert len(cavity.portals) == 2
     unseen = (cavity.labels == WALL) & ~cavity.observed
     middles = cavity.mesh.triangles[unseen].mean(axis=1)
@@ -80,7 +90,7 @@ def test_the_cut_of_a_ragged_end_passes_outside_of_the_cameras() -> None:
     openings = find_openings(closed, MIN_PORTAL)
 
     def end_of(cameras: np.ndarray) -> float:
-        cavity = cut_portals(closed, ragged, openings, VOXEL, (), cameras)
+        cavity = cut_portals(closed, ragged, find_ends(openings, closed.mesh, VOXEL, cameras), VOXEL)
         prove_watertight(cavity.mesh)
         assert len(cavity.portals) == 2
         (end,) = [portal for portal in cavity.portals if portal.centre[0] > 1.0]

@@ -77,7 +77,8 @@ def test_an_end_is_drawn_out_to_the_cameras_that_were_shut_out_of_it() -> None:
     legs = np.stack([cameras[:-1], cameras[1:]], axis=1)
     evidence = Evidence(cameras, legs, sight_of(straight(), cameras, 0.0))
     scan = cavity_in(half_open(), evidence, keep_triangles=False)
-    shut_out = contradictions(scan.closed.mesh, evidence, VOXEL)
+    undrawn = close_surface(half_open(), VOXEL, keep_triangles=False, min_portal=0.8, evidence=evidence)
+    shut_out = contradictions(undrawn.mesh, evidence, VOXEL)
     assert shut_out.points.tolist() == [2]
     assert shut_out.legs.tolist() == [1]
     assert contradictions(scan.cavity.mesh, evidence, VOXEL).count == 0

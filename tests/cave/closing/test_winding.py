@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.cave.closing.winding import TILE, Carving, water_surface
+from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
+from aquanav_tools.cave.closing.winding import TILE, Sampler, water_surface
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import without_faces_near
 
@@ -63,3 +64,25 @@ def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
     balls = 2 * 4 / 3 * np.pi
     # Smoothing draws the wall of a ball of 1 m in by (0.6 voxels)^2 / 1 m: 0.7 % of its volume; samples do more.
     assert carved.to_trimesh().volume == pytest.approx(balls + gap, rel=0.015)
+
+
+def test_a_leg_through_rock_far_from_any_wall_is_dug_all_the_way() -> None:
+    apart = 4.0 * TILE * VOXEL
+    left, right = sphere(0.5), sphere(0.5)
+    both = joined(left, Mesh(right.vertices + [apart, 0.0, 0.0], right.faces))
+    leg = np.array([[[0.0, 0.0, 0.0], [apart, 0.0, 0.0]]])
+    carved = water_surface(both, VOXEL, Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
+    prove_watertight(carved)
+    assert len(carved.to_trimesh().split()) == 1
+
+
+def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
+    holed = without_faces_near(sphere(), np.array([2.5, 0.0, 0.0]), 0.8)
+    faults = np.array([[0.0, 0.0, 2.5, 1.0, 0.0], [2.4, 0.0, 0.0, 0.6, 0.0]])  # across borders of tiles
+    carving = Carving(np.array([[[0.0, 0.0, 0.0], [0.0, 4.0, 0.0]]]), 0.2, faults, 0.2)
+    sampler = Sampler(holed, VOXEL)
+    sampler.water_surface(NO_CARVING)
+    again, at_first = sampler.water_surface(carving), water_surface(holed, VOXEL, carving)
+    prove_watertight(again)
+    assert np.array_equal(again.vertices, at_first.vertices)
+    assert np.array_equal(again.faces, at_first.faces)

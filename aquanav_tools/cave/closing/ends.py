@@ -1,0 +1,132 @@
+"""Ends: where the open ends of a passage are cut, and what water has to be added before.
+
+An end is cut flat just inside its rim, however ragged that is. Cameras that were in the water stay in it: the cut then
+passes outside of them, and water that the surface invented across the end took from them is drawn out to it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from aquanav_tools.cave.closing.columns import Column, column_to_plane
+from aquanav_tools.cave.closing.openings import MIN_AGREEMENT, Opening, rim
+from aquanav_tools.types import Array, BoolArray, Mesh
+
+FLAT_LID = 1e-3
+"""An end whose surface is flat to this share of a voxel needs no cut: it is the portal."""
+CAMERA_VOXELS = 2.0
+"""A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
+MAX_DIP_VOXELS = 0.5
+"""Surface that reaches in by no more than this beyond the plane moves it; for more, water is added."""
+WAY_RADII = 2.0
+"""Cameras this many radii around an end tell the way the passage goes there ..."""
+MIN_WAY_AGREEMENT = 0.5
+"""... unless it is more than 60 degrees off the way that the end faces ..."""
+MAX_REST = 0.3
+"""An end is in pieces when others of the same patch face its way, with this share of its area."""
+MIN_WAY_LENGTH = 2.0
+"""... or they went to and fro: along the way they are spread this many times as far as across."""
+NO_CAMERAS = np.zeros((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """A flat cut across an open end."""
+
+    point: Array
+    """(3,) on the plane, m."""
+    normal: Array
+    """(3,) unit vector out of the water."""
+    radius: float
+    """Around the point lies all of the end, m."""
+    diameter: float
+    """Of the circle as large as the end, m."""
+    places: Array
+    """(N, 3) on the surface that was invented across it, m."""
+    is_flat: bool
+    """Whether that surface is the lid already."""
+    column: Column | None = None
+    """Water that is missing before the plane."""
+
+
+def find_ends(openings: tuple[Opening, ...], mesh: Mesh, voxel: float, cameras: Array = NO_CAMERAS) -> tuple[End, ...]:
+    """Return where the open ends among the openings of a closed mesh are cut.
+
+    Args:
+        openings: from `find_openings`.
+        mesh: closed, normals out of the water.
+        voxel: resolution of the scan, m.
+        cameras: (N, 3) places that were in the water, m.
+    """
+    return tuple(_end(opening, mesh, voxel, cameras) for opening in openings if opening.is_portal)
+
+
+def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:
+    corners = mesh.triangles[opening.faces]
+    end = End(opening.centre, opening.normal, opening.radius, opening.diameter, corners.mean(axis=1), True)
+    if np.abs((corners - end.point) @ end.normal).max() < FLAT_LID * voxel:
+        return end
+    opening = _beyond_cameras(_along_the_way(opening, mesh, cameras), mesh, cameras, voxel)
+    normal, point = opening.normal, opening.centre + opening.innermost * opening.normal
+    dip = float(-((corners - point) @ normal).min())
+    column = None
+    if dip > MAX_DIP_VOXELS * voxel:
+        column = column_to_plane(mesh, opening.faces, opening.patch, point, normal, voxel)
+    else:
+        point = point - max(dip, 0.0) * normal
+    # What was invented in one piece with the end belongs to it where it lies beyond the plane.
+    rest = mesh.triangles[np.setdiff1d(opening.patch, opening.faces)].mean(axis=1)
+    is_beyond = ((rest - point) @ normal > 0.0) & (np.linalg.norm(rest - point, axis=1) < opening.radius)
+    places = np.concatenate([end.places, rest[is_beyond]])
+    return replace(end, point=point, normal=normal, places=places, is_flat=False, column=column)
+
+
+def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) -> Opening:
+    """Return an opening whose cut passes outside of the cameras before it: they were in the water that is kept."""
+    import igl
+
+    offsets = cameras - opening.centre
+    is_ahead = offsets @ opening.normal > opening.innermost - CAMERA_VOXELS * voxel
+    near = cameras[is_ahead & (np.linalg.norm(offsets, axis=1) < opening.radius)]
+    if not len(near):
+        return opening
+    is_inside = np.asarray(igl.fast_winding_number(mesh.vertices, mesh.faces, near)) > 0.5
+    is_shut_out = ~is_inside & _are_before(opening, mesh, near)
+    if is_shut_out.any():
+        farthest = float(((near[is_inside | is_shut_out] - opening.centre) @ opening.normal).max())
+        return replace(opening, innermost=max(opening.innermost, farthest + CAMERA_VOXELS * voxel))
+    farthest = float(((near[is_inside] - opening.centre) @ opening.normal).max(initial=-np.inf))
+    # Half-way to the top of the surface at most: beyond it there is no water to cut through.
+    moved = min(farthest + CAMERA_VOXELS * voxel, 0.5 * (farthest + opening.outermost))
+    return replace(opening, innermost=max(opening.innermost, moved))
+
+
+def _are_before(opening: Opening, mesh: Mesh, places: Array) -> BoolArray:
+    """Return the (N,) flags of places from which the way into the cave, against the normal, first meets the patch."""
+    directions = np.broadcast_to(-opening.normal, places.shape)
+    return np.isin(mesh.to_trimesh().ray.intersects_first(places, directions), opening.patch)
+
+
+def _along_the_way(opening: Opening, mesh: Mesh, cameras: Array) -> Opening:
+    """Return an opening that faces the way the cameras went there.
+
+    Only one whose surface shuts cameras out, or that is in pieces: it lies as walls happen to be unseen.
+    """
+    around = cameras[np.linalg.norm(cameras - opening.centre, axis=1) < WAY_RADII * opening.radius]
+    if len(around) < 2 or not (_is_in_pieces(opening, mesh) or _are_before(opening, mesh, around).any()):
+        return opening
+    _, spread, ways = np.linalg.svd(around - around.mean(axis=0))
+    way = ways[0] if ways[0] @ opening.normal > 0.0 else -ways[0]
+    if way @ opening.normal < MIN_WAY_AGREEMENT or spread[0] < MIN_WAY_LENGTH * spread[1]:
+        return opening
+    heights = (mesh.triangles[opening.faces] - opening.centre) @ way
+    on_rim = (mesh.vertices[rim(mesh.faces[opening.faces])] - opening.centre) @ way
+    return replace(opening, normal=way, innermost=float(on_rim.min()), outermost=float(heights.max()))
+
+
+def _is_in_pieces(opening: Opening, mesh: Mesh) -> bool:
+    rest = np.setdiff1d(opening.patch, opening.faces)
+    ahead = rest[mesh.normals[rest] @ opening.normal > MIN_AGREEMENT]
+    return float((mesh.vector_areas[ahead] @ opening.normal).sum()) > MAX_REST * opening.area

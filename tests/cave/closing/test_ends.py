@@ -1,0 +1,148 @@
+"""Where open ends are cut, and that cameras which were in the water stay in it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import manifold3d
+import numpy as np
+import pytest
+
+from aquanav_tools.cave.cavity import Cavity, from_manifold, prove_watertight
+from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.closing.ends import CAMERA_VOXELS, End, find_ends
+from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.from_scan import close_scan
+from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.types import Array, Mesh
+from tests.cave.open_caves import RADIUS, straight, tube_volume
+from tests.cave.sights import sight_of
+
+VOXEL = 0.1
+MIN_PORTAL = 0.8
+SECTIONS = 48
+LENGTH = 8.0
+BALL = 1.25
+"""Radius of a ball around a point 0.75 m from LENGTH: it meets the tube's wall there."""
+
+
+def solid_tube(y: float = 0.0) -> Any:
+    """A solid along x, its end at LENGTH bulging out of that."""
+    tube = manifold3d.Manifold.cylinder(LENGTH + 1.0, RADIUS, circular_segments=SECTIONS).rotate((0, 90, 0))
+    ball = manifold3d.Manifold.sphere(BALL, SECTIONS).translate((LENGTH - 0.75, 0, 0))
+    return (tube ^ (ball + manifold3d.Manifold.cube((LENGTH, 4, 4)).translate((0, -2, -2)))).translate((0, y, 0))
+
+
+def closed_solid(solid: Any, *bulges_at: float) -> ClosedSurface:
+    """A closed surface of which nobody scanned what bulges out of LENGTH at some y, and x = 0."""
+    mesh = from_manifold(solid)
+    x, y = mesh.triangles[..., 0], mesh.triangles[..., 1]
+    beyond = x.min(axis=1) > LENGTH - 1e-3
+    bulges = [beyond & (np.abs(y - at).max(axis=1) < RADIUS + 1e-3) for at in bulges_at]
+    return ClosedSurface(mesh, ~np.any([x.max(axis=1) < 1e-9, *bulges], axis=0), "winding")
+
+
+def cut(closed: ClosedSurface) -> Cavity:
+    ends = find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL)
+    assert all(end.column is None for end in ends)
+    scan = Mesh(closed.mesh.vertices, closed.mesh.faces[closed.is_scan])
+    return cut_portals(closed, scan, ends, VOXEL)
+
+
+def check_lid(cavity: Cavity, y: float) -> None:
+    (lid,) = (lid for lid in cavity.portals if np.linalg.norm(lid.centre - [LENGTH, y, 0.0]) < 0.05)
+    assert lid.area == pytest.approx(tube_volume(1.0), rel=3e-3)
+
+
+def test_two_ends_beside_each_other_keep_their_lids() -> None:
+    rear = manifold3d.Manifold.cube((1.0, 4.6, 2.0)).translate((0.0, -1.0, -1.0))
+    y = 2.0 * RADIUS + 0.6
+    cavity = cut(closed_solid(solid_tube() + solid_tube(y) + rear, 0.0, y))
+    prove_watertight(cavity.mesh)
+    check_lid(cavity, 0.0)
+    check_lid(cavity, y)
+
+
+def test_a_passage_that_goes_on_beside_an_end_stays_whole() -> None:
+    # The first tube ends at LENGTH, the second runs on 0.1 m beside it, through the box that the first's cut takes.
+    y = 2.0 * RADIUS + 0.1
+    rear = manifold3d.Manifold.cube((1.0, 4.1, 2.0)).translate((0.0, -1.0, -1.0))
+    beside = manifold3d.Manifold.cylinder(LENGTH + 4.0, RADIUS, circular_segments=SECTIONS).rotate((0, 90, 0))
+    beside = beside.translate((0, y, 0))
+    cavity = cut(closed_solid(solid_tube() + rear + beside, 0.0))
+    prove_watertight(cavity.mesh)
+    check_lid(cavity, 0.0)
+    kept = solid_tube().trim_by_plane((-1.0, 0.0, 0.0), -LENGTH) + rear + beside
+    assert cavity.volume == pytest.approx(kept.volume(), rel=1e-3)
+
+
+def end_of(closed: ClosedSurface, cameras: Array) -> End:
+    ends = find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL, cameras)
+    return max(ends, key=lambda end: float(end.point[0]))
+
+
+def test_a_camera_behind_observed_rock_moves_no_end() -> None:
+    dent = manifold3d.Manifold.sphere(BALL, SECTIONS).translate((LENGTH + 0.75, 0, 0))
+    dent = dent + manifold3d.Manifold.cube((3.0, 2.5, 3.0)).translate((LENGTH + 0.5, -1.25, -1.5))
+    pillar = manifold3d.Manifold.cylinder(4.0, 0.2, circular_segments=8).rotate((0, 90, 0)).translate((6.0, 0.0, 0.0))
+    mesh = from_manifold(solid_tube() - dent - pillar)
+    distance = np.linalg.norm(mesh.triangles - [LENGTH + 0.75, 0.0, 0.0], axis=2)
+    is_dent = (distance.max(axis=1) < BALL + 1e-6) & (distance.min(axis=1) > BALL - 0.02)
+    closed = ClosedSurface(mesh, ~(is_dent | (mesh.triangles[..., 0].max(axis=1) < 1e-9)), "winding")
+    rim = end_of(closed, np.zeros((0, 3))).point[0]
+    assert end_of(closed, np.array([[LENGTH - 0.2, 0.0, 0.0]])).point[0] == rim
+    assert end_of(closed, np.array([[LENGTH - 0.2, 0.0, 0.4]])).point[0] == pytest.approx(
+        LENGTH - 0.2 + CAMERA_VOXELS * VOXEL
+    )
+
+
+def slanted_scan() -> Mesh:
+    """A tube whose end leans by 45 degrees: its floor reaches to x = 9, its roof to x = 7."""
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    return Mesh(mesh.vertices, mesh.faces[middles[:, 0] + middles[:, 2] < LENGTH])
+
+
+def closed_with(scan: Mesh, cameras: Array) -> Cavity:
+    evidence = Evidence(sight=sight_of(scan, cameras, 0.0))
+    surface = surface_from_mesh(scan, VOXEL)
+    return close_scan(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence).cavity
+
+
+def test_a_slanted_end_is_drawn_out_along_the_way_that_cameras_took_and_past_them() -> None:
+    cameras = np.array([[x, 0.0, 0.0] for x in (2.0, 4.0, 6.0, 7.0, 8.0, 8.5)])
+    cavity = closed_with(slanted_scan(), cameras)
+    prove_watertight(cavity.mesh)
+    assert cavity.mesh.to_trimesh().euler_number == 2
+    assert cavity.mesh.to_trimesh().contains(cameras).all()
+    end = max(cavity.portals, key=lambda lid: lid.centre[0])
+    assert np.degrees(np.arccos(end.normal[0])) < 2.0
+    assert end.centre[0] == pytest.approx(8.5 + CAMERA_VOXELS * VOXEL, abs=VOXEL)
+    # The wall that is drawn out lies within half a voxel of the tube's.
+    assert end.area == pytest.approx(tube_volume(1.0), rel=VOXEL / RADIUS)
+    start = min(lid.centre[0] for lid in cavity.portals)
+    assert cavity.volume == pytest.approx(tube_volume(end.centre[0] - start), rel=0.02)
+
+
+def test_cameras_that_went_to_and_fro_do_not_turn_a_cut() -> None:
+    around = [[7.8, 0.6 * np.cos(a), 0.6 * np.sin(a)] for a in np.linspace(0.0, 2 * np.pi, 6, endpoint=False)]
+    cavity = closed_with(slanted_scan(), np.array(around))
+    end = max(cavity.portals, key=lambda lid: lid.centre[0])
+    assert np.degrees(np.arccos(end.normal @ [np.sqrt(0.5), 0.0, np.sqrt(0.5)])) < 5.0
+    assert cavity.mesh.to_trimesh().contains(np.array(around)).all()
+
+
+def test_an_end_that_runs_into_a_missing_floor_keeps_its_cameras() -> None:
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    is_floor = (middles[:, 0] > 5.0) & (middles[:, 2] < -0.7 * RADIUS)
+    is_roof = (middles[:, 0] > 8.5) & (middles[:, 2] > 0.5 * RADIUS)
+    cameras = np.array([[x, 0.0, 0.0] for x in (2.0, 4.0, 6.0, 8.0, 9.0, 9.5)])
+    cavity = closed_with(Mesh(mesh.vertices, mesh.faces[~(is_floor | is_roof)]), cameras)
+    prove_watertight(cavity.mesh)
+    assert cavity.mesh.to_trimesh().contains(cameras).all()
+    assert cavity.mesh.to_trimesh().euler_number == 2
+    end = max(cavity.portals, key=lambda lid: lid.centre[0])
+    assert np.degrees(np.arccos(end.normal[0])) < 10.0
