@@ -38,8 +38,6 @@ class Carving:
     the scan it stays as it is, m."""
     fault_radius: float
     """Windows and pillars that are thinner than twice this disappear there, m."""
-    sight: Sight | None = None
-    """What cameras looked through becomes water; None without cameras."""
     columns: tuple[Column, ...] = ()
     """Water out to the cuts of open ends."""
 
@@ -77,7 +75,6 @@ def carve(field: Array, distance: Array, origin: Array, voxel: float, carving: C
         voxel: spacing of the samples, m.
         carving: corrections.
     """
-    field = _with_sight(field, origin, voxel, carving.sight)
     for column in carving.columns:
         points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
         depth = column.depth(points.reshape(-1, 3)).reshape(field.shape)
@@ -87,23 +84,18 @@ def carve(field: Array, distance: Array, origin: Array, voxel: float, carving: C
 
 
 def is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
-    """Return the (N,) flags of (N, 3) points that enough cameras looked through."""
+    """Return the (N,) flags of (N, 3) points that enough cameras looked through, at wall well behind."""
     seen: BoolArray = sight.num_through(points, SIGHT_VOXELS * voxel, MIN_CAMERAS) >= MIN_CAMERAS
     return seen
 
 
-def _with_sight(field: Array, origin: Array, voxel: float, sight: Sight | None) -> Array:
-    """Return the field with water where cameras looked through it, its border as smooth as noise allows."""
+def with_seen_through(field: Array, seen: BoolArray) -> Array:
+    """Return an (X, Y, Z) field with water where (X, Y, Z) flags are set, its border as smooth as noise allows."""
     from scipy.ndimage import gaussian_filter
 
-    rock = np.argwhere(field > 0.0)
-    if sight is None or not len(rock):
+    if not seen.any():
         return field
-    sight = sight.near(origin, origin + voxel * np.array(field.shape))
-    carved = np.zeros(field.shape, dtype=np.float32)
-    carved[tuple(rock[is_seen_through(sight, origin + voxel * rock, voxel)].T)] = 1.0
-    if not carved.any():
-        return field
+    carved = seen.astype(np.float32)
     wet = np.where(field < 0.0, np.float32(1.0), carved)
     wet, beside = (gaussian_filter(mask, SIGHT_SMOOTHING, truncate=3.0) for mask in (wet, carved))
     # Across a flat border the smooth mask falls by 1 / (sigma * sqrt(2 pi)) per voxel.

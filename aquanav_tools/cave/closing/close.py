@@ -104,7 +104,7 @@ class Closer:
     ) -> None:
         self._surface, self._voxel, self._evidence = surface, voxel, evidence
         self._keep_triangles, self._min_portal = keep_triangles, min_portal
-        self._carving = replace(NO_CARVING, leg_radius=LEG_VOXELS * voxel, sight=evidence.sight)
+        self._carving = replace(NO_CARVING, leg_radius=LEG_VOXELS * voxel)
 
     def close(
         self, legs: Array = NO_LEGS, columns: tuple[Column, ...] = (), progress: Progress = ignore_progress

@@ -10,8 +10,16 @@ from __future__ import annotations
 from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
-from aquanav_tools.cave.closing.carving import BAND_VOXELS, NO_CARVING, Carving, carve, is_seen_through
+from aquanav_tools.cave.closing.carving import (
+    BAND_VOXELS,
+    NO_CARVING,
+    Carving,
+    carve,
+    is_seen_through,
+    with_seen_through,
+)
 from aquanav_tools.cave.mesh.rasterise import band_distances
 from aquanav_tools.cave.scan.sight import Sight
 from aquanav_tools.errors import MeshError
@@ -63,44 +71,96 @@ def water_surface(
     Raises:
         MeshError: no space is enclosed.
     """
-    return Sampler(surface, voxel, carving.sight).water_surface(carving, progress)
+    return Sampler(surface, voxel).water_surface(carving, progress)
 
 
 class Sampler:
-    """Samples the water in one surface, and again only where its corrections change."""
+    """Samples the water in one surface, and again only where its corrections change.
+
+    Args:
+        surface: walls with normals out of the water; may have holes, cracks and repetitions.
+        voxel: spacing of the samples, m.
+        sight: what cameras looked through is water, whatever the surface says.
+    """
 
     def __init__(self, surface: Mesh, voxel: float, sight: Sight | None = None) -> None:
         import igl
 
-        self._surface, self._voxel = surface, voxel
+        self._surface, self._voxel, self._sight = surface, voxel, sight
         self._lattice = _Lattice(surface, voxel, surface.vertices[:0] if sight is None else sight.centres)
         self._winding = igl.FastWindingNumberBVH()
         self._winding.init(surface.vertices, surface.faces)
         self._tiles_with_level = self._lattice.tiles_with_level(self._winding, sight)
         self._pieces: dict[tuple[int, ...], tuple[Carving, _Piece]] = {}
+        self._seen: dict[tuple[int, ...], npt.NDArray[np.uint8]] = {}
 
     def water_surface(self, carving: Carving, progress: Progress = ignore_progress) -> Mesh:
-        """Return the boundary of all water; see the function of this name. The sight is that given at first."""
-        lattice, voxel = self._lattice, self._voxel
+        """Return the boundary of all water; see the function of this name."""
+        lattice = self._lattice
         tiles = lattice.with_tiles_of(self._tiles_with_level, carving)
-        local = [carving.near(*lattice.box(tile)) for tile in tiles]
-        keys = [tuple(tile.tolist()) for tile in tiles]
-        is_stale = [
-            key not in self._pieces or not self._pieces[key][0].is_as(one) for key, one in zip(keys, local, strict=True)
-        ]
-        stale = np.flatnonzero(is_stale)
-        for done, index in enumerate(stale):
-            field = _tile_field(lattice, tiles[index], self._winding, local[index])
-            self._pieces[keys[index]] = local[index], _march(field, tiles[index] * TILE)
+        stale = []
+        for tile in tiles:
+            local = carving.near(*lattice.box(tile))
+            kept = self._pieces.get(tuple(tile.tolist()))
+            if kept is None or not kept[0].is_as(local):
+                stale.append((tile, local))
+        for done, (tile, local) in enumerate(stale):
+            self._pieces[tuple(tile.tolist())] = local, _march(self._field(tile, local), tile * TILE)
             progress(done + 1, len(stale))
-        mesh = _weld([self._pieces[key][1] for key in keys], lattice.num_samples)
+        mesh = _weld([self._pieces[tuple(tile.tolist())][1] for tile in tiles], lattice.num_samples)
         if not len(mesh.faces):
             raise MeshError(
-                f"The scan of {len(self._surface.faces)} triangles encloses no space at {voxel:.3g} m. It is a single "
-                "wall or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the passage is "
-                "narrower."
+                f"The scan of {len(self._surface.faces)} triangles encloses no space at {self._voxel:.3g} m. It is a "
+                "single wall or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the "
+                "passage is narrower."
             )
-        return Mesh(lattice.origin + voxel * mesh.vertices, mesh.faces)
+        return Mesh(lattice.origin + self._voxel * mesh.vertices, mesh.faces)
+
+    def _field(self, tile: IntArray, carving: Carving) -> Array:
+        """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it.
+
+        The carving is what of it reaches there.
+        """
+        from scipy.ndimage import gaussian_filter
+
+        lattice, voxel = self._lattice, self._voxel
+        halo = CARVING_HALO if carving.columns or self._sight is not None else HALO
+        halo = FAULTS_HALO if len(carving.faults) else halo
+        count = TILE + 1 + 2 * halo
+        origin = lattice.origin + voxel * (tile * TILE - halo)
+        triangles = lattice.triangles_near(tile, around=1 if halo > CARVING_HALO else 0)
+        close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
+        distance = close.astype(np.float64)
+        excess = _winding_in_tile(self._winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
+        magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
+        field: Array = -np.sign(excess) * magnitude
+        if self._sight is not None:
+            field = with_seen_through(field, self._seen_through(tile, halo, field > 0.0))
+        field = carve(field, distance / voxel, origin, voxel, carving)
+        inner = slice(halo, -halo)
+        smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
+        smooth[np.abs(smooth) < SMALLEST_VALUE] = SMALLEST_VALUE
+        for axis in range(3):  # no water leaves the samples
+            ends = np.moveaxis(smooth, axis, 0)
+            if tile[axis] == 0:
+                ends[0] = np.maximum(ends[0], SMALLEST_VALUE)
+            if tile[axis] == lattice.num_tiles[axis] - 1:
+                ends[-1] = np.maximum(ends[-1], SMALLEST_VALUE)
+        return smooth
+
+    def _seen_through(self, tile: IntArray, halo: int, is_rock: BoolArray) -> BoolArray:
+        """Return the flags of a tile's samples that are rock to the surface and that cameras looked through.
+
+        Asking costs more than all else about a tile, so the answer is kept, a bit per sample.
+        """
+        key = (*tile.tolist(), halo)
+        if self._sight is not None and key not in self._seen:
+            low = self._lattice.origin + self._voxel * (tile * TILE - halo)
+            sight = self._sight.near(low, low + self._voxel * np.array(is_rock.shape))
+            seen = np.zeros(is_rock.shape, dtype=bool)
+            seen[is_rock] = is_seen_through(sight, low + self._voxel * np.argwhere(is_rock), self._voxel)
+            self._seen[key] = np.packbits(seen)
+        return np.unpackbits(self._seen[key], count=is_rock.size).astype(bool).reshape(is_rock.shape)
 
 
 class _Lattice:
@@ -185,39 +245,6 @@ def _cover(low: IntArray, high: IntArray, num_tiles: IntArray) -> tuple[IntArray
     span = spans[boxes]
     steps = np.stack([rank // (span[:, 1] * span[:, 2]), rank // span[:, 2] % span[:, 1], rank % span[:, 2]])
     return boxes, np.ravel_multi_index(low[boxes].T + steps, num_tiles)
-
-
-def _tile_field(  # type: ignore[no-untyped-def]  # igl ships no types
-    lattice: _Lattice, tile: IntArray, winding, carving: Carving
-) -> Array:
-    """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it.
-
-    The carving is what of it reaches there.
-    """
-    from scipy.ndimage import gaussian_filter
-
-    voxel = lattice.voxel
-    halo = CARVING_HALO if carving.columns or carving.sight is not None else HALO
-    halo = FAULTS_HALO if len(carving.faults) else halo
-    count = TILE + 1 + 2 * halo
-    origin = lattice.origin + voxel * (tile * TILE - halo)
-    triangles = lattice.triangles_near(tile, around=1 if halo > CARVING_HALO else 0)
-    close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
-    distance = close.astype(np.float64)
-    excess = _winding_in_tile(winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
-    magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
-    field: Array = -np.sign(excess) * magnitude
-    field = carve(field, distance / voxel, origin, voxel, carving)
-    inner = slice(halo, -halo)
-    smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
-    smooth[np.abs(smooth) < SMALLEST_VALUE] = SMALLEST_VALUE
-    for axis in range(3):  # no water leaves the samples
-        ends = np.moveaxis(smooth, axis, 0)
-        if tile[axis] == 0:
-            ends[0] = np.maximum(ends[0], SMALLEST_VALUE)
-        if tile[axis] == lattice.num_tiles[axis] - 1:
-            ends[-1] = np.maximum(ends[-1], SMALLEST_VALUE)
-    return smooth
 
 
 def _winding_in_tile(winding, origin: Array, voxel: float, is_wall: BoolArray) -> Array:  # type: ignore[no-untyped-def]
