@@ -1,7 +1,8 @@
 """Ends: where the open ends of a passage are cut, and what water has to be added before.
 
-An end is cut flat just inside its rim, however ragged that is. Cameras that were in the water stay in it: the cut then
-passes outside of them, and water that the surface invented across the end took from them is drawn out to it.
+An end is cut flat just inside its rim. In a scan from photos, whose rims are ragged, at the middle of the rim, for the
+sake of the wall beyond its innermost part; and outside of the cameras, which were in the water. What water the surface
+invented across the end lacks up to there is added.
 """
 
 from __future__ import annotations
@@ -68,7 +69,9 @@ def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:
     end = End(opening.centre, opening.normal, opening.radius, opening.diameter, corners.mean(axis=1), True)
     if np.abs((corners - end.point) @ end.normal).max() < FLAT_LID * voxel:
         return end
-    opening = _beyond_cameras(_along_the_way(opening, mesh, cameras), mesh, cameras, voxel)
+    if len(cameras):
+        opening = _at_middle_of_rim(_along_the_way(opening, mesh, cameras), mesh)
+        opening = _beyond_cameras(opening, mesh, cameras, voxel)
     normal, point = opening.normal, opening.centre + opening.innermost * opening.normal
     dip = float(-((corners - point) @ normal).min())
     column = None
@@ -81,6 +84,12 @@ def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:
     is_beyond = ((rest - point) @ normal > 0.0) & (np.linalg.norm(rest - point, axis=1) < opening.radius)
     places = np.concatenate([end.places, rest[is_beyond]])
     return replace(end, point=point, normal=normal, places=places, is_flat=False, column=column)
+
+
+def _at_middle_of_rim(opening: Opening, mesh: Mesh) -> Opening:
+    """Return an opening whose cut has as much of the rim before it as beyond it."""
+    heights = (mesh.vertices[rim(mesh.faces[opening.faces])] - opening.centre) @ opening.normal
+    return replace(opening, innermost=float(np.median(heights)))
 
 
 def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) -> Opening:
@@ -122,8 +131,7 @@ def _along_the_way(opening: Opening, mesh: Mesh, cameras: Array) -> Opening:
     if way @ opening.normal < MIN_WAY_AGREEMENT or spread[0] < MIN_WAY_LENGTH * spread[1]:
         return opening
     heights = (mesh.triangles[opening.faces] - opening.centre) @ way
-    on_rim = (mesh.vertices[rim(mesh.faces[opening.faces])] - opening.centre) @ way
-    return replace(opening, normal=way, innermost=float(on_rim.min()), outermost=float(heights.max()))
+    return replace(opening, normal=way, outermost=float(heights.max()))
 
 
 def _is_in_pieces(opening: Opening, mesh: Mesh) -> bool:

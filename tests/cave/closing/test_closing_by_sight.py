@@ -13,7 +13,6 @@ from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, fi
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Mesh
 from tests.cave.open_caves import LENGTH, RADIUS, disc, joined, straight, tube_volume, without_faces_near
 from tests.cave.sights import sight_of
 
@@ -79,24 +78,3 @@ def test_a_hole_in_the_wall_is_filled_and_unobserved_whether_anyone_looked_or_no
     middles = cavity.mesh.triangles[unseen].mean(axis=1)
     assert np.linalg.norm(middles - [5.0, 0.0, RADIUS], axis=1).max() < 0.6 + VOXEL
     assert 0.0 < cavity.mesh.areas[unseen].sum() < np.pi * 0.7**2
-
-
-def test_the_cut_of_a_ragged_end_passes_outside_of_the_cameras() -> None:
-    mesh = straight()
-    middles = mesh.triangles.mean(axis=1)
-    teeth = 0.25 * np.cos(2.0 * np.arctan2(middles[:, 2], middles[:, 1]))
-    ragged = Mesh(mesh.vertices, mesh.faces[middles[:, 0] + teeth < 8.0])  # its rim from 7.75 to 8.25 m
-    closed = close_surface(ragged, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
-    openings = find_openings(closed, MIN_PORTAL)
-
-    def end_of(cameras: np.ndarray) -> float:
-        cavity = cut_portals(closed, ragged, find_ends(openings, closed.mesh, VOXEL, cameras), VOXEL)
-        prove_watertight(cavity.mesh)
-        assert len(cavity.portals) == 2
-        (end,) = [portal for portal in cavity.portals if portal.centre[0] > 1.0]
-        ahead = (cameras - end.centre) @ end.normal
-        assert (ahead < 0.0).all()
-        return end.centre[0]
-
-    assert end_of(places(2.0)) == pytest.approx(end_of(np.zeros((0, 3))))  # far from the end
-    assert end_of(places(2.0, 7.8)) > end_of(places(2.0))

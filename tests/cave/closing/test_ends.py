@@ -91,11 +91,11 @@ def test_a_camera_behind_observed_rock_moves_no_end() -> None:
     distance = np.linalg.norm(mesh.triangles - [LENGTH + 0.75, 0.0, 0.0], axis=2)
     is_dent = (distance.max(axis=1) < BALL + 1e-6) & (distance.min(axis=1) > BALL - 0.02)
     closed = ClosedSurface(mesh, ~(is_dent | (mesh.triangles[..., 0].max(axis=1) < 1e-9)), "winding")
-    rim = end_of(closed, np.zeros((0, 3))).point[0]
-    assert end_of(closed, np.array([[LENGTH - 0.2, 0.0, 0.0]])).point[0] == rim
-    assert end_of(closed, np.array([[LENGTH - 0.2, 0.0, 0.4]])).point[0] == pytest.approx(
-        LENGTH - 0.2 + CAMERA_VOXELS * VOXEL
-    )
+    far, behind, ahead = (np.array([place]) for place in ([4.0, 0, 0], [LENGTH + 0.2, 0, 0], [LENGTH + 0.2, 0, 0.4]))
+    rim = end_of(closed, far).point[0]
+    assert rim == pytest.approx(LENGTH, abs=1e-6)
+    assert end_of(closed, behind).point[0] == rim
+    assert end_of(closed, ahead).point[0] == pytest.approx(LENGTH + 0.2 + CAMERA_VOXELS * VOXEL)
 
 
 def slanted_scan() -> Mesh:
@@ -146,3 +146,20 @@ def test_an_end_that_runs_into_a_missing_floor_keeps_its_cameras() -> None:
     assert cavity.mesh.to_trimesh().euler_number == 2
     end = max(cavity.portals, key=lambda lid: lid.centre[0])
     assert np.degrees(np.arccos(end.normal[0])) < 10.0
+
+
+def test_a_ragged_end_is_cut_at_the_middle_of_its_rim_or_outside_of_its_cameras() -> None:
+    mesh = straight()
+    middles = mesh.triangles.mean(axis=1)
+    teeth = 0.3 * np.cos(2.0 * np.arctan2(middles[:, 2], middles[:, 1]))
+    ragged = Mesh(mesh.vertices, mesh.faces[middles[:, 0] + teeth < LENGTH])  # its rim from 7.7 to 8.3 m
+
+    def end_of(*xs: float) -> float:
+        cavity = closed_with(ragged, np.array([[x, 0.0, 0.0] for x in xs]))
+        prove_watertight(cavity.mesh)
+        start, end = sorted(cavity.portals, key=lambda lid: lid.centre[0])
+        assert cavity.volume == pytest.approx(tube_volume(end.centre[0] - start.centre[0]), rel=0.02)
+        return float(end.centre[0])
+
+    assert end_of(2.0, 4.0, 6.0) == pytest.approx(LENGTH, abs=VOXEL)
+    assert end_of(2.0, 4.0, LENGTH + 0.3) == pytest.approx(LENGTH + 0.3 + CAMERA_VOXELS * VOXEL, abs=VOXEL)
