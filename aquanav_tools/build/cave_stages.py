@@ -171,7 +171,7 @@ def _settings(
 ) -> ScenarioSettings:
     """Return what the scenario says of itself; its goal is the last panel."""
     return ScenarioSettings(
-        name=options.name or options.output.resolve().name,
+        name=options.title,
         built=BuiltBy(__version__, kind),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle,

@@ -34,7 +34,7 @@ def kept_scenario(
         options,
         input=Path(options.input.name),
         output=Path(),
-        name=options.name or options.output.resolve().name,
+        name=options.title,
         quality="standard",
         overwrite=False,
         recipe=None,

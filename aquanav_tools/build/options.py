@@ -68,6 +68,11 @@ class BuildOptions:
     intake: IntakeOptions = field(default_factory=IntakeOptions)
 
     @property
+    def title(self) -> str:
+        """The name that was given, or the output folder's."""
+        return self.name or self.output.resolve().name
+
+    @property
     def kind(self) -> Literal["photos", "scan", "survey"]:
         """Way to build it: photos when the input is a folder or a video, a survey by the ending of the file's name."""
         if self.input.is_dir() or self.input.suffix.lower() in VIDEO_SUFFIXES:

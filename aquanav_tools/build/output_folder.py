@@ -59,9 +59,7 @@ def build_key(options: BuildOptions) -> str:
     for path in files:
         if not path.is_file():
             raise InputError(f"There is no file {path}. Check the path.")
-    settings = dataclasses.replace(
-        options, input=Path(), output=Path(), overwrite=False, name=options.name or options.output.resolve().name
-    )
+    settings = dataclasses.replace(options, input=Path(), output=Path(), overwrite=False, name=options.title)
     files.append(vehicle_path(options.vehicle))
     content = [(str(path), file_hash(path)) for path in files]
     photos = [(name, file_hash(path)) for name, path in _input_files(options.input)]

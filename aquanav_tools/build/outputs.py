@@ -99,7 +99,7 @@ def failure_page(
     places = error.places if isinstance(error, MeshError) else ()
     rows = tuple((str(number), _row(np.array(where)), what) for number, (where, what) in enumerate(places, start=1))
     return Page(
-        title=f"Build of {options.output.name} stopped",
+        title=f"Build of {options.title} stopped",
         summary=str(error),
         warnings=notices(journal),
         figures=figures,

@@ -264,7 +264,7 @@ def _report_failure(
         shutil.rmtree(drawings, ignore_errors=True)
         drawings.mkdir()
         if work is not None:
-            sections = (partial_section(work, options.output.name, facts, drawings),)
+            sections = (partial_section(work, options.title, facts, drawings),)
         sections = (*sections, outputs.stage_section(journal, drawings))
     write_page(outputs.failure_page(options, error, journal, figures, sections), options.output / "report.html")
     kept = [name for name in ("cloud.ply", "report.html") if (options.output / name).exists()]
