@@ -1,4 +1,4 @@
-"""Whether the metres to go jump anywhere: vehicles that roam the water, and moves cut in half where they change most."""
+"""Whether the metres to go jump anywhere: vehicles that roam, and moves cut in half where they change most."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ MOVE, FINEST = 0.01, 1e-4
 ROAM = 400
 """Moves of one vehicle: as far as half a passage is wide and along several panels."""
 ROOM = 0.03
-"""m: a vehicle's middle comes no nearer to walls. More than the error of a field of 0.1 m, so that none ends in rock."""
+"""m: a vehicle's middle comes no nearer to walls. More than a field of 0.1 m errs, so that none ends in rock."""
 NUM_HALVED = 50
 
 
