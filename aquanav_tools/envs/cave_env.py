@@ -151,7 +151,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._prepare_pictures(render_mode, view, render_size)
         self._current_share = 1.0
         self._gate = 0
-        self._remaining = self.scenario.guide.length
+        self._length = self._remaining = self.scenario.guide.length
 
     def _prepare_interface(self, observation: str, action: str) -> None:
         """Choose the spaces, and the sensor: rays, or the spheres of the original."""
@@ -183,7 +183,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._actions.fill(IDLE)
         state = self._world.state
         self._water.reset(self.np_random)
-        self._current = self._current_share * self._water.velocity(state[:3])
+        self._current = self._current_share * self._water.velocity(state)
         self._gate = self.scenario.guide.locate(state[:3], self.scenario.field)
         self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
         self._measure.begin(state, self._remaining)
@@ -202,7 +202,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         touched, before = self._advance(self._actions.through(command))
         state, num_contact_steps = self._world.state, sum(touched)
         self._water.advance(self._duration)
-        self._current = self._current_share * self._water.velocity(state[:3])
+        self._current = self._current_share * self._water.velocity(state)
         rays = self._sensor.sense(state)
         gained = self._update_progress()
         outcome = self._episode.advance(touched, self._remaining)
@@ -293,7 +293,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "clearance": self._world.clearance(),
             "collision": is_touched,
             "num_collisions": self._episode.num_collisions,
-            "progress": self.scenario.guide.length - self._remaining,
+            "progress": self._length - self._remaining,
             "remaining": self._remaining,
             "cost": float(is_touched),
             "outcome": self._episode.outcome,

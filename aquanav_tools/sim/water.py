@@ -96,7 +96,11 @@ class Water:
         self._swell_phase += self._swell[3] * dt
 
     def velocity(self, position: Array) -> Array:
-        """Return the (3,) velocity of the water at a (3,) place, world frame, m/s. Overwritten by the next call."""
+        """Return the (3,) velocity of the water at a place, world frame, m/s. Overwritten by the next call.
+
+        Args:
+            position: (3,) or more, of which the first three are the place, m: a state is read as it is.
+        """
         if self.is_constant:
             self._velocity[:] = self._uniform
         else:

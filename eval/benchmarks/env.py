@@ -10,8 +10,8 @@ told apart.
 
 Each row of the breakdown is the environment without one of its parts, all of them tried in turn, so that what the part
 costs is the difference.
-Where gym-pybullet-drones is installed (pip install gym-pybullet-drones), its hover task is stepped in the same run: no
-cave, no rays, 8 physics steps of 1/240 s per decision.
+Where gym-pybullet-drones can be imported (clone github.com/utiasDSL/gym-pybullet-drones and name the clone in
+PYTHONPATH), its hover task is stepped in the same run: no cave, no rays, 8 physics steps of 1/240 s per decision.
 """
 
 from __future__ import annotations

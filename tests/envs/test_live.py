@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+import socket
 import subprocess
 import sys
+import time
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +64,46 @@ def test_every_state_of_every_episode_is_shown_as_it_happens(tube: Scenario, sho
     for entity in ("/cave", "/route/centreline", "/vehicle/hull"):
         assert re.search(rf"{entity}\b", rerun("print", "-v", shown))
     assert rerun("print", "-vvv", "--entity", "/state", shown).count("timeout") >= 2
+
+
+@pytest.fixture
+def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The file of another process that takes what a viewer takes, over the same gRPC, and needs no screen."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    path = tmp_path / "received.rrd"
+    arguments = [RERUN, "--save", path, "--port", str(port)]
+    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        monkeypatch.setattr(live, "PORT", port)
+        give_up = time.monotonic() + 60.0
+        while not live._is_listening():
+            assert process.poll() is None, "rerun ended before it listened"
+            assert time.monotonic() < give_up, "rerun does not listen within a minute"
+            time.sleep(0.1)
+        yield path
+        process.terminate()
+
+
+def test_a_viewer_in_another_process_receives_every_state(tube: Scenario, listener: Path) -> None:
+    env = CaveEnv(tube, render_mode="human", max_decisions=3)
+    for seed in range(2):
+        env.reset(seed=seed)
+        while not any(env.step(AHEAD)[2:4]):
+            pass
+    env.close()
+    give_up, rows = time.monotonic() + 60.0, [0, 0]
+    while rows != [8, 8] and time.monotonic() < give_up:  # the other process writes when it comes to it
+        rows = [rows_of(entity, listener) for entity in ("/vehicle", "/plots/clearance")]
+    assert rows == [8, 8]  # two episodes of a start and three decisions
+
+
+def rows_of(entity: str, path: Path) -> int:
+    """Return how many rows a file has of an entity; one that is being written has no end yet, which printing allows."""
+    result = subprocess.run(
+        [RERUN, "rrd", "print", "--entity", entity, path], capture_output=True, text=True, check=False, timeout=60
+    )
+    return sum(map(int, re.findall(r"with (\d+) rows?", result.stdout + result.stderr)))
 
 
 def test_being_watched_changes_nothing_about_the_episode(tube: Scenario, shown: Path) -> None:

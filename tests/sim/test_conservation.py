@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.sim.hydrodynamics import _damp, advance, pack_parameters
+from aquanav_tools.sim.hydrodynamics import _damp, _damping, advance, pack_parameters
 from aquanav_tools.types import Array, rotation_matrix
 from tests.sim.bodies import LINEAR, MASS, NONE, QUADRATIC, STILL, coupled_mass, multiply, random_state, run
 
@@ -47,7 +47,7 @@ def test_exact_damping_never_adds_energy(matrix: Array, rng: np.random.Generator
         for duration in (0.001, 0.01, 0.5):
             state = random_state(rng)
             before = energy(matrix, state)
-            _damp(state, parameters, duration, bool(rng.integers(2)))
+            _damp(state, parameters, _damping(parameters, duration), bool(rng.integers(2)))
             assert energy(matrix, state) < before
 
 

@@ -4,6 +4,11 @@ The original adds the distance to the next panel's centre to the chain of centre
 is crossed off its centre, and its nearest-panel rule jumps at loops. Here progress between two panels is interpolated
 by the angle between their planes, so that it is continuous at every panel and even along a circle's arc, and a vehicle
 only changes its gate (the stretch between two panels) by passing through a panel's outline, forwards or backwards.
+
+Progress has no jumps, but it is steeper than the way is long where panels stand closer than on the centreline: on the
+inside of a bend of radius R by R / (R - r) at r from its middle line, which is the price of being even along it. (The
+way that no move changes by more than its length is the shortest one: `cave/route/shortest.py`.) A vehicle that rounds
+a loop on its other side is credited all of it at once where it meets the route again.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def _open_viewer(blueprint: Any) -> Any:
 
     stream = rr.RecordingStream(APPLICATION)
     if _is_listening():
-        stream.connect_grpc()
+        stream.connect_grpc(f"rerun+http://127.0.0.1:{PORT}/proxy")
     elif not _has_screen():
         raise ResourceError(
             "No viewer can be started for render_mode='human': this machine has no screen (neither DISPLAY nor "

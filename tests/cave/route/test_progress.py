@@ -5,18 +5,20 @@ from __future__ import annotations
 from functools import cache
 from itertools import pairwise
 
+import manifold3d
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.cavity import Cavity, to_manifold
+from aquanav_tools.cave.closing.close import from_manifold
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.types import Array
-from tests.cave.closed_caves import field_of, joined, route_along, swept, walk
+from tests.cave.closed_caves import closed, field_of, joined, route_along, swept, walk
+from tests.cave.roaming import FINEST, MOVE, ROOM, largest_change
 
 INSET = 0.6
-MOVE = 0.01
 
 
 def guide_of(cave: Cavity, line: Array) -> Guide:
@@ -163,3 +165,32 @@ def test_every_panel_of_the_route_is_met_in_its_order() -> None:
         gates.append(guide.track(point, gates[-1]))
     assert all(0 <= after - before <= 1 for before, after in pairwise(gates))
     assert gates[-1] == guide.num_gates - 1
+
+
+def with_pillar() -> tuple[Cavity, Array]:
+    """A passage with a pillar from wall to wall, and a way around it."""
+    pillar = manifold3d.Manifold.cube((3.0, 0.8, 6.0), center=True).translate((8.0, 0.0, 0.0))
+    tube = swept(walk((0, 0, 0), (16, 0, 0)), 2.0)
+    way = walk((0, 0, 0), (6, 1.2, 0), (10, 1.2, 0), (16, 0, 0), turn=3.0)
+    return closed(from_manifold(to_manifold(tube.mesh) - pillar)), way
+
+
+CONTINUOUS = {
+    "tube": (lambda: (swept(TUBE, 1.0), TUBE), 1.0),
+    "dead end": (lambda: (joined(swept(MAIN, 1.0), swept(BESIDE, 1.0)), MAIN), 1.0),
+    "bend": (lambda: (swept(BEND, 1.0), BEND), 3.0 / 2.0),
+    "helix": (lambda: (swept(HELIX, 1.0), HELIX), 3.083 / 2.083),  # the radius of its curvature
+    "hairpin": (lambda: (swept(HAIRPIN, 1.0), HAIRPIN), 1.14 / (0.14 + ROOM)),
+    "pillar": (with_pillar, 1.7),  # panels before it lean with the route: 3.2 m behind, 1.4 m stand 0.6 m closer
+}
+"""Caves with a route, and the steepest that progress may be: in a bend as much more as its inside is shorter."""
+
+
+@pytest.mark.parametrize("shape", CONTINUOUS)
+def test_wherever_a_vehicle_roams_progress_is_continuous(shape: str, rng: np.random.Generator) -> None:
+    make, slope = CONTINUOUS[shape]
+    cave, line = make()
+    change, refined = largest_change(guide_of(cave, line), field_of(cave, 0.1), rng)
+    # 2 % as on the route. A jump would stay whole when moves shrink.
+    assert change < 1.02 * slope * MOVE
+    assert refined < 1.02 * slope * FINEST
