@@ -78,10 +78,9 @@ class BatchTask:
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         if not self.scenario.starts:
             raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
-        _check_batched(options)
+        check_batched(options, observation)
         water = _water_of(self.scenario, options.current)
         weights, settings = load_weights(options.reward), self.scenario.settings
         rules = _episode_rules(self.scenario, options, weights, max_decisions)
@@ -140,14 +139,19 @@ def _numbers(
     )
 
 
-def _check_batched(options: TaskOptions) -> None:
-    """Refuse what only `CaveEnv` does, rather than leave it out in silence."""
+def check_batched(options: TaskOptions, observation: str) -> None:
+    """Refuse what only `CaveEnv` does, rather than leave it out in silence.
+
+    Raises:
+        InputError: an option, or the observation, is not batched; the message names it.
+    """
+    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
     for name, value in choices_of(options).items():
         if name not in BATCHED_OPTIONS and value != getattr(TaskOptions(), name):
             raise InputError(
                 f"The batched environment has no {name} = {value!r}; of the task's options it has only "
-                f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take aquanav/Cave-v0 without "
-                "vectorization_mode='vector_entry_point'."
+                f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take PyBullet: aquanav/Cave-v0 "
+                "without vectorization_mode='vector_entry_point', or aquanav-train --backend pybullet."
             )
 
 

@@ -141,6 +141,15 @@ class BatchWorld:
         """Return an array of `Fleet` as a torch tensor in the same memory, which changes with each step."""
         return wp.to_torch(getattr(self.fleet, name))
 
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all that the future depends on beside the commands: an array for each field of `Fleet`."""
+        return {name: np.array(self.as_numpy(name)) for name in Fleet.vars}  # type: ignore[attr-defined]
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
+        for name, values in state.items():
+            getattr(self.fleet, name).assign(values)
+
     def close(self) -> None:
         """End the threads. Closing twice does nothing."""
         if self._threads is not None:
