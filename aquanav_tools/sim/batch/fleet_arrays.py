@@ -205,6 +205,8 @@ class Fleet:
     """Of the water where the last decision began, m/s."""
     shares: wp.array(dtype=f64)
     """Of the water's velocity that this episode has."""
+    phases: wp.array(dtype=f64)
+    """Of the waves on the surface, rad."""
     eddies: wp.array2d(dtype=f64)
     """(N, C) coefficients of the gusts and eddies around each vehicle."""
     gates: wp.array(dtype=wp.int32)

@@ -12,7 +12,7 @@ from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.random import START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.water import Water, current_at, drawn_share, stir, swell_phase
+from aquanav_tools.sim.batch.water import Water, current_at, drawn_share, stir, drawn_phase
 
 wp.set_module_options(OPTIONS)
 
@@ -49,6 +49,7 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
     fleet.returns[i] = 0.0
     fleet.shares[i] = drawn_share(water, fleet.seed[0], i, fleet.episodes[i])
     if water.is_constant == 0:
+        fleet.phases[i] = drawn_phase(fleet.seed[0], i, fleet.episodes[i])
         stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], 0)
     for n in range(3):
         fleet.commands[i, n] = 0.0
@@ -76,8 +77,8 @@ def glide(
     state.velocity = fleet.velocities[i]
     current = fleet.shares[i] * water.uniform
     if water.is_constant == 0:
-        phase = swell_phase(water, fleet.seed[0], i, fleet.episodes[i], fleet.decisions[i])
-        current = current_at(water, grid, fleet.eddies, fleet.shares[i], phase, i, state.position)
+        share, phase = fleet.shares[i], fleet.phases[i]
+        current = current_at(water, grid, fleet.eddies, share, phase, i, state.position)
     fleet.currents[i] = current
     ballast, steer, ahead = f64(fleet.commands[i, 0]), f64(fleet.commands[i, 1]), f64(fleet.commands[i, 2])
     controls = craft.controls
@@ -144,6 +145,7 @@ def move(
     fleet.is_touching[i] = is_touching
     fleet.decisions[i] = fleet.decisions[i] + 1
     if water.is_constant == 0:
+        fleet.phases[i] = fleet.phases[i] + water.phase_step
         stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], fleet.decisions[i])
     outcome = int(0)
     if rules.ends_on_collision == 1 and is_touching == 1:

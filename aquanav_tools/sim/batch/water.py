@@ -74,8 +74,8 @@ class Water:
     fresh: wp.array(dtype=f64)
     """(1 + 2 W) share of chance that comes in its place."""
     swell: Swell
-    duration: f64
-    """Of a decision, s."""
+    phase_step: f64
+    """Of the waves in a decision, rad."""
 
 
 def make_water(source: reference.Water, shares: tuple[float, float], duration: float, device: Any) -> Water:
@@ -89,8 +89,8 @@ def make_water(source: reference.Water, shares: tuple[float, float], duration: f
     """
     water, parts = Water(), source.parts
     water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(source.is_constant)
-    water.shares, water.duration = wp.vec2d(*shares), duration
     water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell)
+    water.shares, water.phase_step = wp.vec2d(*shares), water.swell.rate * duration
     water.flow_scale, water.eddy_scale = parts.flow_scale, parts.eddy_scale
     water.waves = wp.array(parts.waves, dtype=wp.float64, ndim=2, device=device)
     kept = np.exp(-duration / parts.times)
@@ -125,10 +125,9 @@ def drawn_share(water: Water, seed: int, vehicle: int, episode: int):
 
 
 @wp.func
-def swell_phase(water: Water, seed: int, vehicle: int, episode: int, decision: int):
-    """Return the phase of the waves at the beginning of a decision, rad."""
-    start = f64(6.283185307179586) * f64(share_of_one(words(seed, vehicle, episode, SWELL)[0]))
-    return start + water.swell.rate * water.duration * f64(decision)
+def drawn_phase(seed: int, vehicle: int, episode: int):
+    """Return the phase of the waves at the beginning of an episode, rad."""
+    return f64(6.283185307179586) * f64(share_of_one(words(seed, vehicle, episode, SWELL)[0]))
 
 
 @wp.func
