@@ -1,4 +1,4 @@
-"""Measure training: what collecting decisions costs in several places, and what several learners take to learn from them.
+"""Measure training: what collecting decisions costs in several places, and what learning from them costs.
 
     python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 lean batch512]
 
@@ -6,8 +6,8 @@ Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480
 "here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
 --workers 2), "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train
 --backend batch). Learning, from one buffer: "sb3" is Stable-Baselines3's own update, "lean" ours (train/update.py),
-"lean-2" on two torch threads, "lean-bf16" with its networks in bfloat16, "lean-compiled" with them compiled (which takes
-a C++ compiler), "sb3-4096" and "lean-4096" with minibatches of 4096.
+"lean-2" on two torch threads, "lean-bf16" with its networks in bfloat16, "lean-compiled" with them compiled (for which
+a C++ compiler is needed), "sb3-4096" and "lean-4096" with minibatches of 4096.
 
 All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
 are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where

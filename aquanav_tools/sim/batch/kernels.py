@@ -12,7 +12,7 @@ from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.random import START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.water import Water, current_at, drawn_share, stir, drawn_phase
+from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
 
 wp.set_module_options(OPTIONS)
 

@@ -131,9 +131,7 @@ def drawn_phase(seed: int, vehicle: int, episode: int):
 
 
 @wp.func
-def stir(
-    coefficients: wp.array2d(dtype=f64), water: Water, seed: int, vehicle: int, episode: int, decision: int
-):
+def stir(coefficients: wp.array2d(dtype=f64), water: Water, seed: int, vehicle: int, episode: int, decision: int):
     """Bring a vehicle's gusts and eddies to a decision: drawn at the first, and one decision older at all others."""
     count = water.kept.shape[0]
     for block in range((count + 3) // 4):
