@@ -134,9 +134,8 @@ class Water:
     @property
     def parts(self) -> WaterParts:
         """What the water is made of, for other backends."""
-        scales = {"flow_scale": self._flow_scale, "eddy_scale": self._eddy_scale}
-        grids = {"flow": self._flow_grid, "waves": self._waves, "swell": self._swell}
-        return WaterParts(uniform=self._uniform, times=self._times, **grids, **scales)
+        flow, eddies = (self._flow_grid, self._flow_scale), (self._waves, self._eddy_scale)
+        return WaterParts(self._uniform, *flow, *eddies, self._times, self._swell)
 
     @property
     def _arrays(self) -> tuple[object, ...]:

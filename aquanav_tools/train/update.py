@@ -71,7 +71,7 @@ class LeanPPO(PPO):
             for name in ("observations", "actions", "log_probs", "advantages", "returns")
         }
         with torch.no_grad():
-            features = policy.extract_features(flat["observations"])  # type: ignore[arg-type]
+            features = policy.extract_features(flat["observations"])
         assert isinstance(features, torch.Tensor)
         numbers = (flat[name].flatten() for name in ("log_probs", "advantages", "returns"))
         return _Decisions(features, flat["actions"], *numbers)
