@@ -11,14 +11,14 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
-from aquanav_tools.envs.cave_env import _episode_rules, _load_vehicle
+from aquanav_tools.envs.cave_env import _episode_rules, _load_vehicle, _water_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, load_weights
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import PRESETS, Current, Scenario, check_current
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.task import TaskOptions, choices_of, task_options
@@ -29,14 +29,13 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float32]
 RAY_SOURCES = ("field", "mesh")
 BATCHED_OBSERVATIONS = ("paper", "full")
-BATCHED_OPTIONS = ("reward", "on_collision")
+BATCHED_OPTIONS = ("reward", "on_collision", "current", "current_range")
 
 
 class BatchTask:
     """N vehicles at the task of `CaveEnv`, with the same options and definitions.
 
-    Not batched yet, and refused: the observation "original", and every field of TaskOptions but `reward` and
-    `on_collision`.
+    Not batched yet, and refused: the observation "original", and every field of TaskOptions but BATCHED_OPTIONS.
     """
 
     def __init__(
@@ -48,7 +47,6 @@ class BatchTask:
         observation: str = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
-        current: tuple[float, float, float] | None = None,
         max_decisions: int | None = None,
         rays: str = "field",
         device: str = "cpu",
@@ -64,7 +62,6 @@ class BatchTask:
             observation: "paper" or "full".
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
-            current: Uniform velocity of the water in the world, m/s; None takes the scenario's.
             max_decisions: Episode limit; None takes the scenario's.
             rays: "field" traces them through the distance field, "mesh" casts them exactly, as PyBullet's environment
                 does, and takes several times as long.
@@ -81,10 +78,10 @@ class BatchTask:
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         if not self.scenario.starts:
             raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
-        _check_batched(options)
+        check_batched(options, observation)
+        water = _water_of(self.scenario, options.current)
         weights, settings = load_weights(options.reward), self.scenario.settings
         rules = _episode_rules(self.scenario, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
@@ -97,7 +94,8 @@ class BatchTask:
             _load_vehicle(vehicle, self.scenario),
             _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
             num,
-            current=_uniform_current(settings.water.current if current is None else current),
+            water=water,
+            current_range=options.current_range,
             rays="mesh" if rays == "mesh" else "field",
             next_step=next_step,
             device=device,
@@ -141,31 +139,20 @@ def _numbers(
     )
 
 
-def _check_batched(options: TaskOptions) -> None:
-    """Refuse what only `CaveEnv` does, rather than leave it out in silence."""
+def check_batched(options: TaskOptions, observation: str) -> None:
+    """Refuse what only `CaveEnv` does, rather than leave it out in silence.
+
+    Raises:
+        InputError: an option, or the observation, is not batched; the message names it.
+    """
+    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
     for name, value in choices_of(options).items():
         if name not in BATCHED_OPTIONS and value != getattr(TaskOptions(), name):
             raise InputError(
                 f"The batched environment has no {name} = {value!r}; of the task's options it has only "
-                f"{' and '.join(BATCHED_OPTIONS)}. Leave it out, or take aquanav/Cave-v0 without "
-                "vectorization_mode='vector_entry_point'."
+                f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take PyBullet: aquanav/Cave-v0 "
+                "without vectorization_mode='vector_entry_point', or aquanav-train --backend pybullet."
             )
-
-
-def _uniform_current(current: Current) -> npt.NDArray[np.float64]:
-    """Return the (3,) velocity of all of the water, m/s."""
-    try:
-        check_current(current)
-    except ValueError as cause:
-        raise InputError(f"{cause} Choose another current.") from cause
-    if np.ndim(current) == 1:
-        return np.array(current, dtype=np.float64)
-    if PRESETS[current] if isinstance(current, str) else current:
-        raise InputError(
-            f"The batched environment has one velocity for all of the water, and the current is {current!r}. Give "
-            "current=(x, y, z) in m/s, or take aquanav/Cave-v0 without vectorization_mode='vector_entry_point'."
-        )
-    return np.zeros(3)
 
 
 def _from_choices(actions: npt.NDArray[Any]) -> Floats:

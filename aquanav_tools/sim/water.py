@@ -10,6 +10,8 @@ there the current is eddies alone, whose root mean square speed is CLOSED_SHARE 
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numba
 import numpy as np
 
@@ -29,6 +31,25 @@ GUST_TIME = 20.0
 """Its correlation time, s; chosen: several times as long as a vehicle's own response."""
 SHORTEST, LONGEST = 0.5, 60.0
 """Bounds on the correlation times of eddies, s."""
+
+
+class WaterParts(NamedTuple):
+    """What the water of a scenario is made of."""
+
+    uniform: Array
+    """(3,) one velocity everywhere, m/s."""
+    flow: tuple[Any, Any, Array, float]
+    """Bricks, samples, origin and spacing of the flow, as `Flow.grid`."""
+    flow_scale: float
+    """Mean speed through the narrowest section, m/s."""
+    waves: Array
+    """(W, 8) the eddies' waves, as `eddies.draw_waves` has them."""
+    eddy_scale: float
+    """Root mean square speed of the eddies, m/s."""
+    times: Array
+    """(1 + 2 W) correlation times of the gust, the waves' cosines and their sines, s."""
+    swell: Array
+    """(7,) the surface's waves, as `waves.wave_parameters` has them; zeros where there are none."""
 
 
 class Water:
@@ -60,7 +81,7 @@ class Water:
                 "one velocity for all of the water."
             )
         flow = None if scenario.flow is None or not self.strength else scenario.flow
-        self._flow_grid = _no_grid(4) if flow is None else flow.grid
+        self._flow_grid = _no_grid() if flow is None else flow.grid
         self._field_grid = scenario.field.grid
         self._waves, times = self._draw_eddies(scenario, settings.seed)
         self._times = np.concatenate([[GUST_TIME], times, times])
@@ -115,6 +136,12 @@ class Water:
         return velocities
 
     @property
+    def parts(self) -> WaterParts:
+        """What the water is made of, for other backends."""
+        flow, eddies = (self._flow_grid, self._flow_scale), (self._waves, self._eddy_scale)
+        return WaterParts(self._uniform, *flow, *eddies, self._times, self._swell)
+
+    @property
     def _arrays(self) -> tuple[object, ...]:
         """What compiled functions read, in the order of `_water_velocity`."""
         flow = self._flow_scale * (1.0 + GUST_SIZE * self._coefficients[0])
@@ -136,9 +163,9 @@ def _strength(current: Current) -> float:
     return float(current) if np.ndim(current) == 0 else 0.0  # type: ignore[arg-type]
 
 
-def _no_grid(rank: int) -> tuple[Array, Array, Array, float]:
+def _no_grid() -> tuple[Array, Array, Array, float]:
     """Return the grid of a flow that is still everywhere."""
-    samples = np.zeros((1,) + (1,) * rank, dtype=np.float32)
+    samples = np.zeros((1, 1, 1, 1, 3), dtype=np.float32)
     return np.zeros((0, 0, 0), dtype=np.int32), samples, np.zeros(3), 1.0  # type: ignore[return-value]
 
 

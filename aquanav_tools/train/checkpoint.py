@@ -21,10 +21,10 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from aquanav_tools.errors import InputError, TrainingError
 from aquanav_tools.store import check_room, write_whole
-from aquanav_tools.train.environments import TrainingEnvs
+from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.learners import parameters_of, set_parameters
 
-FORMAT = 1
+FORMAT = 2
 CHECKPOINT_FILE = "checkpoint.pt"
 REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of SB3's replay buffer."""
@@ -79,9 +79,8 @@ def read_checkpoint(folder: Path) -> Checkpoint | None:
         ) from cause
 
 
-def learner_state(learner: BaseAlgorithm, envs: TrainingEnvs, scale: VecNormalize) -> dict[str, Any]:
+def learner_state(learner: BaseAlgorithm, envs: Resumable, scale: VecNormalize) -> dict[str, Any]:
     """Return what a learner's future depends on, between two updates."""
-    moments = envs.moments()
     state = {
         "parameters": parameters_of(learner),
         "generators": _generators(learner),
@@ -91,8 +90,7 @@ def learner_state(learner: BaseAlgorithm, envs: TrainingEnvs, scale: VecNormaliz
         "episode_starts": torch.from_numpy(np.array(learner._last_episode_starts)),
         "returns": torch.from_numpy(scale.returns.copy()),
         "spread": spread_of(scale),
-        "starts": [moment["generator"] for moment in moments],
-        "actions": [torch.from_numpy(moment["actions"].copy()) for moment in moments],
+        "environments": envs.state(),
     }
     if hasattr(learner, "_last_lstm_states"):
         state["lstm"] = [tensor.clone() for pair in learner._last_lstm_states for tensor in pair]
@@ -104,7 +102,7 @@ def learner_state(learner: BaseAlgorithm, envs: TrainingEnvs, scale: VecNormaliz
     return state
 
 
-def restore_learner(learner: Any, envs: TrainingEnvs, scale: VecNormalize, state: dict[str, Any]) -> None:
+def restore_learner(learner: Any, envs: Resumable, scale: VecNormalize, state: dict[str, Any]) -> None:
     """Bring a new learner, with new environments, to where the state was taken.
 
     Raises:
@@ -112,8 +110,7 @@ def restore_learner(learner: Any, envs: TrainingEnvs, scale: VecNormalize, state
     """
     set_parameters(learner, state["parameters"])
     learner.num_timesteps, learner._n_updates = state["num_timesteps"], state["num_updates"]
-    pairs = zip(state["starts"], state["actions"], strict=True)
-    observations = envs.rewind([{"generator": start, "actions": actions.numpy()} for start, actions in pairs])
+    observations = envs.restore(state["environments"])
     if not np.array_equal(observations, state["observations"].numpy()):
         raise TrainingError(
             "The environments do not come back to where the checkpoint left them, so the run cannot go on as it would "

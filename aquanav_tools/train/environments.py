@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+import torch
 from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.scenario.schema import Scenario
@@ -21,8 +22,23 @@ from aquanav_tools.train.settings import TrainSettings
 from aquanav_tools.train.workers import Worker
 
 
+@runtime_checkable
+class Resumable(Protocol):
+    """Environments that can be brought back to where they were."""
+
+    def state(self) -> dict[str, Any]:
+        """Return where all environments are, as tensors and texts."""
+
+    def restore(self, state: dict[str, Any]) -> Floats:
+        """Go back to where `state` was taken, also by other environments of the same task.
+
+        Returns:
+            (N, size) the observations there.
+        """
+
+
 class TrainingEnvs(VecEnv):
-    """All environments of a lesson."""
+    """All environments of a lesson, in PyBullet."""
 
     def __init__(self, scenario: Scenario, settings: TrainSettings, num_workers: int) -> None:
         """Make the environments; with no workers, in this process."""
@@ -60,12 +76,18 @@ class TrainingEnvs(VecEnv):
         observations, rewards, dones, infos = zip(*parts, strict=True)
         return np.concatenate(observations), np.concatenate(rewards), np.concatenate(dones), _joined(infos)
 
-    def moments(self) -> list[Moment]:
-        """Return where each environment is, to come back there by `rewind`."""
-        return self._crew.moments() if self._crew is not None else _joined(self._ask_all("moments"))
+    def state(self) -> dict[str, Any]:
+        """Return where each environment is: its generator at the episode's start, and the actions since."""
+        moments = self._crew.moments() if self._crew is not None else _joined(self._ask_all("moments"))
+        return {
+            "starts": [moment["generator"] for moment in moments],
+            "actions": [torch.from_numpy(moment["actions"].copy()) for moment in moments],
+        }
 
-    def rewind(self, moments: list[Moment]) -> Floats:
-        """Bring each environment to a moment; return the observations there."""
+    def restore(self, state: dict[str, Any]) -> Floats:
+        """Bring each environment back to where it was; return the observations there."""
+        pairs = zip(state["starts"], state["actions"], strict=True)
+        moments: list[Moment] = [{"generator": start, "actions": actions.numpy()} for start, actions in pairs]
         if self._crew is not None:
             return self._crew.rewind(moments)
         return np.concatenate(self._ask_all("rewind", moments))

@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import Checkpoint, learner_state
-from aquanav_tools.train.environments import TrainingEnvs
+from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
@@ -95,7 +95,7 @@ class Keeper(BaseCallback):
 
     def _save(self, is_lesson_over: bool) -> None:
         scale: Any = self.training_env
-        assert isinstance(scale, VecNormalize) and isinstance(scale.venv, TrainingEnvs)
+        assert isinstance(scale, VecNormalize) and isinstance(scale.venv, Resumable)
         state = learner_state(self.model, scale.venv, scale)
         checkpoint = Checkpoint(self._lesson, is_lesson_over, state, self._journal.as_table())
         self._record.write(

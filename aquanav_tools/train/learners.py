@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise
@@ -20,6 +20,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.train.settings import OFF_POLICY, TrainSettings
+from aquanav_tools.train.update import LeanPPO
 
 EXPLORATION = 0.1
 """Standard deviation of the noise on td3's actions; the value of its authors (Fujimoto et al. 2018)."""
@@ -34,7 +35,7 @@ def class_of(algorithm: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": PPO, "sac": SAC, "td3": TD3}[algorithm]
+    return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": LeanPPO, "sac": SAC, "td3": TD3}[algorithm]
 
 
 def make_learner(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlgorithm:

@@ -27,7 +27,7 @@ FORMAT = 2
 POLICY_FILE, BEST_FILE = "policy.zip", "best.zip"
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
-LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch")
+LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
 FREE = ("workers", "checkpoint_every")
 """Settings of the run that change neither the policy nor what is told of it."""
 OWN_FILES = (

@@ -104,13 +104,21 @@ class RunSettings:
     """Decisions between two trials; the first update after a multiple of these is tried."""
     checkpoint_every: int = 100_000
     """Decisions between two checkpoints. A run that was killed goes on from the last one."""
+    backend: Literal["pybullet", "batch"] = "pybullet"
+    """Where the vehicles swim while learning: PyBullet, which judges them too; or all of them in one batch of Warp
+    kernels, faster by several times with hundreds of them (num_envs). Validation is PyBullet's in any case."""
     workers: int = 0
-    """Processes that share the environments; 0 runs them in the process that learns. The result is the same."""
+    """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
 
     def __post_init__(self) -> None:
         for name in ("validation_episodes", "validate_every", "checkpoint_every"):
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
         _check(0 <= self.workers <= 256, f"workers is {self.workers}; choose 0 to 256.")
+        _check(
+            self.workers == 0 or self.backend == "pybullet",
+            f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "
+            "backend pybullet.",
+        )
 
 
 def _check(is_right: bool, message: str) -> None:

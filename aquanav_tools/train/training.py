@@ -14,10 +14,12 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
+from aquanav_tools.envs.batch_task import check_batched
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.store import locked, told_when_full
+from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
@@ -28,6 +30,7 @@ from aquanav_tools.train.learners import inherit, make_learner, parameters_of
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.presenting import REPORT_FILE, present
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.validation import Trial, Validation
 
 
@@ -68,6 +71,9 @@ def train(
         ResourceError: the disk is full, or a worker was killed.
         TrainingError: learning diverged.
     """
+    if pipeline.run.backend == "batch":
+        for lesson in pipeline.lessons:
+            check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     scenarios = [scenario or read_scenario(lesson.scenario) for lesson in pipeline.lessons]
     trials_in = [read_scenario(name) for name in pipeline.run.validation]
@@ -127,7 +133,7 @@ def _learn(
 ) -> _Learned:
     """Return what has been learned after one lesson."""
     settings, journal = run.pipeline.lessons[number], run.journal
-    with closing(TrainingEnvs(scenario, settings, run.pipeline.run.workers)) as envs:
+    with closing(_environments(run.pipeline.run, settings, scenario)) as envs:
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
         learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number))
         if checkpoint is not None:
@@ -141,6 +147,12 @@ def _learn(
             keeper = Keeper(run.pipeline, number, run.record, journal, validation, run.bar)
             _go_on(learner, settings.steps - learner.num_timesteps, keeper)
         return _Learned(parameters_of(learner), spread_of(scale))
+
+
+def _environments(run: RunSettings, settings: TrainSettings, scenario: Scenario) -> TrainingEnvs | BatchedEnvs:
+    if run.backend == "batch":
+        return BatchedEnvs(scenario, settings)
+    return TrainingEnvs(scenario, settings, run.workers)
 
 
 def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:

@@ -1,119 +1,143 @@
-"""Measure training: decisions per second with one and two torch threads, and with the environments in several places.
+"""Measure training: what collecting decisions costs in several places, and what learning from them costs.
 
-    python eval/benchmarks/train.py [--scenario cave-train-1] [--rollouts 3] [--num-envs 16] [--places here batch]
+    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 lean batch512]
 
-Each row trains PPO with the original's network and settings (3 x 128 swish, buffer 20480, batch 1024, 5 epochs) for
-some updates and tells its two halves apart: collecting decisions, and learning from them. "here" are PyBullet's
-environments in the process that learns, "workers" in two further processes (aquanav-train --workers 2), "subproc"
-SB3's SubprocVecEnv with a process each, "batch" the Warp batch (envs/sb3_env.py), in still water.
+Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480, batch 1024, 5 epochs). Collecting:
+"here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
+--workers 2), "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train
+--backend batch). Learning, from one buffer: "sb3" is Stable-Baselines3's own update, "lean" ours (train/update.py),
+"lean-2" on two torch threads, "lean-bf16" with its networks in bfloat16, "lean-compiled" with them compiled (for which
+a C++ compiler is needed), "sb3-4096" and "lean-4096" with minibatches of 4096.
 
-Rates are per second of wall time and per second of processor time, that of child processes included. The machine's load
-is told too: on a busy one, wall time says little.
+All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
+are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where
+others use the machine too.
 """
 
 from __future__ import annotations
 
 import argparse
+import copy
+import dataclasses
 import os
 import time
 from collections.abc import Callable
-from contextlib import closing
 from typing import Any
 
 import numpy as np
 import psutil
 import torch
+from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
-from aquanav_tools.envs.sb3_env import CaveVecEnv
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.crew import make_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.train.update import LeanPPO
 
-BATCHED = 512
+Action = Callable[[], None]
+PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
+LEARNERS = ("sb3", "lean", "lean-2", "lean-bf16", "lean-compiled", "sb3-4096", "lean-4096")
+PYBULLET_ENVS = 16
 
 
-class Halves(BaseCallback):
-    """Times collecting and learning apart; the first rollout, in which functions are compiled, does not count."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.spent = {"collect": np.zeros(2), "learn": np.zeros(2)}
-        """Wall and processor time, s."""
-        self.rollouts = -1
-        self._began = clocks()
-
-    def _on_rollout_start(self) -> None:
-        self._count("learn")
-
-    def _on_rollout_end(self) -> None:
-        self.rollouts += 1
-        self._count("collect")
-
-    def _on_training_end(self) -> None:
-        self._count("learn")
+class Watch(BaseCallback):
+    """Lets SB3 collect; nothing else happens."""
 
     def _on_step(self) -> bool:
         return True
 
-    def _count(self, half: str) -> None:
-        now = clocks()
-        if self.rollouts > 0:
-            self.spent[half] += now - self._began
-        self._began = now
+
+class HalfPrecisionPPO(LeanPPO):
+    """The lean update with its networks in bfloat16."""
+
+    def _loss(self, part: Any, clip: float) -> Any:
+        with torch.autocast("cpu", torch.bfloat16):
+            return super()._loss(part, clip)
 
 
-def clocks() -> np.ndarray:
-    """Return wall time and the processor time of this process and its children, s."""
+def cpu_seconds() -> float:
     own = psutil.Process()
-    processes = [own, *own.children(recursive=True)]
-    return np.array([time.perf_counter(), sum(sum(process.cpu_times()[:2]) for process in processes)])
+    return sum(sum(process.cpu_times()[:2]) for process in [own, *own.children(recursive=True)])
 
 
-def measure(envs: Any, settings: TrainSettings, num_threads: int) -> str:
-    torch.set_num_threads(num_threads)
-    halves = Halves()
+def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple[Any, Action]:
+    """Return a learner with environments in a place, and what collects a buffer with it."""
+    if place.startswith("batch"):
+        settings = dataclasses.replace(settings, num_envs=int(place.removeprefix("batch")))
+        envs: Any = BatchedEnvs(scenario, settings)
+    elif place == "subproc":
+        envs = SubprocVecEnv([lambda: make_env(scenario, settings)] * settings.num_envs)
+    else:
+        envs = TrainingEnvs(scenario, settings, 2 if place == "workers" else 0)
     learner: Any = make_learner(VecNormalize(envs, norm_obs=False), settings, seed=0)
-    learner.learn(settings.steps, callback=halves, log_interval=None)
-    decisions = halves.rollouts * settings.buffer
-    spent = [halves.spent["collect"], halves.spent["learn"], halves.spent["collect"] + halves.spent["learn"]]
-    return " ".join(f"{decisions / seconds[clock]:>11,.0f}" for clock in (0, 1) for seconds in spent)
+    _, callback = learner._setup_learn(settings.buffer, Watch(), True, "", False)
+
+    def collect() -> None:
+        torch.set_num_threads(1)
+        learner.collect_rollouts(learner.env, callback, learner.rollout_buffer, learner.n_steps)
+
+    return learner, collect
 
 
-def places(scenario: Scenario, settings: TrainSettings, batch: TrainSettings) -> dict[str, Callable[[], Any]]:
-    return {
-        "here": lambda: TrainingEnvs(scenario, settings, 0),
-        "workers": lambda: TrainingEnvs(scenario, settings, 2),
-        "subproc": lambda: SubprocVecEnv([lambda: make_env(scenario, settings)] * settings.num_envs),
-        "batch": lambda: CaveVecEnv(scenario, batch.num_envs, observation="paper", reward="dense", current=(0, 0, 0)),
-    }
+def learning(name: str, full: Any) -> Action:
+    """Return what learns once from a full buffer, which is kept as it is."""
+    kinds = {"sb3": PPO, "lean-bf16": HalfPrecisionPPO, "sb3-4096": PPO}
+    learner: Any = copy.copy(full)
+    learner.__class__ = kinds.get(name, LeanPPO)
+    learner.policy = copy.deepcopy(full.policy)
+    learner.policy.optimizer = torch.optim.Adam(learner.policy.parameters(), lr=3e-4, eps=1e-5)
+    learner.batch_size = 4096 if name.endswith("4096") else full.batch_size
+    if name == "lean-compiled":
+        learner.policy.mlp_extractor.forward = torch.compile(learner.policy.mlp_extractor.forward)
+
+    def learn() -> None:
+        torch.set_num_threads(2 if name == "lean-2" else 1)
+        learner.rollout_buffer = copy.deepcopy(full.rollout_buffer)  # SB3's update turns the arrays around
+        learner.train()
+
+    return learn
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="cave-train-1")
-    parser.add_argument("--rollouts", type=int, default=3)
-    parser.add_argument("--num-envs", type=int, default=16)
-    parser.add_argument("--places", nargs="+", default=["here", "workers", "subproc", "batch"])
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--only", nargs="+", choices=PLACES + LEARNERS, default=PLACES + LEARNERS, metavar="NAME")
     options = parser.parse_args()
     scenario = read_scenario(options.scenario)
-    common: dict[str, Any] = {"observation": "paper", "reward": "dense", "current": "still"}
-    steps = 20_480 * (options.rollouts + 1)
-    settings = TrainSettings(steps=steps, num_envs=options.num_envs, **common)
-    batch = TrainSettings(steps=steps, num_envs=BATCHED, **common)
-    print(f"{scenario.name}, {options.num_envs} environments ({BATCHED} in the batch), {os.cpu_count()} processors")
-    names = [f"{half}/{unit}" for unit in ("s", "CPU-s") for half in ("collect", "learn", "both")]
-    print(f"{'environments':<13}{'threads':>7} {' '.join(f'{name:>11}' for name in names)}  load")
-    known = places(scenario, settings, batch)
-    for place in options.places:
-        for num_threads in (1, 2) if place in ("here", "batch") else (1,):
-            with closing(known[place]()) as envs:
-                row = measure(envs, batch if place == "batch" else settings, num_threads)
-            print(f"{place:<13}{num_threads:>7} {row}  {os.getloadavg()[0]:.1f}", flush=True)
+    settings = TrainSettings(observation="paper", reward="dense", current="still", num_envs=PYBULLET_ENVS)
+    actions: dict[str, Action] = {}
+    learners = []
+    for place in (place for place in PLACES if place in options.only):
+        learner, actions[f"collect {place}"] = collecting(place, scenario, settings)
+        learners.append(learner)
+    names = [name for name in LEARNERS if name in options.only]
+    if names:
+        full, collect = collecting("batch512", scenario, settings)
+        learners.append(full)
+        collect()
+        actions |= {f"learn {name}": learning(name, full) for name in names}
+    print(f"{scenario.name}, {os.cpu_count()} processors, {options.rounds} rounds, load {os.getloadavg()[0]:.1f}")
+    spent = {name: np.zeros(2) for name in actions}
+    for turn in range(options.rounds + 1):
+        for name, act in actions.items():
+            before = np.array([time.perf_counter(), cpu_seconds()])
+            act()
+            if turn > 0:
+                spent[name] += np.array([time.perf_counter(), cpu_seconds()]) - before
+    print(f"| {'':<22} | decisions/CPU-s | CPU-us/decision | decisions/s |\n|---|---|---|---|")
+    for name, (wall, cpu) in spent.items():
+        num = options.rounds * settings.buffer
+        print(f"| {name:<22} | {num / cpu:>15,.0f} | {1e6 * cpu / num:>15.1f} | {num / wall:>11,.0f} |")
+    print(f"load {os.getloadavg()[0]:.1f}")
+    for learner in learners:
+        learner.env.close()
 
 
 if __name__ == "__main__":

@@ -101,6 +101,14 @@ def with_contact(contacts: Contacts, hull: Hull, mesh: wp.uint64, offset: wp.vec
 
 
 @wp.func
+def is_beyond(place: wp.vec3, nose: wp.vec3, distance: float):
+    """Return whether a place, relative to the middle, is farther than `distance` from the capsule's axis."""
+    share = wp.clamp(wp.dot(place, nose) / wp.dot(nose, nose), -1.0, 1.0)
+    offset = place - share * nose
+    return wp.dot(offset, offset) > distance * distance
+
+
+@wp.func
 def find_contacts(state: State, hull: Hull, mesh: wp.uint64, middle: wp.vec3d):
     """Return the hull's points near the mesh, nearest to the axis's two ends and to what lies between them."""
     centre, nose = wp.vec3(state.position - middle), wp.vec3(nose_of(state, hull))
@@ -124,6 +132,8 @@ def find_contacts(state: State, hull: Hull, mesh: wp.uint64, middle: wp.vec3d):
             for side in range(3):
                 a = points[indices[3 * face + side]]
                 b = points[indices[3 * face + (side + 1) % 3]]
+                if is_beyond(0.5 * (a + b) - centre, nose, nearest + 0.5 * wp.length(b - a)):
+                    continue
                 apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
                 if apart[2] < nearest and apart[0] > 0.0 and apart[0] < 1.0:
                     nearest, share, edge_face = apart[2], apart[0], face

@@ -18,15 +18,16 @@ from aquanav_tools.sim.batch.fleet_arrays import (
     Fans,
     Fleet,
     TaskNumbers,
-    Water,
     make_craft,
     make_rules,
     make_starts,
 )
 from aquanav_tools.sim.batch.guide import make_panels
 from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.water import make_water
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.water import Water
 from aquanav_tools.types import Array, Mesh
 
 RaySource = Literal["field", "mesh"]
@@ -53,7 +54,8 @@ class BatchWorld:
         task: TaskNumbers,
         num: int,
         *,
-        current: Array,
+        water: Water,
+        current_range: tuple[float, float] = (1.0, 1.0),
         rays: RaySource = "field",
         next_step: bool = True,
         device: str = "cpu",
@@ -66,7 +68,8 @@ class BatchWorld:
             vehicle: Moves and collides as all of them do.
             task: What is observed and paid for, and when episodes end.
             num: Number of vehicles.
-            current: (3,) uniform velocity of the water, world, m/s.
+            water: Its currents and waves; each vehicle has gusts and eddies of its own.
+            current_range: Between which each episode draws its share of the water's velocity.
             rays: Traced through the distance field, or cast exactly against the mesh.
             next_step: Whether an ended episode's successor begins at the next step (its command is not used then), or
                 in the same one.
@@ -89,9 +92,11 @@ class BatchWorld:
         self._starts = make_starts(scenario, vehicle, self.device)
         self._rules = make_rules(task, scenario, next_step, self.device)
         self._grid, self._panels = make_grid(scenario.field, self.device), make_panels(scenario.guide, self.device)
-        self._water, self._fans, self._middle = Water(), _make_fans(rays, self.device), wp.vec3d(*middle)
-        self._water.uniform = wp.vec3d(*current)
-        self.fleet = _make_fleet(num, task.size, self._starts.extra.shape[1], self.device)
+        self._fans, self._middle = _make_fans(rays, self.device), wp.vec3d(*middle)
+        limits = scenario.settings.limits
+        self._water = make_water(water, current_range, limits.dt * limits.substeps, self.device)
+        widths = {"extra": self._starts.extra.shape[1], "eddies": self._water.kept.shape[0]}
+        self.fleet = _make_fleet(num, task.size, widths, self.device)
         self._num_slices = _num_slices(num, num_threads) if self.device.is_cpu else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         self._decision, self._beginning = self._record()
@@ -136,6 +141,15 @@ class BatchWorld:
         """Return an array of `Fleet` as a torch tensor in the same memory, which changes with each step."""
         return wp.to_torch(getattr(self.fleet, name))
 
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all that the future depends on beside the commands: an array for each field of `Fleet`."""
+        return {name: np.array(self.as_numpy(name)) for name in Fleet.vars}  # type: ignore[attr-defined]
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
+        for name, values in state.items():
+            getattr(self.fleet, name).assign(values)
+
     def close(self) -> None:
         """End the threads. Closing twice does nothing."""
         if self._threads is not None:
@@ -163,8 +177,8 @@ class BatchWorld:
             move = self._launch_of(kernels.move, num, where)
             sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
             score = self._launch_of(kernels.score, num, [first, fleet, rules])
-            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, self._starts, craft])
-            again = self._launch_of(kernels.restart, num, [first, 0, fleet, self._starts, craft])
+            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, self._starts, craft, self._water])
+            again = self._launch_of(kernels.restart, num, [first, 0, fleet, self._starts, craft, self._water])
             look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
             decision.append([move, sense, score] if self._next_step else [move, sense, score, again, look_again])
             beginning.append([anew, sense, score])
@@ -200,9 +214,10 @@ def _make_fans(rays: RaySource, device: Any) -> Fans:
     return fans
 
 
-def _make_fleet(num: int, size: int, num_extra: int, device: Any) -> Fleet:
+def _make_fleet(num: int, size: int, widths: dict[str, int], device: Any) -> Fleet:
+    """Return the arrays of N vehicles; `widths` are those of what depends on the vehicle's model and the water."""
     fleet = Fleet()
-    shapes = {"seed": (1,), "commands": (num, 3), "extra": (num, num_extra), "terms": (num, 7)}
+    shapes = {"seed": (1,), "commands": (num, 3), "terms": (num, 7)} | {name: (num, n) for name, n in widths.items()}
     shapes |= {"observations": (num, size), "final_observations": (num, size)}
     for name, field in Fleet.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
         array = wp.zeros(shapes.get(name, (num,)), dtype=field.type.dtype, device=device)

@@ -101,13 +101,6 @@ def _make_hull(scenario: Scenario, vehicle: Vehicle) -> Hull:
 
 
 @wp.struct
-class Water:
-    """The water's own motion. `kernels.current_at` reads it; a flow field belongs here."""
-
-    uniform: wp.vec3d
-
-
-@wp.struct
 class Starts:
     """Where episodes begin."""
 
@@ -209,6 +202,13 @@ class Fleet:
     """Thrusters' forces, or the height of the water's surface."""
     levels: wp.array(dtype=f64)
     currents: wp.array(dtype=wp.vec3d)
+    """Of the water where the last decision began, m/s."""
+    shares: wp.array(dtype=f64)
+    """Of the water's velocity that this episode has."""
+    phases: wp.array(dtype=f64)
+    """Of the waves on the surface, rad."""
+    eddies: wp.array2d(dtype=f64)
+    """(N, C) coefficients of the gusts and eddies around each vehicle."""
     gates: wp.array(dtype=wp.int32)
     remaining: wp.array(dtype=f64)
     gained: wp.array(dtype=f64)

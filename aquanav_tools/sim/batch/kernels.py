@@ -6,12 +6,13 @@ import warp as wp
 
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
 from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, traced
-from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts, Water
+from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
-from aquanav_tools.sim.batch.random import choice, draw
+from aquanav_tools.sim.batch.random import START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
 
 wp.set_module_options(OPTIONS)
 
@@ -22,17 +23,11 @@ NUM_RAYS = wp.constant(28)
 
 
 @wp.func
-def current_at(water: Water, position: wp.vec3d):
-    """Return the velocity of the water at a place, world frame, m/s."""
-    return water.uniform
-
-
-@wp.func
-def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft):
+def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
     """Put vehicle `i` at rest at the start of its next episode."""
     start = fleet.wanted_starts[i]
     if start < 0:
-        start = choice(draw(fleet.seed[0], i, fleet.episodes[i], 0), starts.gates.shape[0])
+        start = choice(words(fleet.seed[0], i, fleet.episodes[i], START)[0], starts.gates.shape[0])
     fleet.wanted_starts[i] = -1
     fleet.start_indices[i] = start
     fleet.episodes[i] = fleet.episodes[i] + 1
@@ -52,6 +47,10 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft):
     fleet.outcomes[i] = 0
     fleet.restarted[i] = 1
     fleet.returns[i] = 0.0
+    fleet.shares[i] = drawn_share(water, fleet.seed[0], i, fleet.episodes[i])
+    if water.is_constant == 0:
+        fleet.phases[i] = drawn_phase(fleet.seed[0], i, fleet.episodes[i])
+        stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], 0)
     for n in range(3):
         fleet.commands[i, n] = 0.0
 
@@ -76,7 +75,10 @@ def glide(
     state.position = fleet.positions[i]
     state.orientation = fleet.orientations[i]
     state.velocity = fleet.velocities[i]
-    current = current_at(water, state.position)
+    current = fleet.shares[i] * water.uniform
+    if water.is_constant == 0:
+        share, phase = fleet.shares[i], fleet.phases[i]
+        current = current_at(water, grid, fleet.eddies, share, phase, i, state.position)
     fleet.currents[i] = current
     ballast, steer, ahead = f64(fleet.commands[i, 0]), f64(fleet.commands[i, 1]), f64(fleet.commands[i, 2])
     controls = craft.controls
@@ -124,7 +126,7 @@ def move(
     """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
     i = fleet.order[first + wp.tid()]
     if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, starts, craft)
+        begin(i, fleet, starts, craft, water)
         return
     state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
     fleet.positions[i] = state.position
@@ -142,6 +144,9 @@ def move(
         fleet.collisions[i] = fleet.collisions[i] + 1
     fleet.is_touching[i] = is_touching
     fleet.decisions[i] = fleet.decisions[i] + 1
+    if water.is_constant == 0:
+        fleet.phases[i] = fleet.phases[i] + water.phase_step
+        stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], fleet.decisions[i])
     outcome = int(0)
     if rules.ends_on_collision == 1 and is_touching == 1:
         outcome = COLLISION
@@ -283,12 +288,12 @@ def score(first: int, fleet: Fleet, rules: Rules):
 
 
 @wp.kernel
-def restart(first: int, anew: int, fleet: Fleet, starts: Starts, craft: Craft):
+def restart(first: int, anew: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = fleet.order[first + wp.tid()]
     if anew == 1:
-        begin(i, fleet, starts, craft)
+        begin(i, fleet, starts, craft, water)
     elif fleet.outcomes[i] > 0:
         for n in range(fleet.observations.shape[1]):
             fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, starts, craft)
+        begin(i, fleet, starts, craft, water)

@@ -16,13 +16,13 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 u32 = wp.uint32
-START = 0
-"""Purpose: which start an episode begins at."""
+START, SHARE, SWELL, EDDIES = 0, 1, 2, 16
+"""Purposes: where an episode begins; its share of the current; its waves' phase; from here on its eddies."""
 
 
 @wp.func
-def draw(seed: int, vehicle: int, episode: int, purpose: int):
-    """Return 32 random bits."""
+def words(seed: int, vehicle: int, episode: int, purpose: int):
+    """Return four times 32 random bits."""
     a, c = u32(1664525), u32(1013904223)
     x, y = u32(seed) * a + c, u32(vehicle) * a + c
     z, w = u32(episode) * a + c, u32(purpose) * a + c
@@ -33,7 +33,21 @@ def draw(seed: int, vehicle: int, episode: int, purpose: int):
         w += y * z
         if n == 0:
             x, y, z, w = x ^ (x >> u32(16)), y ^ (y >> u32(16)), z ^ (z >> u32(16)), w ^ (w >> u32(16))
-    return x
+    return wp.vec4ui(x, y, z, w)
+
+
+@wp.func
+def share_of_one(bits: wp.uint32):
+    """Return a number evenly drawn from the open interval between 0 and 1."""
+    return (float(bits >> u32(8)) + 0.5) * 5.9604645e-8  # 2^-24
+
+
+@wp.func
+def normal_pair(first: wp.uint32, second: wp.uint32):
+    """Return two independent standard normal numbers (Box and Muller)."""
+    radius = wp.sqrt(-2.0 * wp.log(share_of_one(first)))
+    angle = 6.2831853 * share_of_one(second)
+    return wp.vec2(radius * wp.cos(angle), radius * wp.sin(angle))
 
 
 @wp.func
@@ -43,7 +57,7 @@ def choice(bits: wp.uint32, count: int):
 
 
 def draw_many(seed: int, vehicles: npt.NDArray[np.int64], episode: int, purpose: int) -> npt.NDArray[np.uint32]:
-    """Return `draw` for (N,) vehicles, computed by NumPy."""
+    """Return the first of `words` for (N,) vehicles, computed by NumPy."""
     parts = np.stack([np.full_like(vehicles, seed), vehicles, *np.full((2, len(vehicles)), [[episode], [purpose]])])
     x, y, z, w = parts.astype(np.uint32) * np.uint32(1664525) + np.uint32(1013904223)
     for n in range(2):

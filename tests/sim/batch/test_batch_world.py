@@ -47,7 +47,7 @@ def vehicle_of(name: str) -> Vehicle:
 
 @pytest.mark.parametrize("name", ["bluerov2", "bluerov2-heavy", "original-auv", "boat", "coupled"])
 def test_every_model_moves_as_the_reference_does(name: str, tube: Scenario, rng: np.random.Generator) -> None:
-    vehicle, num, current = vehicle_of(name), 6, np.array([0.06, -0.02, 0.01])
+    vehicle, num, current = vehicle_of(name), 6, (0.06, -0.02, 0.01)
     world = make_world(enlarged(tube, 20.0), vehicle, num, current=current)
     middle = np.tile([200.0, 0.0, 0.0], (num, 1))
     turns = np.array([yaw_quaternion(yaw) for yaw in rng.uniform(-3, 3, num)])
@@ -63,7 +63,7 @@ def test_every_model_moves_as_the_reference_does(name: str, tube: Scenario, rng:
         state[13:] = world.as_numpy("extra")[n, : len(state) - 13] if name == "original-auv" else state[13:]
         for command in commands[:, n].astype(np.float32).astype(np.float64):
             for wrench in actuators.apply(*command):
-                state = advance(state, wrench, current, parameters, dt)
+                state = advance(state, wrench, np.array(current), parameters, dt)
         assert np.abs(world.as_numpy("positions")[n] - state[:3]).max() < 1e-9
         assert np.abs(world.as_numpy("orientations")[n] - state[3:7]).max() < 1e-9
         assert np.abs(world.as_numpy("velocities")[n] - state[7:13]).max() < 1e-9

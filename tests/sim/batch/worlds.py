@@ -6,13 +6,21 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.batch.fleet import BatchWorld
 from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.water import Water
 
 
-def make_world(scenario: Scenario, vehicle: Vehicle, num: int, has_goal: bool = True, **options: Any) -> BatchWorld:
+def make_world(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    num: int,
+    has_goal: bool = True,
+    current: Current = (0.0, 0.0, 0.0),
+    **options: Any,
+) -> BatchWorld:
     """Return a batch whose episodes go on through collisions, reset with seed 0 and the starts 0, 1, ... ."""
     settings = scenario.settings
     task = TaskNumbers(
@@ -25,7 +33,8 @@ def make_world(scenario: Scenario, vehicle: Vehicle, num: int, has_goal: bool = 
         entrance_height=0.0,
         size=44,
     )
-    world = BatchWorld(scenario, vehicle, task, num, **{"current": np.zeros(3), **options})
+    water = Water(scenario, current)
+    world = BatchWorld(scenario, vehicle, task, num, water=water, **options)
     world.reset(0, np.arange(num, dtype=np.int32) % len(scenario.starts))
     return world
 

@@ -1,0 +1,264 @@
+"""The moving water in Warp: the sums and processes of `sim/water.py`, in float64 as there.
+
+Every vehicle has water of its own: its episode's share of the current, and the coefficients of the gusts and eddies
+around it. They are drawn from what a number is for, so that a vehicle's water does not depend on the other vehicles.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from aquanav_tools.cave.water import field as water_field
+from aquanav_tools.sim import water as reference
+from aquanav_tools.sim import waves
+from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
+from aquanav_tools.sim.batch.random import EDDIES, SHARE, SWELL, normal_pair, share_of_one, words
+from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.types import Array
+
+wp.set_module_options(OPTIONS)
+
+f64 = wp.float64
+ROCK = wp.constant(water_field.ROCK)
+DEEP = wp.constant(wp.float64(waves.DEEP))
+GUST_SIZE = wp.constant(wp.float64(reference.GUST_SIZE))
+BLOCKS = wp.constant(16)
+"""Blocks of four random numbers that a decision may take; 33 coefficients need 9."""
+
+
+@wp.struct
+class Flow:
+    """A flow from portal to portal on the device."""
+
+    origin: wp.vec3d
+    spacing: f64
+    num: wp.vec3i
+    """Bricks along each axis."""
+    bricks: wp.array(dtype=wp.int32)
+    """Number of each brick; ROCK is still."""
+    samples: wp.array(dtype=wp.vec3)
+    """m/s."""
+
+
+@wp.struct
+class Swell:
+    """Waves on the surface, as `waves.wave_parameters` has them; with no amplitude there are none."""
+
+    along: wp.vec2d
+    number: f64
+    rate: f64
+    amplitude: f64
+    surface: f64
+    depth: f64
+
+
+@wp.struct
+class Water:
+    """The water of a batch."""
+
+    uniform: wp.vec3d
+    is_constant: wp.int32
+    """Whether the water has one velocity at all places and times."""
+    shares: wp.vec2d
+    """Between which an episode's share of the velocity is drawn."""
+    flow: Flow
+    flow_scale: f64
+    eddy_scale: f64
+    waves: wp.array2d(dtype=f64)
+    """(W, 8) as `eddies.draw_waves` has them."""
+    kept: wp.array(dtype=f64)
+    """(1 + 2 W) share of each coefficient that a decision leaves."""
+    fresh: wp.array(dtype=f64)
+    """(1 + 2 W) share of chance that comes in its place."""
+    swell: Swell
+    phase_step: f64
+    """Of the waves in a decision, rad."""
+
+
+def make_water(source: reference.Water, shares: tuple[float, float], duration: float, device: Any) -> Water:
+    """Return a scenario's water on a device.
+
+    Args:
+        source: The currents and waves.
+        shares: Between which each episode draws its share of the water's velocity.
+        duration: Of a decision, s.
+        device: Warp's.
+    """
+    water, parts = Water(), source.parts
+    water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(source.is_constant)
+    water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell)
+    water.shares, water.phase_step = wp.vec2d(*shares), water.swell.rate * duration
+    water.flow_scale, water.eddy_scale = parts.flow_scale, parts.eddy_scale
+    water.waves = wp.array(parts.waves, dtype=wp.float64, ndim=2, device=device)
+    kept = np.exp(-duration / parts.times)
+    water.kept = wp.array(kept, dtype=wp.float64, device=device)
+    water.fresh = wp.array(np.sqrt(1.0 - kept**2), dtype=wp.float64, device=device)
+    return water
+
+
+def _make_flow(grid: tuple[Any, Any, Array, float], device: Any) -> Flow:
+    flow = Flow()
+    bricks, samples, origin, flow.spacing = grid
+    flow.origin, flow.num = wp.vec3d(*origin), wp.vec3i(*bricks.shape)
+    flow.bricks = wp.array(bricks.ravel(), dtype=wp.int32, device=device)
+    flow.samples = wp.array(samples.reshape(-1, 3), dtype=wp.vec3, device=device)
+    return flow
+
+
+def _make_swell(parameters: Array) -> Swell:
+    swell = Swell()
+    swell.along = wp.vec2d(*parameters[:2])
+    swell.number, swell.rate, swell.amplitude, swell.surface, swell.depth = parameters[2:].tolist()
+    return swell
+
+
+@wp.func
+def drawn_share(water: Water, seed: int, vehicle: int, episode: int):
+    """Return the share of the water's velocity that an episode has."""
+    low, high = water.shares[0], water.shares[1]
+    if low == high:
+        return low
+    return low + (high - low) * f64(share_of_one(words(seed, vehicle, episode, SHARE)[0]))
+
+
+@wp.func
+def drawn_phase(seed: int, vehicle: int, episode: int):
+    """Return the phase of the waves at the beginning of an episode, rad."""
+    return f64(6.283185307179586) * f64(share_of_one(words(seed, vehicle, episode, SWELL)[0]))
+
+
+@wp.func
+def stir(coefficients: wp.array2d(dtype=f64), water: Water, seed: int, vehicle: int, episode: int, decision: int):
+    """Bring a vehicle's gusts and eddies to a decision: drawn at the first, and one decision older at all others."""
+    count = water.kept.shape[0]
+    for block in range((count + 3) // 4):
+        drawn = words(seed, vehicle, episode, EDDIES + BLOCKS * decision + block)
+        first, second = normal_pair(drawn[0], drawn[1]), normal_pair(drawn[2], drawn[3])
+        for place in range(4):
+            n = 4 * block + place
+            chance = first[0]
+            if place == 1:
+                chance = first[1]
+            elif place == 2:
+                chance = second[0]
+            elif place == 3:
+                chance = second[1]
+            if n < count:
+                if decision == 0:
+                    coefficients[vehicle, n] = f64(chance)
+                else:
+                    old = coefficients[vehicle, n]
+                    coefficients[vehicle, n] = water.kept[n] * old + water.fresh[n] * f64(chance)
+
+
+@wp.func
+def flow_at(flow: Flow, position: wp.vec3d):
+    """Return the flow's velocity at a place of the world, m/s, before it is scaled."""
+    place = (position - flow.origin) / flow.spacing
+    if place[0] < f64(0.0) or place[1] < f64(0.0) or place[2] < f64(0.0):
+        return wp.vec3d()
+    i, j, k = int(place[0]), int(place[1]), int(place[2])
+    x, y, z = i >> BITS, j >> BITS, k >> BITS
+    if x >= flow.num[0] or y >= flow.num[1] or z >= flow.num[2]:
+        return wp.vec3d()
+    brick = flow.bricks[(x * flow.num[1] + y) * flow.num[2] + z]
+    if brick == ROCK:
+        return wp.vec3d()
+    fx, fy, fz = place[0] - f64(i), place[1] - f64(j), place[2] - f64(k)
+    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    a = wp.lerp(wp.vec3d(flow.samples[n]), wp.vec3d(flow.samples[n + 1]), fz)
+    b = wp.lerp(wp.vec3d(flow.samples[n + ROW]), wp.vec3d(flow.samples[n + ROW + 1]), fz)
+    n += PLANE
+    c = wp.lerp(wp.vec3d(flow.samples[n]), wp.vec3d(flow.samples[n + 1]), fz)
+    d = wp.lerp(wp.vec3d(flow.samples[n + ROW]), wp.vec3d(flow.samples[n + ROW + 1]), fz)
+    return wp.lerp(wp.lerp(a, b, fy), wp.lerp(c, d, fy), fx)
+
+
+@wp.func
+def sloping_room(grid: Grid, position: wp.vec3d):
+    """Return the clearance at a place, m, and its gradient, as `eddies.slope` has them."""
+    place = (position - grid.origin) / grid.spacing
+    x = wp.clamp(place[0], f64(0.0), f64(grid.last[0]))
+    y = wp.clamp(place[1], f64(0.0), f64(grid.last[1]))
+    z = wp.clamp(place[2], f64(0.0), f64(grid.last[2]))
+    i, j, k = int(x), int(y), int(z)
+    fx, fy, fz = x - f64(i), y - f64(j), z - f64(k)
+    one = f64(1.0)
+    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
+    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    m = n + PLANE
+    a, b = f64(grid.samples[n]), f64(grid.samples[n + 1])
+    c, d = f64(grid.samples[n + ROW]), f64(grid.samples[n + ROW + 1])
+    e, f = f64(grid.samples[m]), f64(grid.samples[m + 1])
+    g, h = f64(grid.samples[m + ROW]), f64(grid.samples[m + ROW + 1])
+    ab, cd, ef, gh = a + (b - a) * fz, c + (d - c) * fz, e + (f - e) * fz, g + (h - g) * fz
+    low, high = ab + (cd - ab) * fy, ef + (gh - ef) * fy
+    along_y = (cd - ab) * (one - fx) + (gh - ef) * fx
+    along_z = ((b - a) * (one - fy) + (d - c) * fy) * (one - fx) + ((f - e) * (one - fy) + (h - g) * fy) * fx
+    return (low + (high - low) * fx) * grid.spacing, wp.vec3d(high - low, along_y, along_z)
+
+
+@wp.func
+def eddies_at(water: Water, grid: Grid, coefficients: wp.array2d(dtype=f64), vehicle: int, position: wp.vec3d):
+    """Return the eddies' velocity at a place, m/s, before it is scaled."""
+    room, away = sloping_room(grid, position)
+    width = water.waves[0, 7]
+    share = room / width
+    if share <= f64(0.0):
+        return wp.vec3d()
+    ramp, steep = f64(1.0), f64(0.0)
+    if share < f64(1.0):
+        ramp = share * share * (f64(3.0) - f64(2.0) * share)
+        steep = f64(6.0) * share * (f64(1.0) - share) / width
+    count = water.waves.shape[0]
+    potential, velocity = wp.vec3d(), wp.vec3d()
+    for n in range(count):
+        vector = wp.vec3d(water.waves[n, 0], water.waves[n, 1], water.waves[n, 2])
+        across = wp.vec3d(water.waves[n, 3], water.waves[n, 4], water.waves[n, 5])
+        angle = wp.dot(vector, position)
+        cosine, sine = wp.cos(angle), wp.sin(angle)
+        even, odd = coefficients[vehicle, 1 + n], coefficients[vehicle, 1 + count + n]
+        potential += (even * cosine + odd * sine) * across
+        velocity += (odd * cosine - even * sine) * wp.cross(vector, across)
+    return ramp * velocity + steep * wp.cross(away, potential)
+
+
+@wp.func
+def swell_at(swell: Swell, phase: f64, position: wp.vec3d):
+    """Return the velocity of the water under waves, m/s; a place in the air has that of the surface."""
+    k, zero = swell.number, f64(0.0)
+    below = wp.max(swell.surface - position[2], zero)
+    size = swell.rate * swell.amplitude
+    level, upright = size * wp.exp(-k * below), size * wp.exp(-k * below)
+    if k * swell.depth < DEEP:
+        above = wp.max(swell.depth - below, zero)
+        level = size * wp.cosh(k * above) / wp.sinh(k * swell.depth)
+        upright = size * wp.sinh(k * above) / wp.sinh(k * swell.depth)
+    angle = swell.along[0] * position[0] + swell.along[1] * position[1] - phase
+    towards = level * wp.cos(angle) / k
+    return wp.vec3d(towards * swell.along[0], towards * swell.along[1], upright * wp.sin(angle))
+
+
+@wp.func
+def current_at(
+    water: Water,
+    grid: Grid,
+    coefficients: wp.array2d(dtype=f64),
+    share: f64,
+    phase: f64,
+    vehicle: int,
+    position: wp.vec3d,
+):
+    """Return the velocity of a vehicle's water at a place, world frame, m/s; for water that is not constant."""
+    velocity = water.uniform
+    if water.flow_scale != f64(0.0):
+        gust = f64(1.0) + GUST_SIZE * coefficients[vehicle, 0]
+        velocity += water.flow_scale * gust * flow_at(water.flow, position)
+    if water.eddy_scale != f64(0.0):
+        velocity += water.eddy_scale * eddies_at(water, grid, coefficients, vehicle, position)
+    if water.swell.amplitude != f64(0.0):
+        velocity += swell_at(water.swell, phase, position)
+    return share * velocity

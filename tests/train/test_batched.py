@@ -1,0 +1,116 @@
+"""Training on the batch: the same run as on PyBullet, but for where the vehicles swim."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.schema import LimitSettings
+from aquanav_tools.train.batched import BatchedEnvs
+from aquanav_tools.train.episodes import SUMMARY
+from aquanav_tools.train.pipeline import read_pipeline
+from aquanav_tools.train.record import RunRecord
+from aquanav_tools.train.settings import RunSettings
+from aquanav_tools.train.training import train
+from tests.sim.test_water import flowing
+from tests.train.runs import TINY, learned, tiny_pipeline
+
+ON_BATCH = RunSettings(backend="batch", checkpoint_every=128)
+
+
+@pytest.fixture(scope="module")
+def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The tube with its flow and episodes of 40 decisions."""
+    settings = dataclasses.replace(flowing().settings, limits=LimitSettings(decisions=40))
+    folder = tmp_path_factory.mktemp("scenario") / "tube"
+    write_scenario(dataclasses.replace(flowing(), settings=settings), folder)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare a second for each run."""
+    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+
+
+def stop_after(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Stop the run right after the checkpoint of a number, from 1."""
+    write, written = RunRecord.write, []
+
+    def write_and_stop(*args: object, **kwargs: object) -> None:
+        write(*args, **kwargs)  # type: ignore[arg-type]
+        written.append(None)
+        if len(written) == number:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunRecord, "write", write_and_stop)
+
+
+@pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1)])
+def test_stopped_run_ends_as_one_that_never_stopped(
+    algorithm: str, checkpoint: int, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    action = "continuous" if algorithm == "sac" else "multidiscrete"
+    choices = {"action": action, "current": "full", "current_range": (0.5, 1.0), "steps": 256}
+    # Each lesson writes two checkpoints: the second is at its end.
+    pipeline = tiny_pipeline(tube, 2, ON_BATCH, algorithm=algorithm, **choices)
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, checkpoint)
+        train(pipeline, 3, tmp_path / "stopped")
+    train(pipeline, 3, tmp_path / "stopped")
+    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+
+
+def test_curve_tells_of_the_batchs_episodes_and_trials_are_flown_in_pybullet(tube: Path, tmp_path: Path) -> None:
+    run = dataclasses.replace(ON_BATCH, validation=(str(tube),), validation_episodes=2, validate_every=256)
+    trained = train(tiny_pipeline(tube, run=run, steps=256), 0, tmp_path)
+    assert trained.point.episodes == 4 * (256 // 4 // 40)  # 4 vehicles, 40 decisions each: none reaches the goal
+    assert trained.point.mean_length == 40.0
+    assert trained.best is not None and trained.best.steps == 256
+    assert (tmp_path / "best.zip").is_file()
+
+
+def test_ended_episodes_are_summed_up(tube: Path) -> None:
+    envs = BatchedEnvs(flowing(), dataclasses.replace(TINY, current="half", num_envs=4))
+    envs.seed(0)
+    envs.reset()
+    total = np.zeros(4)
+    for _ in range(2400):
+        _, rewards, dones, infos = envs.step(np.tile([1, 1, 2], (4, 1)))
+        total += rewards
+        for n in np.flatnonzero(dones):
+            summary = infos[n][SUMMARY]
+            assert summary.reward == pytest.approx(total[n], rel=1e-4)
+            assert summary.is_success == (infos[n]["outcome"] == "success")
+            assert summary.length == infos[n]["episode"]["l"]
+        if dones.any():
+            break
+    assert dones.any()
+    envs.close()
+
+
+def test_what_the_batch_cannot_do_is_refused_before_the_first_lesson(tube: Path, tmp_path: Path) -> None:
+    pipeline = tiny_pipeline(tube, 2, ON_BATCH)
+    lessons = (pipeline.lessons[0], dataclasses.replace(pipeline.lessons[1], sensor_noise=0.1))
+    with pytest.raises(InputError, match=r"no sensor_noise = 0.1.*--backend pybullet"):
+        train(dataclasses.replace(pipeline, lessons=lessons), 0, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(InputError, match=r"no batched observation preset 'original'"):
+        train(tiny_pipeline(tube, 1, ON_BATCH, observation="original"), 0, tmp_path / "run")
+
+
+def test_workers_are_refused_beside_the_batch() -> None:
+    with pytest.raises(InputError, match="workers is 2, and the batch runs in threads of its own"):
+        read_pipeline(None, {"scenario": "cave-train-1", "backend": "batch", "workers": 2})
+
+
+def test_the_papers_curriculum_is_shipped_for_the_batch() -> None:
+    pipeline, paper = read_pipeline("paper-batch", {}), read_pipeline("paper", {})
+    assert pipeline.run == dataclasses.replace(paper.run, backend="batch")
+    assert [dataclasses.replace(lesson, num_envs=16) for lesson in pipeline.lessons] == list(paper.lessons)
