@@ -40,7 +40,7 @@ class Hull:
     bow: float = 0.0
     """Length over which it comes to a point ahead, m."""
     position: Three = (0.0, 0.0, 0.0)
-    """Middle of the box around it, in the body frame, m."""
+    """Centroid of its outline and half its height, in the body frame, m: afloat alone it is level with x and y 0."""
 
     def __post_init__(self) -> None:
         check_positive("length, beam and height", self.length, self.beam, self.height)
@@ -54,8 +54,11 @@ class Hull:
         """(C, 2) from above, counter-clockwise, body frame, m."""
         x, y = 0.5 * self.length, 0.5 * self.beam
         corners = [[-x, -y], [x - self.bow, -y], [x, 0.0], [x - self.bow, y], [-x, y]]
-        outline: Array = np.array(corners if self.bow > 0.0 else corners[:2] + corners[3:]) + self.position[:2]
-        return outline
+        outline = np.array(corners if self.bow > 0.0 else corners[:2] + corners[3:])
+        block, tip = 2.0 * x - self.bow, 0.5 * self.bow  # a bow has half the area of a block as long
+        centroid = (block * (-0.5 * self.bow) + tip * (x - self.bow * 2.0 / 3.0)) / (block + tip)
+        placed: Array = outline + self.position[:2] - np.array([centroid, 0.0])
+        return placed
 
     @property
     def triangles(self) -> Mesh:
