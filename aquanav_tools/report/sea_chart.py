@@ -77,7 +77,8 @@ def _rock_patch(rock: Rock) -> Any:
 def _draw_goal(axes: Any, sea: SeaMap) -> None:
     from matplotlib.patches import Circle, Polygon
 
-    goal, look = sea.goal, {"facecolor": GOOD, "edgecolor": GOOD, "alpha": 0.6, "zorder": 2.5}
+    goal = sea.goal
+    look: dict[str, Any] = {"facecolor": GOOD, "edgecolor": GOOD, "alpha": 0.6, "zorder": 2.5}
     if len(goal.corners) > 1:
         axes.add_patch(Polygon(goal.corners, linewidth=2.0 + goal.tolerance, **look))
     else:

@@ -20,7 +20,7 @@ from aquanav_tools.sim.vehicle_base import (
     rest_state,
 )
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.types import Array, Mesh, Pose
+from aquanav_tools.types import Array, IntArray, Mesh, Pose
 
 BOAT_DIR = Path(__file__).parent / "boats"
 PANEL = 0.35
@@ -115,12 +115,12 @@ class Boat:
             raise ValueError("hulls must be at least one.")
 
     @cached_property
-    def surface(self) -> tuple[Array, Array]:
+    def surface(self) -> tuple[Array, IntArray]:
         """(V, 3) vertices in the body frame, m, and (F, 3) triangles of all hulls."""
         meshes = [hull.triangles for hull in self.hulls]
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
         faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
-        return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)  # type: ignore[return-value]
+        return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
 
     def motion_parameters(self) -> Array:
         """Return the parameters of `hydrodynamics.advance`, to which weight and panels are handed as a wrench."""
