@@ -1,0 +1,163 @@
+"""Boats are data: a TOML file each, in the folder `boats` beside this module or anywhere else. Hulls are prisms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.sim.hydrodynamics import pack_parameters
+from aquanav_tools.sim.vehicle_base import (
+    Six,
+    Three,
+    check_finite,
+    check_inertia,
+    check_not_negative,
+    check_positive,
+    rest_state,
+)
+from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.types import Array, IntArray, Mesh, Pose
+
+BOAT_DIR = Path(__file__).parent / "boats"
+PANEL = 0.35
+"""Longest side of a hull's triangles over its length: waves of twice that follow the hull; chosen."""
+
+
+@dataclass(frozen=True)
+class Hull:
+    """An upright prism with a pointed bow, or none."""
+
+    length: float
+    """m."""
+    beam: float
+    """m."""
+    height: float
+    """m."""
+    bow: float = 0.0
+    """Length over which it comes to a point ahead, m."""
+    position: Three = (0.0, 0.0, 0.0)
+    """Centroid of its outline and half its height, in the body frame, m: afloat alone it is level with x and y 0."""
+
+    def __post_init__(self) -> None:
+        check_positive("length, beam and height", self.length, self.beam, self.height)
+        check_not_negative("bow", self.bow)
+        check_finite("position", *self.position)
+        if self.bow >= self.length:
+            raise ValueError(f"bow must be shorter than the hull's {self.length:g} m, got {self.bow:g}.")
+
+    @property
+    def outline(self) -> Array:
+        """(C, 2) from above, counter-clockwise, body frame, m."""
+        x, y = 0.5 * self.length, 0.5 * self.beam
+        corners = [[-x, -y], [x - self.bow, -y], [x, 0.0], [x - self.bow, y], [-x, y]]
+        outline = np.array(corners if self.bow > 0.0 else corners[:2] + corners[3:])
+        block, tip = 2.0 * x - self.bow, 0.5 * self.bow  # a bow has half the area of a block as long
+        centroid = (block * (-0.5 * self.bow) + tip * (x - self.bow * 2.0 / 3.0)) / (block + tip)
+        placed: Array = outline + self.position[:2] - np.array([centroid, 0.0])
+        return placed
+
+    @property
+    def triangles(self) -> Mesh:
+        """Its surface in triangles with sides of at most PANEL of its length, normals outwards, body frame."""
+        import trimesh
+
+        outline, count = self.outline, len(self.outline)
+        low, high = (np.column_stack([outline, np.full(count, self.position[2] + z)]) for z in self._ends)
+        whole = trimesh.convex.convex_hull(np.concatenate([low, high]))
+        vertices, faces = trimesh.remesh.subdivide_to_size(whole.vertices, whole.faces, PANEL * self.length)
+        return Mesh(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+
+    @property
+    def _ends(self) -> tuple[float, float]:
+        return -0.5 * self.height, 0.5 * self.height
+
+
+@dataclass(frozen=True)
+class Boat:
+    """A rigid body on one hull or several, the body frame's origin in its centre of mass."""
+
+    name: str
+    mass: float
+    """kg."""
+    inertia: Three
+    """kg m^2."""
+    added_mass: Three
+    """Of water that moves with it along body x, y, z, kg."""
+    added_inertia: Three
+    """kg m^2."""
+    linear_damping: Six
+    """By waves that it makes, against the velocity through the water, N s/m and N m s/rad."""
+    normal_drag: float
+    """Drag coefficient of a panel that is pushed into the water."""
+    friction: float
+    """Drag coefficient of a panel along the water."""
+    surge_force: float
+    """Full thrust ahead, N."""
+    reverse_share: float
+    """Full thrust in reverse, as a share of surge_force."""
+    yaw_moment: float
+    """Full steer, N m; it works without thrust."""
+    hulls: tuple[Hull, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("mass", "surge_force", "reverse_share", "yaw_moment"):
+            check_positive(name, getattr(self, name))
+        check_inertia("inertia", self.inertia)
+        for name in ("added_mass", "added_inertia", "linear_damping"):
+            check_not_negative(name, *getattr(self, name))
+        check_not_negative("normal_drag", self.normal_drag)
+        check_not_negative("friction", self.friction)
+        if not self.hulls:
+            raise ValueError("hulls must be at least one.")
+
+    @cached_property
+    def surface(self) -> tuple[Array, IntArray]:
+        """(V, 3) vertices in the body frame, m, and (F, 3) triangles of all hulls."""
+        meshes = [hull.triangles for hull in self.hulls]
+        first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+        faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
+        return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
+
+    def motion_parameters(self) -> Array:
+        """Return the parameters of `hydrodynamics.advance`, to which weight and panels are handed as a wrench."""
+        mass = np.array([self.mass] * 3 + list(self.inertia)) + np.array([*self.added_mass, *self.added_inertia])
+        return pack_parameters(mass, np.array(self.linear_damping), np.zeros(6))
+
+    def coefficients(self, density: float) -> Array:
+        """Return the (4,) mass (kg), density (kg/m^3), normal drag and friction of `afloat.advance_afloat`."""
+        return np.array([self.mass, density, self.normal_drag, self.friction])
+
+    def command(self, steer: float, thrust: float) -> Array:
+        """Return the (6,) wrench of steer (left) and thrust (ahead) in [-1, 1], body frame, N and N m."""
+        surge = self.surge_force * (thrust if thrust > 0.0 else thrust * self.reverse_share)
+        return np.array([surge, 0.0, 0.0, 0.0, 0.0, steer * self.yaw_moment])
+
+    def draught(self, density: float) -> float:
+        """Return how deep the hulls' bottom lies when all are level and equally deep, m."""
+        from aquanav_tools.sea.outlines import outline_area
+
+        return self.mass / (density * sum(outline_area(hull.outline) for hull in self.hulls))
+
+    def state_at(self, position: Array, yaw: float, density: float) -> Array:
+        """Return the (13,) state afloat at rest on still water over a (2,) place, m, heading to `yaw`, rad."""
+        bottom = self.hulls[0].position[2] - 0.5 * self.hulls[0].height
+        height = -self.draught(density) - bottom
+        orientation = np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)])
+        return rest_state(Pose(np.array([*position, height]), orientation), 0)
+
+
+def load_boat(name: str | Path) -> Boat:
+    """Return a boat by its name, or from the TOML file at a path that ends in .toml.
+
+    Raises:
+        InputError: no such boat (with the closest name), or the file has an unknown, missing or senseless value.
+    """
+    path = Path(name) if Path(name).suffix == ".toml" else BOAT_DIR / f"{name}.toml"
+    known = sorted(one.stem for one in BOAT_DIR.glob("*.toml"))
+    if path.parent == BOAT_DIR and path.stem not in known:
+        raise InputError(f"There is no boat '{name}'.{did_you_mean(str(name), known)}")
+    return from_table(Boat, read_toml(path), path.name)

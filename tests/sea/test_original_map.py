@@ -1,0 +1,59 @@
+"""The original's bays against numbers that were measured on its builds."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import igl
+import numpy as np
+import pytest
+import trimesh
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.sea.original import read_original_map
+
+CLEARANCE = 1.545
+SCENES = ("train", "eval1")
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_rocks_are_those_of_the_build(data_dir: Path, name: str) -> None:
+    scene = data_dir / "saferlauv" / "surface" / f"{name}.json"
+    table = json.loads(scene.read_text())
+    sea = read_original_map(scene, CLEARANCE)
+    solids = [rock.solid for rock in sea.rocks if rock.solid is not None]
+    corners = np.concatenate([solid.vertices for solid in solids])
+    level = float(np.median([start["position"][2] for start in table["starts"]]))
+    bounds = np.stack([corners.min(axis=0), corners.max(axis=0)]) + [0.0, 0.0, level]
+    np.testing.assert_allclose(bounds, table["rock_bounds"], atol=0.006)  # the file's two decimals
+    assert len(solids) == len(table["rocks"])
+    whole = trimesh.load(scene.with_name(f"{name}_rocks.obj"), process=False)
+    assert sum(solid.volume for solid in solids) == pytest.approx(whole.volume)
+    for rock in sea.rocks:
+        if rock.solid is not None:
+            on_level = np.column_stack([rock.outline, np.zeros(len(rock.outline))])
+            squares = igl.point_mesh_squared_distance(on_level, rock.solid.vertices, rock.solid.faces)[0]
+            assert squares.max() < 1e-12
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_every_start_has_a_way_to_the_goals_line(data_dir: Path, name: str) -> None:
+    scene = data_dir / "saferlauv" / "surface" / f"{name}.json"
+    table = json.loads(scene.read_text())
+    sea = read_original_map(scene, CLEARANCE)
+    assert len(sea.ways) == len(table["starts"])
+    for start, way in zip(table["starts"], sea.ways, strict=True):
+        from_start = np.array(table["goal"]["center"][:2]) - start["position"][:2]
+        axis = np.array(table["goal"]["axes_columns"])[:2, 2]  # across the line
+        least = abs(from_start @ axis) - table["goal"]["half_extents"][2]
+        assert least - 1e-6 <= way.length < 1.2 * np.hypot(*from_start)
+
+
+def test_a_file_that_is_no_scene_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "train.json").write_text("{}")
+    (tmp_path / "train_rocks.obj").write_text("v 0 0 0\n")
+    with pytest.raises(InputError, match="no surface scene"):
+        read_original_map(tmp_path / "train.json", 1.0)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_original_map(tmp_path / "absent.json", 1.0)
