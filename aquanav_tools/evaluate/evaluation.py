@@ -29,6 +29,8 @@ from aquanav_tools.types import Progress
 
 CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
+KINDS = (".rrd", FILM_SUFFIX)
+"""Endings of what an episode is recorded in."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +99,18 @@ def _check_names(scenarios: Sequence[Scenario]) -> None:
 
 
 def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Journal:
-    """Make the folder and drop an earlier evaluation's results, so that two never mix; keep its episodes to resume."""
+    """Make the folder and drop an earlier evaluation's results, so that two never mix; keep its episodes to resume.
+
+    A recording whose episode was not written down yet goes as well: that episode is flown again.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not is_resumed:
             clear_journal(folder)
-        for kind in (".rrd", FILM_SUFFIX):
-            for path in folder.glob(f"episode-*{kind}.partial" if is_resumed else f"episode-*{kind}*"):
-                path.unlink()
         journal = Journal(folder, provenance.identity(versions()), is_resumed)
+        kept = {(folder / name).with_suffix(kind) for name in journal.recordings.values() for kind in KINDS}
+        for path in [path for kind in KINDS for path in folder.glob(f"episode-*{kind}*") if path not in kept]:
+            path.unlink()
         for name in (RESULTS, EPISODES, REPORT, RUN, CASES):
             (folder / name).unlink(missing_ok=True)
     except OSError as cause:
@@ -144,8 +149,8 @@ def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
     if options.record != "worst":
         found = list(journal.recordings.items())
         for _, name in found[options.max_recordings :]:
-            for path in (orders.output / name, (orders.output / name).with_suffix(FILM_SUFFIX)):
-                path.unlink(missing_ok=True)
+            for kind in KINDS:
+                (orders.output / name).with_suffix(kind).unlink(missing_ok=True)
         return dict(found[: options.max_recordings])
     worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
     rows = flown(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))

@@ -88,6 +88,8 @@ def test_evaluation_killed_and_gone_on_with_in_two_processes_gives_the_files_of_
     wait_until(lambda: process.poll() is not None or len(_lines(tmp_path)) > 2)
     assert process.poll() is None
     kill(process)
+    # As if killed when an episode was recorded and not written down yet.
+    (tmp_path / f"episode-{NUM_EPISODES - 1:05d}.rrd").touch()
     assert run(dataclasses.replace(options, resume=True))[-1] == (NUM_EPISODES, NUM_EPISODES)
     assert_same_files(tmp_path, calm)
 
