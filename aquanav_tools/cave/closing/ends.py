@@ -1,8 +1,8 @@
 """Ends: where the open ends of a passage are cut, and what water has to be added before.
 
-An end is cut flat just inside its rim. In a scan from photos, whose rims are ragged, at the middle of the rim, for the
-sake of the wall beyond its innermost part; and outside of the cameras, which were in the water. What water the surface
-invented across the end lacks up to there is added.
+An end is cut flat just inside its rim. In a scan from photos, a ragged one at the middle of the rim, for the sake of
+the wall beyond its innermost part; and outside of the cameras, which were in the water. What water the surface invented
+across the end lacks up to there is added.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from aquanav_tools.types import Array, BoolArray, Mesh
 
 FLAT_LID = 1e-3
 """An end whose surface is flat to this share of a voxel needs no cut: it is the portal."""
+MIN_RAGGED = 0.15
+"""The innermost part of a ragged rim lies this many diameters before its middle: of the demo's rims not a tenth."""
 CAMERA_VOXELS = 2.0
 """A cut passes a camera at least this far outside, voxels: more than it may move inwards later."""
 MAX_DIP_VOXELS = 0.5
@@ -70,7 +72,7 @@ def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:
     if np.abs((corners - end.point) @ end.normal).max() < FLAT_LID * voxel:
         return end
     if len(cameras):
-        opening = _at_middle_of_rim(_along_the_way(opening, mesh, cameras), mesh)
+        opening = _inside_of_rim(_along_the_way(opening, mesh, cameras), mesh)
         opening = _beyond_cameras(opening, mesh, cameras, voxel)
     normal, point = opening.normal, opening.centre + opening.innermost * opening.normal
     dip = float(-((corners - point) @ normal).min())
@@ -86,10 +88,11 @@ def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:
     return replace(end, point=point, normal=normal, places=places, is_flat=False, column=column)
 
 
-def _at_middle_of_rim(opening: Opening, mesh: Mesh) -> Opening:
-    """Return an opening whose cut has as much of the rim before it as beyond it."""
+def _inside_of_rim(opening: Opening, mesh: Mesh) -> Opening:
+    """Return an opening whose cut passes just inside of its rim, and through the middle of a ragged one."""
     heights = (mesh.vertices[rim(mesh.faces[opening.faces])] - opening.centre) @ opening.normal
-    return replace(opening, innermost=float(np.median(heights)))
+    innermost, middle = float(heights.min()), float(np.median(heights))
+    return replace(opening, innermost=middle if middle - innermost > MIN_RAGGED * opening.diameter else innermost)
 
 
 def _beyond_cameras(opening: Opening, mesh: Mesh, cameras: Array, voxel: float) -> Opening:
