@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import signal
 import socket
 import subprocess
 import sys
@@ -74,7 +76,8 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         port = free.getsockname()[1]
     path = tmp_path / "received.rrd"
     arguments = [RERUN, "--save", path, "--port", str(port)]
-    with subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(arguments, stdout=quiet, stderr=quiet, start_new_session=True) as process:
         monkeypatch.setattr(live, "PORT", port)
         give_up = time.monotonic() + 60.0
         while not live._is_listening():
@@ -82,7 +85,7 @@ def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
             assert time.monotonic() < give_up, "rerun does not listen within a minute"
             time.sleep(0.1)
         yield path
-        process.terminate()
+        os.killpg(process.pid, signal.SIGTERM)  # the command runs the viewer in a process of its own
 
 
 def test_a_viewer_in_another_process_receives_every_state(tube: Scenario, listener: Path) -> None:
