@@ -11,9 +11,19 @@ import numpy as np
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.types import Array, Mesh
-from eval.photos.score import read_true_cameras, read_wall, score_cloud, score_poses, seen_wall, similarity
+from eval.photos.score import (
+    distances_to,
+    read_true_cameras,
+    read_wall,
+    score_cloud,
+    score_poses,
+    seen_wall,
+    similarity,
+)
 
 SURFACE_SAMPLES = 100_000
+SAME_WALL = 0.01
+"""Samples of the wall belong to the water between the portals when they lie this close to its surface, m."""
 
 
 def judge_cameras(cameras: list[dict[str, Any]], truth: dict[str, Array]) -> dict[str, Any]:
@@ -74,8 +84,10 @@ def _judge_cavity(build: Path, dive: Path, wall: Mesh, seen: Array, centres: Arr
     water = trimesh.load_mesh(dive / "truth_water.ply", process=False)
     truth = Mesh(np.asarray(water.vertices, float), np.asarray(water.faces, np.int64))
     trimmed = between_portals(truth, cavity)
+    within = seen[distances_to(trimmed, seen) < SAME_WALL]
     return {
         "surface": _score(np.asarray(samples), wall, seen),
+        "surface_between": _score(np.asarray(samples), wall, within),
         "invented_share": float(solid.area_faces[invented].sum() / solid.area_faces[cavity.labels == WALL].sum()),
         "volume": cavity.volume,
         "volume_error": cavity.volume / trimmed.volume - 1.0,
