@@ -76,7 +76,7 @@ def _list() -> None:
         row = f"{name:<19} {recipe.split:<11}"
         if (folder / SETTINGS_FILE).is_file():
             hard = difficulty(read_scenario(folder))
-            row += f"{hard.length:>4.0f} m {hard.tightness:>10.1f} {hard.usual_width:>12.1f} {hard.curvature:>6.1f}/m "
+            row += f"{hard.length:>4.0f} m {hard.tightness:>10.1f} {hard.usual_width:>12.1f} {hard.curvature:>5.1f}°/m "
             row += f"{hard.num_loops:>7} {hard.num_dead_ends:>10}  {hard.current}"
         else:
             row += f"not built yet: {recipe.title}"
