@@ -11,7 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
-from aquanav_tools.envs.cave_env import _episode_rules, _load_vehicle, _water_of
+from aquanav_tools.envs.cave_env import _episode_rules, _water_of, vehicle_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
@@ -91,7 +91,7 @@ class BatchTask:
         self._commands_of = _CONVERTERS[action]
         self.world = BatchWorld(
             self.scenario,
-            _load_vehicle(vehicle, self.scenario),
+            vehicle_of(self.scenario, vehicle),
             _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
             num,
             water=water,
@@ -151,7 +151,7 @@ def check_batched(options: TaskOptions, observation: str) -> None:
             raise InputError(
                 f"The batched environment has no {name} = {value!r}; of the task's options it has only "
                 f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take PyBullet: aquanav/Cave-v0 "
-                "without vectorization_mode='vector_entry_point', or aquanav-train --backend pybullet."
+                "without vectorization_mode='vector_entry_point', or --backend pybullet of the commands."
             )
 
 

@@ -133,7 +133,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
         if not self.scenario.starts:
             raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        self.vehicle = _load_vehicle(vehicle, self.scenario)
+        self.vehicle = vehicle_of(self.scenario, vehicle)
         self.task = task_options(task)
         settings = self.scenario.settings
         self._weights = load_weights(self.task.reward)
@@ -304,7 +304,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return info
 
 
-def _load_vehicle(vehicle: str | Path | Vehicle | None, scenario: Scenario) -> Vehicle:
+def vehicle_of(scenario: Scenario, vehicle: str | Path | Vehicle | None = None) -> Vehicle:
+    """Return a vehicle by name or path of a TOML file; without one the scenario's."""
     if isinstance(vehicle, Vehicle):
         return vehicle
     if vehicle is None and scenario.vehicle_toml:

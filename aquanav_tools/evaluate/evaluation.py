@@ -5,19 +5,18 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, Task, make_plan
+from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, RecordRule, Row, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
@@ -29,6 +28,8 @@ from aquanav_tools.types import Progress
 
 CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
+Flyer = Callable[[Orders, Plan, Iterator[Task | None], int], Iterator[Row]]
+"""Yields the journal's rows of so many tasks as they end."""
 KINDS = (".rrd", FILM_SUFFIX)
 """Endings of what an episode is recorded in."""
 
@@ -72,11 +73,12 @@ def evaluate(
     output = orders.output
     plan = make_plan(orders)
     _check_names(plan.scenarios)
+    fly = _flyer(plan, options)
     provenance = _provenance(plan, orders)
     journal = _open_journal(output, provenance, options.resume)
     started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)
-    _fly_all(orders, plan, journal, progress)
-    recordings = _recordings(orders, plan, journal)
+    _fly_all(fly, orders, plan, journal, progress)
+    recordings = _recordings(fly, orders, plan, journal)
     seconds = time.perf_counter() - clock
     episodes = journal.episodes
     summary = summarise(episodes)
@@ -118,7 +120,17 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
     return journal
 
 
-def _fly_all(orders: Orders, plan: Plan, journal: Journal, progress: Progress) -> None:
+def _flyer(plan: Plan, options: EvaluateOptions) -> Flyer:
+    """Return what flies the tasks of a plan, having checked that it can."""
+    if options.backend == "pybullet":
+        return flown
+    from aquanav_tools.evaluate.squadron import check_plan, fly_in_waves  # Warp takes a second to import
+
+    check_plan(plan, options)
+    return fly_in_waves
+
+
+def _fly_all(fly: Flyer, orders: Orders, plan: Plan, journal: Journal, progress: Progress) -> None:
     """Fly what the journal lacks; what belongs to an episode is on disk before it counts as done."""
     count = len(plan.flights)
     progress(len(journal), count)
@@ -127,12 +139,12 @@ def _fly_all(orders: Orders, plan: Plan, journal: Journal, progress: Progress) -
         for flight in plan.flights
         if flight.index not in journal
     )
-    for row in flown(orders, plan, tasks, count - len(journal)):
+    for row in fly(orders, plan, tasks, count - len(journal)):
         journal.add(row)
         progress(len(journal), count)
 
 
-def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Literal["always", "failure", "never"]:
+def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> RecordRule:
     """Return when to record an episode: never one that cannot be among the first --max-recordings."""
     if options.record == "all":
         return "always" if index < options.max_recordings else "never"
@@ -140,7 +152,7 @@ def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Lite
     return "failure" if options.record == "failures" and is_possible else "never"
 
 
-def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
+def _recordings(fly: Flyer, orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
     """Return the names of the recordings by episode; fly the worst episodes again where these are asked for.
 
     Episodes end in any order, so there may be recordings of failures beyond the first --max-recordings: they go.
@@ -153,7 +165,7 @@ def _recordings(orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
                 (orders.output / name).with_suffix(kind).unlink(missing_ok=True)
         return dict(found[: options.max_recordings])
     worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
-    rows = flown(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
+    rows = fly(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
     return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 
@@ -166,6 +178,7 @@ def _provenance(plan: Plan, orders: Orders) -> Provenance:
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)
         ],
         protocol={
+            "backend": options.backend,
             "episodes": len(options.cases) or options.episodes,
             "seed": options.seed,
             "observation": policy.observation,

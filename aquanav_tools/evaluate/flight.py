@@ -5,25 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-import numpy as np
-
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.rendering import VehicleCamera, film, film_size
+from aquanav_tools.envs.cave_env import CaveEnv, vehicle_of
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, run_episode
-from aquanav_tools.report.recording.cave import CaveModel
-from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
 from aquanav_tools.task import TaskOptions, choices_of, task_options
-from aquanav_tools.types import Progress, ignore_progress
 
 LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
 """Options that an environment reads anew whenever they count, so that it is kept when only these change."""
@@ -47,7 +39,6 @@ class Hangar:
         self._policy, self._options, self._watch = policy, options, watch or Watch()
         self._env: CaveEnv | None = None
         self._course: Course | None = None
-        self._cave: CaveModel | None = None
         self._place: tuple[Scenario, TaskOptions] | None = None
 
     def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
@@ -57,20 +48,6 @@ class Hangar:
         way = env.starts.way_to_goal(track.positions[0], track.start_index)
         return track, measure(track, way, course, flight.index)
 
-    def record(self, flight: Flight, track: Track, path: Path) -> None:
-        """Write the recording of a flight."""
-        env, _ = self._prepare(flight)
-        if self._cave is None or self._cave.scenario is not flight.scenario:
-            self._cave = CaveModel(flight.scenario)
-        record_episode(self._cave, track, env.vehicle.capsule, original_pattern().directions, path)
-
-    def film(self, flight: Flight, track: Track, path: Path, view: str, progress: Progress = ignore_progress) -> None:
-        """Write a film of a flight, as MP4 or GIF."""
-        env, _ = self._prepare(flight)
-        camera = VehicleCamera(flight.scenario.cavity.mesh, env.vehicle.capsule, view, film_size(path))
-        states = np.concatenate([track.positions, track.orientations], axis=1)
-        film(camera, states, path, env.metadata["render_fps"], progress)
-
     def close(self) -> None:
         """Free the environment."""
         if self._env is not None:
@@ -78,7 +55,7 @@ class Hangar:
         self._env = self._place = None
 
     def _prepare(self, flight: Flight) -> tuple[CaveEnv, Course]:
-        task = task_options({**choices_of(self._options), **flight.condition.changes})
+        task = task_of(flight, self._options)
         place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
         if self._env is None or self._course is None or not is_here:
@@ -91,7 +68,7 @@ class Hangar:
                 **choices_of(task),
             )
             self._place = place
-            self._course = _course(self._env, flight)
+            self._course = course_of(flight)
         self._env.task = task
         return self._env, replace(self._course, condition=flight.condition.name)
 
@@ -111,12 +88,19 @@ def numbered(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     return tuple(replace(flight, index=index) for index, flight in enumerate(flights))
 
 
-def _course(env: CaveEnv, flight: Flight) -> Course:
+def course_of(flight: Flight) -> Course:
+    """Return what a flight is held against."""
     scenario = flight.scenario
+    vehicle = vehicle_of(scenario)
     return Course(
         scenario=scenario.name,
         condition=flight.condition.name,
-        vehicle=env.vehicle,
+        vehicle=vehicle,
         route_length=scenario.guide.length,
-        top_speed=try_out(env.vehicle, scenario.settings.water.density).ahead,
+        top_speed=try_out(vehicle, scenario.settings.water.density).ahead,
     )
+
+
+def task_of(flight: Flight, options: ProtocolOptions) -> TaskOptions:
+    """Return the task's options under a flight's condition."""
+    return task_options({**choices_of(options), **flight.condition.changes})

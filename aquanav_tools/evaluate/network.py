@@ -121,27 +121,41 @@ class NetworkPolicy:
 
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Return the action for one observation."""
+        return self.decide(self.think(np.asarray(observation)[None])[0])
+
+    def think(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return what the last layer makes of (N, O) observations, (N, K).
+
+        A recurrent network remembers each row: after a reset there must always be as many.
+        """
         import torch
 
         with torch.inference_mode():
-            features = torch.as_tensor(np.asarray(observation, dtype=np.float32)).reshape(1, -1)
+            features = torch.as_tensor(np.asarray(observations, dtype=np.float32)).flatten(1)
             if self.normaliser is not None:
                 features = self.normaliser(features)
             if self._lstm is not None:
                 sequence, self._memory = self._lstm(features[None], self._memory)
                 features = sequence[0]
-            output = self._layers(features)[0]
-            return _action((torch.tanh(output) if self._kind.is_squashed else output).numpy(), self.action_space)
+            output = self._layers(features)
+            thought: npt.NDArray[np.float32] = (torch.tanh(output) if self._kind.is_squashed else output).numpy()
+            return thought
 
+    def decide(self, thought: npt.NDArray[np.float32]) -> Any:
+        """Return the action that a row of `think` stands for: the best of each choice, or levels in [-1, 1].
 
-def _action(output: npt.NDArray[np.float32], space: spaces.Space[Any]) -> Any:
-    """Return the action that a network's last layer stands for: the best of each choice, or levels in [-1, 1]."""
-    if isinstance(space, spaces.Discrete):
-        return np.int64(output.argmax())
-    if isinstance(space, spaces.MultiDiscrete):
-        choices = np.split(output, np.cumsum(space.nvec)[:-1])
-        return np.array([choice.argmax() for choice in choices], dtype=np.int64)
-    return np.clip(output, -1.0, 1.0)
+        Raises:
+            ValueError: it is not finite, which the best of each choice would hide.
+        """
+        if not np.isfinite(thought).all():
+            raise ValueError("its network gave numbers that are not finite")
+        space = self.action_space
+        if isinstance(space, spaces.Discrete):
+            return np.int64(thought.argmax())
+        if isinstance(space, spaces.MultiDiscrete):
+            choices = np.split(thought, np.cumsum(space.nvec)[:-1])
+            return np.array([choice.argmax() for choice in choices], dtype=np.int64)
+        return np.clip(thought, -1.0, 1.0)
 
 
 def _kind(settings: dict[str, Any], path: Path) -> Kind:

@@ -114,6 +114,10 @@ class EvaluateOptions(ProtocolOptions):
     whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
+    backend: Literal["pybullet", "batch"] = "pybullet"
+    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; it draws other
+    gusts than PyBullet from the same seeds, and takes neither the original's policies, sensor noise, delays nor
+    policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""
@@ -130,6 +134,11 @@ class EvaluateOptions(ProtocolOptions):
             raise InputError(f"--workers is {self.workers}; choose 1 or more, or leave it out for all cores.")
         if not 0.0 < self.action_time_limit < math.inf:
             raise InputError(f"--action-time-limit is {self.action_time_limit} s; choose more than 0.")
+        if self.backend == "batch" and (self.workers is not None or self.cases):
+            raise InputError(
+                "A batch flies in this process and draws the gusts of all its episodes from one seed, so it takes "
+                "neither --workers nor a protocol of cases. Leave them out, or --backend batch."
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,14 +10,18 @@ from typing import Any, Literal
 
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, write_trail
+from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
+from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.rollout import Watch
+from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
+RecordRule = Literal["always", "failure", "never"]
 Row = dict[str, Any]
 """What the journal keeps of an episode."""
 
@@ -52,7 +56,7 @@ class Task:
 
     index: int
     """Its place in the evaluation."""
-    record: Literal["always", "failure", "never"]
+    record: RecordRule
     """When to write its recording."""
     reason: str = ""
     """Why it fails without being flown: it brought its process down before."""
@@ -88,11 +92,31 @@ def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:
     return Flight(index, scenario, case_condition(case), plan_case(scenario, case))
 
 
-class Pilot:
-    """Flies episodes of a plan and leaves their trails and recordings in the evaluation's folder."""
+class Scribe:
+    """Leaves the trails and recordings of episodes in the evaluation's folder."""
 
-    def __init__(self, plan: Plan, hangar: Hangar, output: Path, *, is_filming: bool) -> None:
-        self._plan, self._hangar, self._output, self._is_filming = plan, hangar, output, is_filming
+    def __init__(self, output: Path, *, is_filming: bool) -> None:
+        self._output, self._is_filming = output, is_filming
+        self._recorder = Recorder()
+
+    def keep(self, flight: Flight, record: RecordRule, track: Track, metrics: EpisodeMetrics) -> Row:
+        """Return the journal's row of an episode, when all that belongs to it is on disk."""
+        name = None
+        if record == "always" or (record == "failure" and not metrics.is_collision_free_success):
+            name = RECORDING.format(index=flight.index)
+            path = self._output / name
+            self._recorder.record(flight.scenario, track, path)
+            if self._is_filming:
+                self._recorder.film(flight.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
+        write_trail(self._output, flight.index, track)
+        return journal_row(metrics, name)
+
+
+class Pilot:
+    """Flies episodes of a plan, one at a time."""
+
+    def __init__(self, plan: Plan, hangar: Hangar, scribe: Scribe) -> None:
+        self._plan, self._hangar, self._scribe = plan, hangar, scribe
 
     def carry_out(self, task: Task, is_wanted: Callable[[], bool] = lambda: True) -> Row:
         """Return the journal's row of an episode; nothing is written once it is no longer wanted."""
@@ -102,21 +126,11 @@ class Pilot:
             else case_flight(self._plan.scenarios[0], task.case, task.index)
         )
         track, metrics = self._hangar.fly(flight, task.reason)
-        name = None
-        if not is_wanted():
-            return {}
-        if task.record == "always" or (task.record == "failure" and not metrics.is_collision_free_success):
-            name = RECORDING.format(index=flight.index)
-            path = self._output / name
-            self._hangar.record(flight, track, path)
-            if self._is_filming:
-                self._hangar.film(flight, track, path.with_suffix(FILM_SUFFIX), "chase")
-        write_trail(self._output, flight.index, track)
-        return journal_row(metrics, name)
+        return self._scribe.keep(flight, task.record, track, metrics) if is_wanted() else {}
 
 
 @contextmanager
 def open_pilot(orders: Orders, plan: Plan, watch: Watch) -> Iterator[Pilot]:
     """Yield a pilot whose environment is closed at the end."""
     with open_hangar(plan.policy, orders.options, watch) as hangar:
-        yield Pilot(plan, hangar, orders.output, is_filming=orders.options.film)
+        yield Pilot(plan, hangar, Scribe(orders.output, is_filming=orders.options.film))

@@ -44,6 +44,17 @@ class Boarding(Protocol):
         """Look at the environment in which an episode has been reset and is about to begin."""
 
 
+@runtime_checkable
+class Vectorised(Policy, Protocol):
+    """A policy that can think about many vehicles at once."""
+
+    def think(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """Return a row of anything for each of (N, O) observations."""
+
+    def decide(self, thought: npt.NDArray[np.float32]) -> Any:
+        """Return the action that such a row stands for."""
+
+
 @dataclass(frozen=True)
 class LoadedPolicy:
     """A policy and what it needs of the environment."""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -12,9 +15,10 @@ from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
-from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_condition
+from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
-from aquanav_tools.report.track import FAILED
+from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions, choices_of
@@ -51,11 +55,13 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     start = None if table["protocol"]["starts"] == "anywhere" else episode.start
     flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
-    with open_hangar(policy, _rules(table["protocol"])) as hangar:
-        track, metrics = hangar.fly(flight)
-        hangar.record(flight, track, output)
-        if options.film is not None:
-            hangar.film(flight, track, options.film, options.view, progress)
+    is_batched = table["protocol"].get("backend") == "batch"
+    fly = partial(_fly_in_wave, lambda: _policy(table, options)) if is_batched else partial(_fly_alone, policy)
+    track, metrics = fly(flight, _rules(table["protocol"]))
+    recorder = Recorder()
+    recorder.record(scenario, track, output)
+    if options.film is not None:
+        recorder.film(scenario, track, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
     filmed = "" if options.film is None else f"\nFilm: {options.film}"
@@ -63,6 +69,28 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
         f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
         f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\nLook at it with: rerun {output}{filmed}"
     )
+
+
+def _fly_alone(policy: LoadedPolicy, flight: Flight, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+    with open_hangar(policy, rules) as hangar:
+        return hangar.fly(flight)
+
+
+def _fly_in_wave(
+    load: Callable[[], LoadedPolicy], flight: Flight, rules: ProtocolOptions
+) -> tuple[Track, EpisodeMetrics]:
+    """Fly the whole wave that the episode flew in."""
+    from aquanav_tools.evaluate.squadron import Squadron, num_policies, waves_of
+
+    plans = plan_condition(flight.scenario, rules, flight.condition)
+    place = plans.index(flight.plan)
+    waves = waves_of([replace(flight, index=flight.index + n - place, plan=plan) for n, plan in enumerate(plans)])
+    (wave,) = [wave for wave in waves if flight in wave]
+    squadron = Squadron([load() for _ in range(num_policies(load(), len(wave)))], rules)
+    try:
+        return squadron.fly(wave)[wave.index(flight)]
+    finally:
+        squadron.close()
 
 
 def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetrics:
@@ -97,7 +125,9 @@ def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     task = {name: protocol[name] for name in choices_of(TaskOptions())}
     for name, value in task.items():
         task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
-    return ProtocolOptions(max_decisions=protocol["max_decisions"], **task)
+    return ProtocolOptions(
+        episodes=protocol["episodes"], seed=protocol["seed"], max_decisions=protocol["max_decisions"], **task
+    )
 
 
 def _difference(before: EpisodeMetrics, now: EpisodeMetrics, made_with: dict[str, str], output: Path) -> str:

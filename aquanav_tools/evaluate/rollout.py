@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -107,9 +107,9 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
     with watch.kept():
-        reason = reason or watch.outcome(lambda: _reset(policy, plan.seed))[1]
+        reason = reason or watch.outcome(lambda: begin_episode(policy, plan.seed))[1]
         while not is_over and not reason:
-            chosen, reason = watch.outcome(lambda seen=observation: _choose(policy, form, seen))
+            chosen, reason = watch.outcome(lambda seen=observation: choose(policy.act, form, seen))
             if reason:
                 break
             action, command = chosen
@@ -124,7 +124,7 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
     return dataclasses.replace(track, interventions=getattr(policy, "interventions", None))
 
 
-def _reset(policy: Policy, seed: int) -> None:
+def begin_episode(policy: Policy, seed: int) -> None:
     """Begin an episode; a policy that draws from the libraries' own generators repeats in any order of episodes."""
     random.seed(seed)
     np.random.seed(seed % (1 << 32))
@@ -133,9 +133,9 @@ def _reset(policy: Policy, seed: int) -> None:
     policy.reset(seed)
 
 
-def _choose(policy: Policy, form: ActionModel, observation: Any) -> tuple[Any, tuple[float, ...]]:
-    """Return the policy's action and the command that it means; raises where it is no action."""
-    action = policy.act(observation)
+def choose(act: Callable[[Any], Any], form: ActionModel, seen: Any) -> tuple[Any, tuple[float, ...]]:
+    """Return the action that a policy chooses and the command that it means; raises where it is no action."""
+    action = act(seen)
     try:
         return action, tuple(form.command(action))
     except Exception:

@@ -313,3 +313,10 @@ def test_file_that_is_no_zip_is_refused(tmp_path: Path) -> None:
     shutil.copyfile(__file__, path)
     with pytest.raises(InputError, match="not a readable zip"):
         NetworkPolicy(path)
+
+
+def test_what_is_not_finite_is_no_choice(tmp_path: Path) -> None:
+    make_model().save(tmp_path / "policy.zip")
+    policy = NetworkPolicy(tmp_path / "policy.zip")
+    with pytest.raises(ValueError, match="not finite"):
+        policy.decide(np.array([0.0] * 8 + [np.nan], dtype=np.float32))

@@ -1,0 +1,212 @@
+"""Flying the episodes of an evaluation side by side, on the batched backend.
+
+The episodes of one scenario and condition fly in waves, in the order of the plan. What an episode draws (gusts, eddies,
+its share of the current) follows from the seed of its wave's first episode and its place in the wave. A wave always
+flies whole, also where only some of its episodes are asked for, so that an episode repeats to the bit.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.batch_task import BatchTask, check_batched
+from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.reward import TERMS
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.flight import Flight, course_of, task_of
+from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
+from aquanav_tools.evaluate.options import ProtocolOptions
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Scribe, Task
+from aquanav_tools.evaluate.policies import Boarding, LoadedPolicy, Policy, Vectorised
+from aquanav_tools.evaluate.protocol import EpisodePlan
+from aquanav_tools.evaluate.rollout import Watch, begin_episode, choose
+from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.task import TaskOptions, choices_of
+
+WAVE = 256
+"""Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
+KEPT = (
+    "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
+    "observations", "terms", "rewards", "outcomes",
+)  # fmt: skip
+"""Arrays of the fleet that a track is made of."""
+
+
+def check_plan(plan: Plan, options: ProtocolOptions) -> None:
+    """Refuse what only PyBullet's backend can fly, before anything is flown.
+
+    Raises:
+        InputError: the policy looks at PyBullet's world, or a condition is not batched.
+    """
+    if isinstance(plan.policy.policy, Boarding):
+        raise InputError(
+            f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
+            "have. Leave out --backend batch."
+        )
+    for flight in {(flight.scenario.name, flight.condition.name): flight for flight in plan.flights}.values():
+        check_batched(task_of(flight, options), plan.policy.observation)
+
+
+def fly_in_waves(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks, which come in the plan's order."""
+    if count == 0:
+        return
+    waves = waves_of(plan.flights)
+    numbers = {flight.index: number for number, wave in enumerate(waves) for flight in wave}
+    asked = (task for task in tasks if task is not None)
+    policies = [orders.load(orders.policy) for _ in range(num_policies(plan.policy, max(map(len, waves))))]
+    squadron = Squadron(policies, orders.options, Watch(orders.options.action_time_limit))
+    scribe = Scribe(orders.output, is_filming=orders.options.film)
+    for number, group in itertools.groupby(asked, key=lambda task: numbers[task.index]):
+        records = {task.index: task.record for task in group}
+        for flight, (track, metrics) in zip(waves[number], squadron.fly(waves[number]), strict=True):
+            if flight.index in records:
+                yield scribe.keep(flight, records[flight.index], track, metrics)
+
+
+def waves_of(flights: Sequence[Flight]) -> list[tuple[Flight, ...]]:
+    """Return the flights in waves; the same for the same plan, whatever of it is asked for."""
+    waves = []
+    for _, group in itertools.groupby(flights, key=lambda flight: (flight.scenario.name, flight.condition)):
+        together = tuple(group)
+        waves += [together[first : first + WAVE] for first in range(0, len(together), WAVE)]
+    return waves
+
+
+def num_policies(loaded: LoadedPolicy, size: int) -> int:
+    """Return how many policies a wave of so many episodes takes."""
+    return 1 if isinstance(loaded.policy, Vectorised) else size
+
+
+class Squadron:
+    """Flies waves of episodes.
+
+    A policy that can thinks about all vehicles at once; otherwise each vehicle has one of its own, as it may remember
+    what it saw.
+    """
+
+    def __init__(self, policies: Sequence[LoadedPolicy], options: ProtocolOptions, watch: Watch | None = None) -> None:
+        """Take over policies that were loaded one by one: `num_policies` of them."""
+        self._policies, self._options, self._watch = policies, options, watch or Watch()
+        self._form = ActionModel(policies[0].action)
+        self._task: BatchTask | None = None
+        self._place: tuple[Scenario, TaskOptions, int] | None = None
+
+    def fly(self, wave: Sequence[Flight]) -> list[tuple[Track, EpisodeMetrics]]:
+        """Return the track of each episode of a wave, and its metrics."""
+        task = self._prepare(wave)
+        plans = [flight.plan for flight in wave]
+        starts = np.array([plan.start_index for plan in plans], dtype=np.int32)
+        task.world.reset(plans[0].seed % (1 << 32), starts)
+        seats = [
+            Seat(loaded.policy, plan) for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
+        ]
+        with self._watch.kept():
+            states = self._fly(task, seats)
+        course = course_of(wave[0])
+        flown = []
+        for place, (flight, seat) in enumerate(zip(wave, seats, strict=True)):
+            track = _track(flight.scenario, seat, {name: values[:, place] for name, values in states.items()})
+            way = flight.scenario.starts[track.start_index].geodesic_to_goal
+            flown.append((track, measure(track, way, course, flight.index)))
+        return flown
+
+    def close(self) -> None:
+        """Free the batch."""
+        if self._task is not None:
+            self._task.world.close()
+        self._task = self._place = None
+
+    def _prepare(self, wave: Sequence[Flight]) -> BatchTask:
+        """Return a batch for the wave: the last one where all but the starts is the same."""
+        place = (wave[0].scenario, task_of(wave[0], self._options), len(wave))
+        if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
+            self.close()
+            self._task = BatchTask(
+                place[0],
+                len(wave),
+                next_step=True,
+                observation=self._policies[0].observation,
+                action=self._policies[0].action,
+                max_decisions=self._options.max_decisions,
+                **choices_of(place[1]),
+            )
+            self._place = place
+        return self._task
+
+    def _fly(self, task: BatchTask, seats: Sequence[Seat]) -> dict[str, npt.NDArray[Any]]:
+        """Fly until the last episode has ended; return the fleet's arrays, (D + 1, N, ...), at each decision."""
+        world, watch = task.world, self._watch
+        mind = seats[0].policy if isinstance(seats[0].policy, Vectorised) else None
+        for seat in seats:
+            seat.reason = watch.outcome(partial(begin_episode, seat.policy, seat.plan.seed))[1]
+        commands = np.zeros((len(seats), 3), dtype=np.float32)
+        rows = [{name: task.copy_of(name) for name in KEPT}]
+        flying = [place for place, seat in enumerate(seats) if not seat.reason]
+        while flying:
+            seen = rows[-1]["observations"] if mind is None else mind.think(rows[-1]["observations"])
+            for place in flying:
+                seat, act = seats[place], seats[place].policy.act if mind is None else mind.decide
+                chosen, seat.reason = watch.outcome(partial(choose, act, self._form, seen[place].copy()))
+                if not seat.reason:
+                    seat.actions.append(chosen[0])
+                    seat.commands.append(chosen[1])
+                    commands[place] = chosen[1]
+            world.fleet.commands.assign(commands)
+            world.step()
+            rows.append({name: task.copy_of(name) for name in KEPT})
+            flying = [place for place in flying if not seats[place].reason and rows[-1]["outcomes"][place] == 0]
+        return {name: np.stack([row[name] for row in rows]) for name in KEPT}
+
+
+@dataclass
+class Seat:
+    """A policy that flies an episode, and what it did."""
+
+    policy: Policy
+    plan: EpisodePlan
+    actions: list[Any] = field(default_factory=list)
+    commands: list[tuple[float, ...]] = field(default_factory=list)
+    reason: str = ""
+    """Why it failed; empty unless it did."""
+
+
+def _track(scenario: Scenario, seat: Seat, states: dict[str, npt.NDArray[Any]]) -> Track:
+    """Return the track of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
+    count = len(seat.actions)
+    rows = {name: values[: count + 1] for name, values in states.items()}
+    lengths, limits = original_pattern().lengths, scenario.settings.limits
+    touched = rows["touched"] > 0
+    # The fleet keeps the current of where a decision began, with its end.
+    currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
+    return Track(
+        seed=seat.plan.seed,
+        start_index=int(seat.plan.start_index or 0),
+        outcome=FAILED if seat.reason else OUTCOMES[int(rows["outcomes"][-1])],
+        times=limits.dt * limits.substeps * np.arange(count + 1, dtype=np.float64),
+        positions=rows["positions"].astype(np.float64),
+        orientations=rows["orientations"].astype(np.float64),
+        velocities=rows["velocities"].astype(np.float64),
+        currents=currents,
+        rays=rows["observations"][:, : len(lengths)] * lengths,
+        clearances=rows["clearances"].astype(np.float64),
+        collided=touched,
+        progress=scenario.guide.length - rows["remaining"],
+        costs=touched.astype(np.float64),
+        actions=np.array(seat.actions, dtype=np.float64).reshape(count, -1 if count else 0),
+        commands=np.array(seat.commands, dtype=np.float64).reshape(-1, 3),
+        rewards=rows["rewards"][1:].astype(np.float64),
+        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(TERMS)},
+        num_collisions=int(rows["collisions"][-1]),
+        reason=seat.reason,
+    )

@@ -1,0 +1,162 @@
+"""Evaluations on the batched backend, against PyBullet's and against themselves."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from sb3_contrib import RecurrentPPO
+from stable_baselines3 import PPO
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate import squadron
+from aquanav_tools.evaluate.evaluation import evaluate
+from aquanav_tools.evaluate.journal import JOURNAL
+from aquanav_tools.evaluate.network import NetworkPolicy
+from aquanav_tools.evaluate.options import EvaluateOptions, Grid, ReplayOptions
+from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.replaying import replay
+from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.evaluate.models import make_model
+
+EXACT = ("outcome", "start", "seed", "collisions", "region", "geodesic")
+"""Columns in which both backends agree to the last digit where nothing is drawn."""
+CLOSE = ("time", "path_length", "progress", "min_clearance", "energy", "reward", "control_effort", "jerk")
+"""Both integrate with the same scheme; rays and clearance come from the field in one and from the mesh in the other."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
+    path = tmp_path_factory.mktemp("scenario") / "tube"
+    settings = dataclasses.replace(tube.settings, limits=LimitSettings(decisions=300))
+    write_scenario(dataclasses.replace(tube, settings=settings), path)
+    return path
+
+
+Run = Callable[..., Any]
+
+
+@pytest.fixture
+def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    """Return a function that evaluates in this process, with coarse pictures, and returns results.json."""
+    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+
+    def evaluate_here(
+        policy: str, output: Path, load: Callable[[str], LoadedPolicy] = load_policy, **options: Any
+    ) -> Any:
+        choices = EvaluateOptions((policy,), (folder,), output, **({"record": "none", "backend": "batch"} | options))
+        return json.loads(evaluate(choices, lambda done, total: None, load=load).results.read_text())
+
+    return evaluate_here
+
+
+def test_batch_comes_to_the_verdict_of_pybullet(run: Run, tmp_path: Path) -> None:
+    batch = run("baseline:reactive", tmp_path / "batch", episodes=6)
+    bullet = run("baseline:reactive", tmp_path / "bullet", episodes=6, backend="pybullet", workers=1)
+    assert batch["protocol"].pop("backend") == "batch"
+    assert bullet["protocol"].pop("backend") == "pybullet"
+    assert batch["protocol"] == bullet["protocol"]
+    for ours, theirs in zip(batch["episodes"], bullet["episodes"], strict=True):
+        assert [ours[name] for name in EXACT] == [theirs[name] for name in EXACT]
+        np.testing.assert_allclose([ours[name] for name in CLOSE], [theirs[name] for name in CLOSE], rtol=0.02)
+    assert {episode["outcome"] for episode in batch["episodes"]} == {"success"}
+
+
+def test_stopped_evaluation_goes_on_to_the_same_bytes_in_waves(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(squadron, "WAVE", 2)
+    options = {"episodes": 5, "grid": Grid(current=(0.0, 1.0)), "current": (0.2, 0.0, 0.0), "max_decisions": 40}
+    output = tmp_path / "eval"
+    run("baseline:random", output, **options)
+    whole = (output / "results.json").read_bytes()
+    lines = (output / JOURNAL).read_bytes().splitlines(keepends=True)
+    (output / JOURNAL).write_bytes(b"".join([lines[0], lines[2], lines[7]]))  # one of a wave, and one of another
+    run("baseline:random", output, resume=True, **options)
+    assert (output / "results.json").read_bytes() == whole
+
+
+def test_episode_of_a_batch_repeats_to_the_bit(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(squadron, "WAVE", 3)
+    run("baseline:reactive", tmp_path / "eval", episodes=4, record="failures", max_decisions=30)
+    said = replay(ReplayOptions(tmp_path / "eval", 1, tmp_path / "again.rrd"))
+    assert "Episode 1 repeats to the bit: timeout" in said
+    assert (tmp_path / "again.rrd").stat().st_size > 10_000
+    assert len(list((tmp_path / "eval").glob("episode-*.rrd"))) == 4
+
+
+@pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
+def test_network_thinks_of_many_as_of_each(kind: type[BaseAlgorithm], tmp_path: Path) -> None:
+    path = tmp_path / "policy.zip"
+    make_model(kind, net_arch=[16]).save(path)
+    together, alone = NetworkPolicy(path), [NetworkPolicy(path) for _ in range(3)]
+    seen = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3, 44)).astype(np.float32)
+    for policy in (together, *alone):
+        policy.reset(0)
+    for rows in seen:
+        np.testing.assert_allclose(
+            together.think(rows), [one.think(row[None])[0] for one, row in zip(alone, rows, strict=True)], atol=1e-6
+        )
+
+
+class Fickle:
+    """Breaks down in one episode, at its third decision."""
+
+    def __init__(self) -> None:
+        self._seed = self._count = 0
+
+    def reset(self, seed: int) -> None:
+        self._seed, self._count = seed, 0
+
+    def think(self, observations: Any) -> Any:
+        self._count += 1
+        return observations
+
+    def decide(self, thought: Any) -> Any:
+        if self._count == 3 and thought[28] == self.worst:
+            raise RuntimeError("a bad day")
+        return np.array([1, 1, 2])
+
+    def act(self, observation: Any) -> Any:
+        return self.decide(observation)
+
+    worst = -1.0
+
+
+def test_failing_policy_costs_its_episode_only(run: Run, tmp_path: Path) -> None:
+    class Broken(Fickle):
+        def think(self, observations: Any) -> Any:
+            self.worst = observations[1, 28]
+            return super().think(observations)
+
+    def load(name: str) -> LoadedPolicy:
+        return LoadedPolicy(Broken(), name, None, "full", "multidiscrete")
+
+    table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6)
+    outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
+    assert outcomes[1] == ("failed", "RuntimeError: a bad day")
+    assert {outcomes[0], outcomes[2]} == {("timeout", "")}
+
+
+@pytest.mark.parametrize(
+    ("policy", "options", "message"),
+    [
+        ("baseline:oracle", {}, "looks at its own vehicle or at the map"),
+        ("baseline:random", {"sensor_noise": 0.1}, "has no sensor_noise = 0.1"),
+        ("baseline:random", {"grid": Grid(action_delay=(1,))}, "has no action_delay = 1"),
+        ("baseline:random", {"workers": 2}, "neither --workers nor"),
+    ],
+)
+def test_what_a_batch_cannot_fly_is_refused_before_anything_is_flown(
+    run: Run, tmp_path: Path, policy: str, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        run(policy, tmp_path / "eval", episodes=1, **options)
+    assert not (tmp_path / "eval").exists()
