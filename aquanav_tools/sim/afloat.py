@@ -13,8 +13,9 @@ import numpy as np
 
 from aquanav_tools.sim import hydrodynamics
 from aquanav_tools.sim.hydrodynamics import rotation_rows
-from aquanav_tools.sim.sea_water import add_sea, sea_rise
+from aquanav_tools.sim.sea_water import sea_rise
 from aquanav_tools.sim.vehicle_base import GRAVITY
+from aquanav_tools.sim.waves import add_waves
 
 _MASS, _DENSITY, _NORMAL, _FRICTION = range(4)
 
@@ -89,7 +90,7 @@ def _cut(places, depths, face, wet, wet_depths):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _press(state, a, b, c, depth_a, depth_b, depth_c, velocity, current, waves, phases, coefficients, total):  # type: ignore[no-untyped-def]
     """Add pressure and drag on a triangle under water, corners relative to the centre of mass, to (2, 3) loads."""
-    area = 0.5 * np.cross(b - a, c - a)
+    area = _half_cross(b - a, c - a)
     size, depth = np.sqrt(area[0] ** 2 + area[1] ** 2 + area[2] ** 2), depth_a + depth_b + depth_c
     if size == 0.0 or depth == 0.0:
         return
@@ -100,8 +101,9 @@ def _press(state, a, b, c, depth_a, depth_b, depth_c, velocity, current, waves, 
         return
     middle, normal = (a + b + c) / 3.0, area / size
     water = current.copy()
-    add_sea(waves, phases, state[0] + middle[0], state[1] + middle[1], state[2] + middle[2], water)
-    through = velocity[0] + np.cross(velocity[1], middle) - water
+    for n in range(len(waves)):
+        add_waves(waves[n], phases[n], state[0] + middle[0], state[1] + middle[1], -depth / 3.0, water)
+    through = velocity[0] + 2.0 * _half_cross(velocity[1], middle) - water
     into = through[0] * normal[0] + through[1] * normal[1] + through[2] * normal[2]
     along = through - into * normal
     sliding = np.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
@@ -114,7 +116,17 @@ def _press(state, a, b, c, depth_a, depth_b, depth_c, velocity, current, waves, 
 @numba.njit(cache=True)
 def _push(total, place, force):  # type: ignore[no-untyped-def]
     total[0] += force
-    total[1] += np.cross(place, force)
+    total[1] += 2.0 * _half_cross(place, force)
+
+
+@numba.njit(cache=True)
+def _half_cross(a, b):  # type: ignore[no-untyped-def]
+    """Return half of the cross product; NumPy's allocates several arrays."""
+    half = np.empty(3)
+    half[0] = 0.5 * (a[1] * b[2] - a[2] * b[1])
+    half[1] = 0.5 * (a[2] * b[0] - a[0] * b[2])
+    half[2] = 0.5 * (a[0] * b[1] - a[1] * b[0])
+    return half
 
 
 @numba.njit(cache=True)
