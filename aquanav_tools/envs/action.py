@@ -88,5 +88,7 @@ class ActionModel:
 
 def _command_of(parts: Sequence[str], choices: tuple[int, ...]) -> Command:
     """Return the command of choices from 0 to 2: the first is up, left and reverse."""
-    levels = {part: choice - 1.0 if part == "thrust" else 1.0 - choice for part, choice in zip(parts, choices, strict=True)}
+    levels = {
+        part: choice - 1.0 if part == "thrust" else 1.0 - choice for part, choice in zip(parts, choices, strict=True)
+    }
     return Command(levels.get("ballast", 0.0), levels["steer"], levels["thrust"])

@@ -73,14 +73,14 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
 
     ## Episode
     It starts at rest; unless the bay is fixed, in another bay each time, with its own start and goal, drawn from the
-    environment's seed. It terminates within the goal's tolerance ("success"), or at the first contact of the hull with a
-    rock, a reef or the bay's edge ("collision") with `on_collision="end"` or the sparse reward; it is truncated after
+    environment's seed. It terminates within the goal's tolerance ("success"), or at the first contact of the hull with
+    a rock, a reef or the bay's edge ("collision") with `on_collision="end"` or the sparse reward; it is truncated after
     `max_decisions` ("timeout").
 
     ## Info
     The keys of `CaveEnv`, with the same meanings: rays (7,) m; clearance, from the hull to the nearest rock, reef or
-    edge as seen from above, m, so that it is negative over a reef that is deep enough; remaining, straight to the goal,
-    m; progress, how much less that is than at the start, m; start_index, -1 where it was drawn; gate, always 0. Besides,
+    edge as seen from above, m, so that it is negative over a reef that is deep enough; remaining, straight to the
+    goal, m; progress, how much less that is than at the start, m; start_index, -1 where it was drawn; gate, always 0. Besides,
     way: the shortest way from the start through the rocks, m.
 
     ## Physics

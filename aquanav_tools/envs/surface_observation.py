@@ -17,6 +17,8 @@ the six of motion, as for the vehicle under water. The goal is taken to be as hi
 
 from __future__ import annotations
 
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -64,7 +66,7 @@ class SurfaceObservation:
         """Prepare the preset for beams of (7,) lengths, m."""
         size = max(part.stop for part in surface_layout(preset).values())
         self.is_original = preset == "original"
-        self.space: spaces.Box = (
+        self.space: spaces.Space[Any] = (
             original_space(NUM_RAYS) if self.is_original else spaces.Box(-1.0, 1.0, (size,), np.float32)
         )
         self._size = size

@@ -14,7 +14,7 @@ from aquanav_tools.sea.outlines import to_outline, to_segment
 
 @numba.njit(cache=True)
 def cast_disc(corners, first, discs, edge, x, y, ux, uy, length, radius):  # type: ignore[no-untyped-def]
-    """Return how far a disc comes until it touches an outline or the edge, at most `length`, m; 0 where it does already.
+    """Return how far a disc comes until it touches an outline or the edge, at most `length`, m; 0 where it does now.
 
     Args:
         corners: Of all outlines, (V, 2), m.

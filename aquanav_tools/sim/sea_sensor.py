@@ -1,7 +1,7 @@
 """A boat's proximity sensor: a fan of beams just below the water, which see rocks and shallow reefs alike.
 
-A beam is a disc that moves straight ahead, as the original casts spheres, so that it meets a reef whose top is less than
-its radius below still water. Beams are level, and turn with the boat's heading.
+A beam is a disc that moves straight ahead, as the original casts spheres, so that it meets a reef whose top is less
+than its radius below still water. Beams are level, and turn with the boat's heading.
 """
 
 from __future__ import annotations

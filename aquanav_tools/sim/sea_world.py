@@ -1,9 +1,9 @@
 """A boat among rocks: its motion afloat, and what rocks, reefs and the bay's edge do to it.
 
 Rocks stand upright, so that seen from above a contact is one of two outlines, which a few compiled lines solve exactly.
-Bullet would need the rocks as triangles for each new bay of each episode (tens of milliseconds), and would find the
-same points. The rule is that of contacts in caves: no bounce, Coulomb friction, overlaps are pushed apart without a gain
-of speed, so that a rock never gives a boat kinetic energy.
+Bullet would need the rocks as triangles anew for the bay of each episode, to find the same points. The rule is that of
+contacts in caves: no bounce, Coulomb friction, overlaps are pushed apart without a gain of speed, so that a rock never
+gives a boat kinetic energy.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class SeaWorld:
         return found
 
     def clearance(self) -> float:
-        """Return the distance from the hull to the nearest rock, reef or edge seen from above, m; below 0 above a reef."""
+        """Return the distance from the hull to the nearest rock, reef or edge, m; seen from above: below 0 over a reef."""
         assert self._sea is not None, "begin comes first"
         hull = np.empty((len(self.footprint.outline), 3))
         _place(self.state, self.footprint.outline, self.footprint.bottom, hull)
