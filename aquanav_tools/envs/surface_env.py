@@ -80,13 +80,13 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     ## Info
     The keys of `CaveEnv`, with the same meanings: rays (7,) m; clearance, from the hull to the nearest rock, reef or
     edge as seen from above, m, so that it is negative over a reef that is deep enough; remaining, straight to the
-    goal, m; progress, how much less that is than at the start, m; start_index, -1 where it was drawn; gate, always 0. Besides,
-    way: the shortest way from the start through the rocks, m.
+    goal, m; progress, how much less that is than at the start, m; start_index, -1 where it was drawn; gate, always 0.
+    Besides, way: the shortest way from the start through the rocks, m.
 
     ## Physics
-    Waves, wind's drift, gusts and current are `SeaWater`'s; pressure and drag are summed up over the hull. Contacts need
-    no Bullet: `sim.sea_world` says why. The original's boat ("boat") stays level at its height, and feels the current
-    but no waves.
+    Waves, wind's drift, gusts and current are `SeaWater`'s; pressure and drag are summed up over the hull. Contacts
+    need no Bullet: `sim.sea_world` says why. The original's boat ("boat") stays level at its height, and feels the
+    current but no waves.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form

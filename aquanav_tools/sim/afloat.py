@@ -103,7 +103,8 @@ def _cut(places, depths, face, wet, wet_depths):  # type: ignore[no-untyped-def]
 def _press(a, b, c, depth_a, depth_b, depth_c, density, total):  # type: ignore[no-untyped-def]
     """Add the pressure on a triangle under water, corners relative to the centre of mass, to (2, 3) loads.
 
-    Return its middle, its area as a vector, and the area, m^2. Bare numbers, as small arrays would cost most of the time.
+    Return its middle, its area as a vector, and the area, m^2. In bare numbers: small arrays would take most of the
+    time.
     """
     area = _half_cross(b[0] - a[0], b[1] - a[1], b[2] - a[2], c[0] - a[0], c[1] - a[1], c[2] - a[2])
     size, depth = np.sqrt(area[0] ** 2 + area[1] ** 2 + area[2] ** 2), depth_a + depth_b + depth_c

@@ -122,7 +122,7 @@ class SeaWorld:
         return found
 
     def clearance(self) -> float:
-        """Return the distance from the hull to the nearest rock, reef or edge, m; seen from above: below 0 over a reef."""
+        """Return the distance from the hull to the nearest rock, reef or edge from above, m; below 0 over a reef."""
         assert self._sea is not None, "begin comes first"
         hull = np.empty((len(self.footprint.outline), 3))
         _place(self.state, self.footprint.outline, self.footprint.bottom, hull)
