@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +26,8 @@ class Command(NamedTuple):
 IDLE = Command(0.0, 0.0, 0.0)
 ACTIONS = ("multidiscrete", "discrete", "continuous")
 NUM_CHOICES = 3
+DIVING, AFLOAT = Command._fields, Command._fields[1:]
+"""What vehicles under water are told, and boats."""
 
 
 class ActionModel:
@@ -35,12 +37,19 @@ class ActionModel:
       1 stop, 2 ahead]
     - discrete: 9 * ballast + 3 * steer + thrust of the above
     - continuous: [ballast, steer, thrust] in [-1, 1]; positive is up, left and ahead
+
+    Boats have no ballast: their actions are the same without it.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, parts: Sequence[str] = DIVING) -> None:
+        """Prepare a form of an action; `parts` is DIVING or AFLOAT."""
         check_choice("action form", name, ACTIONS)
-        self.space: spaces.Space[Any] = _SPACES[name]()
-        self._convert = _CONVERTERS[name]
+        self._num = num = len(parts)
+        self._commands = {choices: _command_of(parts, choices) for choices in np.ndindex((NUM_CHOICES,) * num)}
+        self._numbered = list(self._commands.values())
+        """By the number of the action; making a new one each time takes longer than all of the choices' checks."""
+        self._rest = (0.0,) * (len(DIVING) - num)
+        self.space, self._convert = self._forms()[name]
 
     def command(self, action: Any) -> Command:
         """Return the command of an action.
@@ -50,41 +59,36 @@ class ActionModel:
         """
         return self._convert(action)
 
+    def _forms(self) -> dict[str, tuple[spaces.Space[Any], Callable[[Any], Command]]]:
+        return {
+            "multidiscrete": (spaces.MultiDiscrete([NUM_CHOICES] * self._num), self._from_choices),
+            "discrete": (spaces.Discrete(NUM_CHOICES**self._num), self._from_number),
+            "continuous": (spaces.Box(-1.0, 1.0, (self._num,), np.float32), self._from_levels),
+        }
 
-def _from_choices(action: Any) -> Command:
-    try:
-        # Numbers from a list take a quarter of the time of those from an array.
-        ballast, steer, thrust = map(int, action.tolist() if isinstance(action, np.ndarray) else action)
-    except (TypeError, ValueError) as cause:
-        raise InputError(f"An action must be 3 choices from 0 to 2, got {action!r}.") from cause
-    if not (0 <= ballast < NUM_CHOICES and 0 <= steer < NUM_CHOICES and 0 <= thrust < NUM_CHOICES):
-        raise InputError(f"An action must be 3 choices from 0 to 2, got {action!r}.")
-    return _COMMANDS[9 * ballast + 3 * steer + thrust]
+    def _from_choices(self, action: Any) -> Command:
+        try:
+            # Numbers from a list take a quarter of the time of those from an array.
+            return self._commands[tuple(map(int, action.tolist() if isinstance(action, np.ndarray) else action))]
+        except (TypeError, ValueError, KeyError) as cause:
+            raise InputError(f"An action must be {self._num} choices from 0 to 2, got {action!r}.") from cause
+
+    def _from_number(self, action: Any) -> Command:
+        number = int(action)
+        if not 0 <= number < len(self._numbered):
+            raise InputError(f"An action must be a number from 0 to {len(self._numbered) - 1}, got {action!r}.")
+        return self._numbered[number]
+
+    def _from_levels(self, action: Any) -> Command:
+        levels = np.asarray(action, dtype=np.float64)
+        if levels.shape != (self._num,) or not np.isfinite(levels).all():
+            raise InputError(f"An action must be {self._num} finite numbers, got {action!r}. Did the policy diverge?")
+        return Command(*self._rest, *np.clip(levels, -1.0, 1.0).tolist())
 
 
-def _from_number(action: Any) -> Command:
-    number = int(action)
-    if not 0 <= number < NUM_CHOICES**3:
-        raise InputError(f"An action must be a number from 0 to 26, got {action!r}.")
-    return _COMMANDS[number]
-
-
-def _from_levels(action: Any) -> Command:
-    levels = np.asarray(action, dtype=np.float64)
-    if levels.shape != (3,) or not np.isfinite(levels).all():
-        raise InputError(f"An action must be 3 finite numbers, got {action!r}. Did the policy diverge?")
-    return Command(*np.clip(levels, -1.0, 1.0).tolist())
-
-
-_COMMANDS = [Command(1.0 - ballast, 1.0 - steer, thrust - 1.0) for ballast, steer, thrust in np.ndindex(3, 3, 3)]
-"""By the number of the action; making a new one each time takes longer than all of the choices' checks."""
-_SPACES: dict[str, Callable[[], spaces.Space[Any]]] = {
-    "multidiscrete": lambda: spaces.MultiDiscrete([NUM_CHOICES] * 3),
-    "discrete": lambda: spaces.Discrete(NUM_CHOICES**3),
-    "continuous": lambda: spaces.Box(-1.0, 1.0, (3,), np.float32),
-}
-_CONVERTERS: dict[str, Callable[[Any], Command]] = {
-    "multidiscrete": _from_choices,
-    "discrete": _from_number,
-    "continuous": _from_levels,
-}
+def _command_of(parts: Sequence[str], choices: tuple[int, ...]) -> Command:
+    """Return the command of choices from 0 to 2: the first is up, left and reverse."""
+    levels = {
+        part: choice - 1.0 if part == "thrust" else 1.0 - choice for part, choice in zip(parts, choices, strict=True)
+    }
+    return Command(levels.get("ballast", 0.0), levels["steer"], levels["thrust"])

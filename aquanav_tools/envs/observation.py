@@ -83,12 +83,13 @@ def layout(preset: str) -> dict[str, slice]:
         InputError: there is no such preset.
     """
     check_choice("observation preset", preset, PRESETS)
-    slices, first = {}, 0
-    for name in PRESETS[preset]:
-        size = (_ROWS | _ORIGINAL_ROWS)[name]
-        slices[name] = slice(first, first + size)
-        first += size
-    return slices
+    return slices_of({name: (_ROWS | _ORIGINAL_ROWS)[name] for name in PRESETS[preset]})
+
+
+def slices_of(rows: dict[str, int]) -> dict[str, slice]:
+    """Return where rows of so many values stand when they follow each other."""
+    ends = np.cumsum(list(rows.values())).tolist()
+    return {name: slice(end - size, end) for (name, size), end in zip(rows.items(), ends, strict=True)}
 
 
 def soft(value: Any, scale: float) -> Any:
@@ -109,7 +110,7 @@ class ObservationModel:
         size = max(part.stop for part in layout(preset).values())
         self.is_original = preset == "original"
         self.space: spaces.Space[Any] = (
-            _original_space() if self.is_original else spaces.Box(-1.0, 1.0, (size,), np.float32)
+            original_space(NUM_RAYS) if self.is_original else spaces.Box(-1.0, 1.0, (size,), np.float32)
         )
         self._size = size
         self._buffer = np.zeros(max(size, sum(_ROWS.values())), dtype=np.float32)
@@ -127,9 +128,10 @@ class ObservationModel:
         return self._buffer[: self._size].copy()
 
 
-def _original_space() -> spaces.Box:
-    high = np.concatenate([np.ones(4 * NUM_RAYS), [180.0, 90.0], np.ones(6)]).astype(np.float32)
-    low = np.concatenate([np.zeros(4 * NUM_RAYS), -high[4 * NUM_RAYS :]]).astype(np.float32)
+def original_space(num_rays: int) -> spaces.Box:
+    """Return the space of the observation "original" of a vehicle with so many rays."""
+    high = np.concatenate([np.ones(4 * num_rays), [180.0, 90.0], np.ones(6)]).astype(np.float32)
+    low = np.concatenate([np.zeros(4 * num_rays), -high[4 * num_rays :]]).astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
 
 
@@ -141,15 +143,14 @@ def fill_full(out, state, rays, ray_lengths, goal, entrance_height, trim, ballas
     rotation = rotation_rows(state)
     east, north, up = goal[0] - state[0], goal[1] - state[1], goal[2] - state[2]
     flat = np.sqrt(east * east + north * north)
-    azimuth = np.arctan2(north, east) - np.arctan2(rotation[1][0], rotation[0][0])
-    azimuth -= 2.0 * np.pi * np.round(azimuth / (2.0 * np.pi))
-    out[28] = _soft(np.sqrt(flat * flat + up * up), DISTANCE_SCALE)
+    azimuth = azimuth_to(east, north, rotation)
+    out[28] = soft_compiled(np.sqrt(flat * flat + up * up), DISTANCE_SCALE)
     out[29] = azimuth / np.pi
     out[30] = np.arctan2(up, flat) / (0.5 * np.pi)
     for axis in range(3):
-        out[31 + axis] = _soft(state[7 + axis], SPEED_SCALE)
-        out[34 + axis] = _soft(state[10 + axis], RATE_SCALE)
-    out[37] = _soft(entrance_height - state[2], DISTANCE_SCALE)
+        out[31 + axis] = soft_compiled(state[7 + axis], SPEED_SCALE)
+        out[34 + axis] = soft_compiled(state[10 + axis], RATE_SCALE)
+    out[37] = soft_compiled(entrance_height - state[2], DISTANCE_SCALE)
     out[38], out[39] = rotation[2][0], rotation[2][1]
     out[40] = trim
     out[41], out[42], out[43] = ballast, steer, thrust
@@ -159,19 +160,20 @@ def fill_full(out, state, rays, ray_lengths, goal, entrance_height, trim, ballas
 
 @numba.njit(cache=True)
 def fill_original(out, state, before, rays, tags, ray_lengths, goal):  # type: ignore[no-untyped-def]
-    """Write one vehicle's observation "original" into (120,) `out`."""
-    for n in range(28):
+    """Write the observation "original" of a vehicle with R rays into (4 R + 8,) `out`."""
+    num_rays = len(rays)
+    for n in range(num_rays):
         out[4 * n] = tags[n] == WALL
         out[4 * n + 1] = tags[n] == START_WALL
         out[4 * n + 2] = tags[n] == NOTHING
         out[4 * n + 3] = rays[n] / ray_lengths[n]
-    out[112], out[113] = _angles_to(goal, before)
+    out[4 * num_rays], out[4 * num_rays + 1] = _angles_to(goal, before)
     rotation = rotation_rows(state)
     for first, sign in ((7, 1.0), (10, -1.0)):  # rates of turn change their sign in a left-handed frame
         x, y, z = state[first], state[first + 1], state[first + 2]
         length = np.sqrt(x * x + y * y + z * z)
         scale = sign / length if length > MIN_MOTION else 0.0
-        at = 114 + first - 7
+        at = 4 * num_rays + 2 + first - 7
         for k, axis, turned in ((0, 1, 1.0), (1, 2, 1.0), (2, 0, -1.0)):
             row = rotation[axis]
             out[at + k] = turned * scale * (row[0] * x + row[1] * y + row[2] * z)
@@ -195,4 +197,11 @@ def _angles_to(goal, state):  # type: ignore[no-untyped-def]
     return heading, elevation
 
 
-_soft = numba.njit(cache=True)(soft)
+@numba.njit(cache=True)
+def azimuth_to(east, north, rotation):  # type: ignore[no-untyped-def]
+    """Return the angle from the horizontal heading to a way, rad, left positive, in [-pi, pi]."""
+    azimuth = np.arctan2(north, east) - np.arctan2(rotation[1][0], rotation[0][0])
+    return azimuth - 2.0 * np.pi * np.round(azimuth / (2.0 * np.pi))
+
+
+soft_compiled = numba.njit(cache=True)(soft)

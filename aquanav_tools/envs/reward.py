@@ -40,6 +40,8 @@ SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collisi
 REWARDS = {"dense": DENSE, "safe": SAFE, "sparse": SPARSE}
 """dense and safe: the original's code, -1000 being its "fast restart"; with them returns are near the 1200 that the
 paper reports. sparse: the paper's text."""
+BOAT_PROXIMITY = 5.0
+"""The original multiplies the boat's term for the sensor, which has a quarter of the vehicle's rays, by this."""
 TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
 
 

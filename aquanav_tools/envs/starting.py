@@ -51,12 +51,10 @@ class Starts:
         Raises:
             InputError: there is no such option or start.
         """
-        for name in options:
-            if name not in RESET_OPTIONS:
-                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+        check_reset_options(options)
         starts = self._scenario.starts
         if "start" in options:
-            index = _check_index(options["start"], len(starts))
+            index = check_start(options["start"], len(starts))
         elif self._ways is not None:
             return self._draw(rng, self._ways), NOWHERE_LISTED
         else:
@@ -96,7 +94,15 @@ def _heading(ways: ShortestWays, position: Array, step: float) -> float | None:
     return float(np.arctan2(north, east)) if np.hypot(east, north) > 0.1 * abs(up) else None
 
 
-def _check_index(start: Any, num_starts: int) -> int:
+def check_reset_options(options: dict[str, Any]) -> None:
+    """Raise an InputError for an option that reset does not have."""
+    for name in options:
+        if name not in RESET_OPTIONS:
+            raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+
+
+def check_start(start: Any, num_starts: int) -> int:
+    """Return the number of a start; raise an InputError where there is none."""
     if not isinstance(start, int | np.integer) or not 0 <= start < num_starts:
         raise InputError(f"The start must be a number from 0 to {num_starts - 1}, got {start!r}.")
     return int(start)

@@ -20,6 +20,8 @@ from aquanav_tools.types import Array, Mesh
 
 SCALE = 0.25
 """The original's vehicle is drawn at a quarter of its size, and its rays with it."""
+BOAT_REACH, BOAT_RADIUS = 30.0, 1.0
+"""Rays of the original's boat and their spheres, m."""
 SPHERE_RADIUS = 0.5
 """The original casts spheres of this radius, before scaling, m; their scale is that of the whole ray to its reach."""
 
@@ -65,14 +67,26 @@ def original_pattern() -> RayPattern:
     return RayPattern(ends / lengths[:, None], lengths, SPHERE_RADIUS * lengths / reaches)
 
 
+def boat_pattern() -> RayPattern:
+    """Return the 7 level rays of the original's boat, which is drawn at twice its size."""
+    azimuth = _azimuths(3)
+    directions = np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros(azimuth.shape)], axis=1)
+    return RayPattern(directions, np.full(7, BOAT_REACH), np.full(7, BOAT_RADIUS))
+
+
 def _fan_ends(fan: Fan) -> Array:
     """Return the (2 * num_per_side + 1, 3) ends of a fan's rays relative to the vehicle, body frame, m."""
-    sides = np.radians(90.0) * np.arange(1, fan.num_per_side + 1) / fan.num_per_side
-    azimuth = np.concatenate([[0.0], np.stack([-sides, sides], axis=1).ravel()])  # left is positive
+    azimuth = _azimuths(fan.num_per_side)
     ends = np.stack(
         [fan.reach * np.cos(azimuth), fan.reach * np.sin(azimuth), np.full(azimuth.shape, fan.rise)], axis=1
     )
     return SCALE * ends
+
+
+def _azimuths(num_per_side: int) -> Array:
+    """Return the (2 * num_per_side + 1,) angles of a fan: straight ahead, then right and left alternately, rad."""
+    sides = np.radians(90.0) * np.arange(1, num_per_side + 1) / num_per_side
+    return np.concatenate([[0.0], np.stack([-sides, sides], axis=1).ravel()])  # left is positive
 
 
 class RangeSensor:

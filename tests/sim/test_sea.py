@@ -11,7 +11,7 @@ from scipy.stats import kurtosis
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.sea_state import BREEZE, CALM, ROUGH, SeaState, draw_sea, jonswap, sea_state
-from aquanav_tools.sim.sea_water import ACROSS, DRIFT, GUST_LENGTH, SeaWater
+from aquanav_tools.sim.sea_water import ACROSS, DRIFT, GUST_LENGTH, SeaWater, add_turned_sea, echoes, turn_sea
 from aquanav_tools.sim.vehicle_base import GRAVITY
 from aquanav_tools.sim.water import GUST_SIZE
 
@@ -161,3 +161,18 @@ def test_an_unknown_state_is_refused_with_the_closest_one() -> None:
         sea_state("breze")
     with pytest.raises(InputError, match="wind_speed is 90"):
         SeaState(wind_speed=90.0)
+
+
+@STATES
+@pytest.mark.parametrize("height", [0.4, -0.3, -3.0, -5.9])
+def test_the_hulls_short_way_to_the_waters_motion_leads_to_the_same(
+    state: SeaState, height: float, rng: np.random.Generator
+) -> None:
+    water = SeaWater(state, DEPTH)
+    water.reset(rng)
+    place, (waves, phases) = np.array([[3.0, -2.0, height]]), water.waves
+    cosines, sines, velocity = np.empty(len(waves)), np.empty(len(waves)), water.current
+    rise = turn_sea(waves, phases, 3.0, -2.0, cosines, sines)
+    add_turned_sea(waves, echoes(waves), cosines, sines, rise - height, velocity)
+    assert rise == pytest.approx(water.rise(place)[0], abs=1e-12)
+    np.testing.assert_allclose(velocity, water.velocities(place)[0], rtol=1e-9, atol=1e-12)
