@@ -67,11 +67,14 @@ def fly_in_waves(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count
     policies = [orders.load(orders.policy) for _ in range(num_policies(plan.policy, max(map(len, waves))))]
     squadron = Squadron(policies, orders.options, Watch(orders.options.action_time_limit))
     scribe = Scribe(orders.output, is_filming=orders.options.film)
-    for number, group in itertools.groupby(asked, key=lambda task: numbers[task.index]):
-        records = {task.index: task.record for task in group}
-        for flight, (track, metrics) in zip(waves[number], squadron.fly(waves[number]), strict=True):
-            if flight.index in records:
-                yield scribe.keep(flight, records[flight.index], track, metrics)
+    try:
+        for number, group in itertools.groupby(asked, key=lambda task: numbers[task.index]):
+            records = {task.index: task.record for task in group}
+            for flight, (track, metrics) in zip(waves[number], squadron.fly(waves[number]), strict=True):
+                if flight.index in records:
+                    yield scribe.keep(flight, records[flight.index], track, metrics)
+    finally:
+        squadron.close()
 
 
 def waves_of(flights: Sequence[Flight]) -> list[tuple[Flight, ...]]:

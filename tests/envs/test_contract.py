@@ -19,6 +19,7 @@ from aquanav_tools.scenario.shipped import CONTENT
 from aquanav_tools.shipped import shipped_names
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import tube_scenario
+from tests.envs.steps import random_steps
 from tests.evaluate.winding import winding_scenario
 
 SCENARIOS: dict[str, Callable[[], Scenario]] = {
@@ -49,19 +50,6 @@ def env(scenario: Scenario) -> Iterator[CaveEnv]:
     env = CaveEnv(scenario, max_decisions=200)
     yield env
     env.close()
-
-
-def random_steps(env: CaveEnv, count: int, seed: int) -> Iterator[tuple[Any, ...]]:
-    """Act at random for some decisions, over as many episodes as it takes."""
-    obs, info = env.reset(seed=seed)
-    env.action_space.seed(seed)
-    yield obs, 0.0, False, False, info
-    for _ in range(count):
-        step = env.step(env.action_space.sample())
-        yield step
-        if step[2] or step[3]:
-            obs, info = env.reset()
-            yield obs, 0.0, False, False, info
 
 
 def assert_sound(env: CaveEnv, count: int) -> None:

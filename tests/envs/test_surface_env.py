@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from aquanav_tools.sea.hull_contact import hull_clearance
 from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap, Way
 from aquanav_tools.sim.sea_world import DENSITY
 from aquanav_tools.types import Array
+from tests.envs.steps import random_steps
 
 AHEAD, IDLE = [1, 2], [1, 1]
 EDGE = np.array([-60.0, -30.0, 60.0, 30.0])
@@ -60,18 +60,6 @@ def run(env: SurfaceEnv, action: Any, count: int) -> list[dict[str, Any]]:
         if terminated or truncated:
             break
     return infos
-
-
-def random_steps(env: SurfaceEnv, count: int, seed: int) -> Iterator[tuple[Any, ...]]:
-    obs, info = env.reset(seed=seed)
-    env.action_space.seed(seed)
-    yield obs, 0.0, False, False, info
-    for _ in range(count):
-        step = env.step(env.action_space.sample())
-        yield step
-        if step[2] or step[3]:
-            obs, info = env.reset()
-            yield obs, 0.0, False, False, info
 
 
 @pytest.mark.parametrize("observation", ["paper", "full", "original"])

@@ -107,37 +107,27 @@ def test_network_thinks_of_many_as_of_each(kind: type[BaseAlgorithm], tmp_path: 
 
 
 class Fickle:
-    """Breaks down in one episode, at its third decision."""
-
-    def __init__(self) -> None:
-        self._seed = self._count = 0
+    """Thinks of all vehicles at once, and breaks down over the second one at its third decision."""
 
     def reset(self, seed: int) -> None:
-        self._seed, self._count = seed, 0
+        self._count = 0
 
     def think(self, observations: Any) -> Any:
         self._count += 1
-        return observations
+        return np.arange(len(observations))[:, None]
 
     def decide(self, thought: Any) -> Any:
-        if self._count == 3 and thought[28] == self.worst:
+        if self._count == 3 and thought[0] == 1:
             raise RuntimeError("a bad day")
         return np.array([1, 1, 2])
 
     def act(self, observation: Any) -> Any:
-        return self.decide(observation)
-
-    worst = -1.0
+        raise AssertionError("a batch asks for all vehicles at once")
 
 
 def test_failing_policy_costs_its_episode_only(run: Run, tmp_path: Path) -> None:
-    class Broken(Fickle):
-        def think(self, observations: Any) -> Any:
-            self.worst = observations[1, 28]
-            return super().think(observations)
-
     def load(name: str) -> LoadedPolicy:
-        return LoadedPolicy(Broken(), name, None, "full", "multidiscrete")
+        return LoadedPolicy(Fickle(), name, None, "full", "multidiscrete")
 
     table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6)
     outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
