@@ -19,6 +19,7 @@ from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
 from aquanav_tools.cave.closing.columns import Column
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, NO_LEGS, Evidence, contradictions
+from aquanav_tools.cave.closing.fairing import fair_holes
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.winding import Sampler
 from aquanav_tools.cave.mesh.decimation import without_excess
@@ -31,6 +32,8 @@ logger = logging.getLogger(__name__)
 
 SCAN_VOXELS = 0.75
 """A resampled face follows the scan when its middle is within this distance of it, voxels."""
+HOLE_VOXELS = 0.3
+"""... and one is of a hole of the simplified surface likewise, voxels."""
 SIMPLIFY_VOXELS = 0.1
 """Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
 MIN_SECOND_CAVE = 0.2
@@ -52,6 +55,8 @@ NOISE_VOXELS = 1.0
 """Tunnels and pillars thinner than this come from noise, voxels."""
 MIN_SEEN_SHARE = 0.5
 """A tunnel was scanned when at least this share of the shortest loop around it follows the scan."""
+
+NO_HOLES = Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +112,11 @@ class Closer:
         self._carving = replace(NO_CARVING, leg_radius=LEG_VOXELS * voxel)
 
     def close(
-        self, legs: Array = NO_LEGS, columns: tuple[Column, ...] = (), progress: Progress = ignore_progress
+        self,
+        legs: Array = NO_LEGS,
+        columns: tuple[Column, ...] = (),
+        holes: Mesh = NO_HOLES,
+        progress: Progress = ignore_progress,
     ) -> ClosedSurface:
         """Return the solid that is enclosed, normals out of the water.
 
@@ -117,12 +126,13 @@ class Closer:
         Args:
             legs: (M, 2, 3) lines that become water whatever the surface says, beside those of earlier calls, m.
             columns: water that is added at open ends.
+            holes: invented faces of an earlier result that are to continue the curvature of the wall around them.
             progress: called with (parts done, parts in all).
 
         Raises:
             MeshError: no space is enclosed, or two caves are.
         """
-        if self._keep_triangles and not (len(legs) or columns):
+        if self._keep_triangles and not (len(legs) or columns or len(holes.faces)):
             try:
                 lidded = close_with_lids(self._surface, self._min_portal)
                 if not contradictions(lidded.mesh, self._evidence, self._voxel).count:
@@ -131,19 +141,19 @@ class Closer:
             except MeshError as reason:
                 logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, self._voxel)
         self._carving = replace(self._carving, legs=np.concatenate([self._carving.legs, legs]), columns=columns)
-        return self._resample(progress)
+        return self._resample(holes, progress)
 
     @cached_property
     def _sampler(self) -> Sampler:
         return Sampler(self._surface, self._voxel, self._evidence.sight)
 
-    def _resample(self, progress: Progress) -> ClosedSurface:
+    def _resample(self, holes: Mesh, progress: Progress) -> ClosedSurface:
         """Return the resampled solid, corrected until no leg is blocked and no tunnel left that nobody scanned."""
         surface, voxel, evidence = self._surface, self._voxel, self._evidence
         for fault_voxels in (*FAULT_VOXELS, None):
             waters = self._sampler.water_surface(self._carving, progress)
             solid, cautions = _main_water(waters, surface, evidence, voxel)
-            mesh = without_excess(from_manifold(solid), SIMPLIFY_VOXELS * voxel)
+            mesh = without_excess(self._faired(from_manifold(solid), holes), SIMPLIFY_VOXELS * voxel)
             if fault_voxels is None:
                 break
             blocked = _blocked(mesh, waters, evidence, voxel)
@@ -152,6 +162,13 @@ class Closer:
                 break
             self._carving = _carve(self._carving, blocked, faults, fault_voxels, voxel)
         return ClosedSurface(mesh, faces_near(mesh, surface, SCAN_VOXELS * voxel), "winding", cautions)
+
+    def _faired(self, mesh: Mesh, holes: Mesh) -> Mesh:
+        if not len(holes.faces):
+            return mesh
+        is_hole = faces_near(mesh, holes, HOLE_VOXELS * self._voxel)
+        is_hole &= ~faces_near(mesh, self._surface, SCAN_VOXELS * self._voxel)
+        return fair_holes(mesh, is_hole, self._voxel)
 
 
 def faces_near(closed: Mesh, surface: Mesh, distance: float) -> BoolArray:

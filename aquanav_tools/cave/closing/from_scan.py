@@ -14,7 +14,7 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.close import ClosedSurface, Closer
 from aquanav_tools.cave.closing.ends import NO_CAMERAS, find_ends
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
-from aquanav_tools.cave.closing.openings import find_openings
+from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import Cut, cut_portals
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
 from aquanav_tools.errors import MeshError
@@ -60,10 +60,12 @@ def close_scan(
     cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
 
     def finish(closed: ClosedSurface) -> ClosedScan:
-        ends = find_ends(find_openings(closed, min_portal, evidence.sight), closed.mesh, voxel, cameras)
+        openings = find_openings(closed, min_portal, evidence.sight)
+        holes = holes_in_wall(openings, closed.mesh)
+        ends = find_ends(openings, closed.mesh, voxel, cameras)
         columns = tuple(end.column for end in ends if end.column is not None)
-        if columns:
-            closed = closer.close(columns=columns, progress=progress)
+        if columns or (len(holes.faces) and closed.method == "winding"):
+            closed = closer.close(columns=columns, holes=holes, progress=progress)
         kept = without_gaps(surface, closed.mesh, voxel)
         return ClosedScan(kept, closed, cut_portals(closed, kept.mesh, ends, voxel, cuts))
 

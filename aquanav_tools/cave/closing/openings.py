@@ -109,6 +109,17 @@ def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
     return tuple(kept)
 
 
+def holes_in_wall(openings: tuple[Opening, ...], mesh: Mesh) -> Mesh:
+    """Return the faces of a closed mesh that were invented across holes in the wall, in one piece with no end."""
+    is_hole = np.zeros(len(mesh.faces), dtype=np.bool_)
+    for opening in openings:
+        is_hole[opening.patch] = True
+    for opening in openings:
+        if opening.is_portal:
+            is_hole[opening.patch] = False
+    return Mesh(mesh.vertices, mesh.faces[is_hole])
+
+
 class _View:
     """Looks around in the closed water."""
 

@@ -126,16 +126,16 @@ def _fair(vertices: Array, faces: IntArray, loop: IntArray, new_vertices: Array,
     is_free = used >= len(vertices)
     is_bent = is_free | np.isin(used, loop)
     for _ in range(NUM_FAIRINGS):
-        bending = _bending(Mesh(positions, local.reshape(-1, 3).astype(np.int64)), is_bent)
-        pull = bending[is_free][:, ~is_free] @ positions[~is_free]
-        positions[is_free] = spsolve(bending[is_free][:, is_free].tocsc(), -pull)
+        form = bending(Mesh(positions, local.reshape(-1, 3).astype(np.int64)), is_bent)
+        pull = form[is_free][:, ~is_free] @ positions[~is_free]
+        positions[is_free] = spsolve(form[is_free][:, is_free].tocsc(), -pull)
     if not np.isfinite(positions).all():
         raise MeshError(f"The wall around a rim of {len(loop)} edges has faces without area. Close it with a flat lid.")
     moved: Array = positions[is_free]
     return moved
 
 
-def _bending(mesh: Mesh, is_bent: BoolArray) -> sparse.csr_matrix:
+def bending(mesh: Mesh, is_bent: BoolArray) -> sparse.csr_matrix:
     """Return the quadratic form of the squared mean curvature vector, integrated around some of the vertices."""
     import igl
 
