@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import functools
 import json
 import re
 import subprocess
@@ -20,6 +19,7 @@ from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
 from tests.cave.open_caves import wavy_sheet
+from tests.commands import run_here
 
 OUTPUTS = {
     "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "flow.npz", "guide.json", "starts.json",
@@ -28,15 +28,7 @@ OUTPUTS = {
 }  # fmt: skip
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run the command here, which saves it the imports; a mistake of ours passes through as an exception."""
-    code, output, errors = 0, io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
-        try:
-            main([str(argument) for argument in arguments])
-        except SystemExit as ending:
-            code = int(ending.code or 0)
-    return subprocess.CompletedProcess(arguments, code, output.getvalue(), errors.getvalue())
+run = functools.partial(run_here, main)
 
 
 def run_as_a_process(*arguments: object) -> subprocess.CompletedProcess[str]:
