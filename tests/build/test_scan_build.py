@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
+import functools
 import json
 import re
 import subprocess
@@ -19,8 +18,12 @@ from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
+from tests.build.pictures import leave_out_pictures
 from tests.cave.open_caves import wavy_sheet
+from tests.commands import run_here
 
+LENGTH = 6.0
+"""Of the tube, m."""
 OUTPUTS = {
     "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "flow.npz", "guide.json", "starts.json",
     "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png", "cave-lod1.glb",
@@ -28,15 +31,7 @@ OUTPUTS = {
 }  # fmt: skip
 
 
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    """Run the command here, which saves it the imports; a mistake of ours passes through as an exception."""
-    code, output, errors = 0, io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(output), contextlib.redirect_stderr(errors):
-        try:
-            main([str(argument) for argument in arguments])
-        except SystemExit as ending:
-            code = int(ending.code or 0)
-    return subprocess.CompletedProcess(arguments, code, output.getvalue(), errors.getvalue())
+run = functools.partial(run_here, main)
 
 
 def run_as_a_process(*arguments: object) -> subprocess.CompletedProcess[str]:
@@ -47,7 +42,7 @@ def run_as_a_process(*arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def scan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scan") / "tube.stl"
-    tube(1.0, 8.0, sections=32, rings=41).mesh.to_trimesh().export(path)
+    tube(1.0, LENGTH, sections=32, rings=31).mesh.to_trimesh().export(path)
     return path
 
 
@@ -60,18 +55,24 @@ def built(scan: Path) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True)
+def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Only `built` has them, which is made before any fixture of a single test."""
+    leave_out_pictures(monkeypatch)
+
+
 def test_a_build_leaves_a_complete_scenario_folder(built: Path) -> None:
     assert {path.name for path in built.iterdir()} == OUTPUTS
     scenario = read_scenario(built)
     assert scenario.name == "tube"
     assert len(scenario.starts) == 20
-    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 8.0, rel=1e-4)
+    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * LENGTH, rel=1e-4)
     with Image.open(built / "cave.png") as picture:
         assert min(picture.size) > 300
 
 
 def test_noise_that_a_first_surface_shows_makes_the_voxel_larger(tmp_path: Path) -> None:
-    noisy = add_noise(intact(tube(1.2, 8.0, sections=48, rings=61)), 0.05, seed=2).mesh
+    noisy = add_noise(intact(tube(1.2, 6.0, sections=48, rings=46)), 0.05, seed=2).mesh
     noisy.to_trimesh().export(tmp_path / "noisy.ply")
     assert run(tmp_path / "noisy.ply", "-o", tmp_path / "cave", "--starts.count", 5).returncode == 0
     report = json.loads((tmp_path / "cave" / "report.json").read_text())
@@ -107,7 +108,7 @@ def test_unit_up_axis_and_recipe_are_applied_and_flags_win(built: Path, scan: Pa
     mesh.vertices = 100.0 * mesh.vertices[:, [1, 2, 0]]  # world x, y, z from the file's z, x, y: up is y
     mesh.export(tmp_path / "tube.ply")
     (tmp_path / "mine.toml").write_text(
-        '[scan]\nunit = "cm"\n[panels]\nspacing = 1.0\nmin_spacing = 1.0\n[starts]\ncount = 7\n'
+        '[scan]\nunit = "cm"\n[panels]\nspacing = 0.5\nmin_spacing = 0.5\n[starts]\ncount = 7\n'
     )
     flags = ("--up", "y", "--recipe", tmp_path / "mine.toml", "--starts.count", 5)
     result = run(tmp_path / "tube.ply", "-o", tmp_path / "out", *flags)
@@ -115,7 +116,7 @@ def test_unit_up_axis_and_recipe_are_applied_and_flags_win(built: Path, scan: Pa
     scenario = read_scenario(tmp_path / "out")
     assert scenario.cavity.volume == pytest.approx(read_scenario(built).cavity.volume, rel=1e-4)
     assert len(scenario.starts) == 5
-    assert np.diff(scenario.guide.arc_lengths).max() < 1.2
+    assert np.diff(scenario.guide.arc_lengths).max() < 0.6
 
 
 def test_a_finished_scenario_is_only_replaced_when_told_so(scan: Path, built: Path) -> None:
@@ -196,13 +197,13 @@ def test_a_scan_that_is_no_cave_ends_with_a_sentence_and_a_report(
 
 
 def test_a_cut_ends_the_cave_and_the_route_goes_where_it_is_told(scan: Path, tmp_path: Path) -> None:
-    flags = ("--cut", 6, 0, 0, 1, 0, 0, "--entrance", "6,0,0", "--goal", "0.1,0,0", "--starts.count", 4)
+    flags = ("--cut", 5.5, 0, 0, 1, 0, 0, "--entrance", "5.5,0,0", "--goal", "0.1,0,0", "--starts.count", 4)
     result = run(scan, "-o", tmp_path / "out", *flags)
     assert result.returncode == 0, result.stderr
     scenario = read_scenario(tmp_path / "out")
     ends = sorted(portal.centre[0] for portal in scenario.cavity.portals)
-    assert ends == pytest.approx([0.0, 6.0], abs=1e-3)
-    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 6.0, rel=1e-3)
+    assert ends == pytest.approx([0.0, 5.5], abs=1e-3)
+    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 5.5, rel=1e-3)
     assert scenario.guide.centres[0][0] > scenario.guide.centres[-1][0]
 
 

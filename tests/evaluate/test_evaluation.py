@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import copy
 import dataclasses
+import functools
 import hashlib
 import json
 import resource
@@ -19,6 +20,7 @@ import pyarrow.parquet
 import pytest
 from scipy.stats import binomtest
 
+from aquanav_tools.cli.evaluate import main
 from aquanav_tools.envs import rendering
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.evaluate.evaluation import evaluate
@@ -29,10 +31,13 @@ from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.commands import run_here
 from tests.evaluate.models import make_model
 
+aquanav_eval = functools.partial(run_here, main)
 
-def aquanav_eval(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+
+def as_a_process(*arguments: str | int | Path) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", "from aquanav_tools.cli.evaluate import main; main()", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=120)
 
@@ -49,7 +54,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
 def finished(tmp_path_factory: pytest.TempPathFactory, folder: Path) -> tuple[Path, str]:
     """Return the output folder of an evaluation, and what the command printed."""
     output = tmp_path_factory.mktemp("eval")
-    result = aquanav_eval("baseline:reactive", "--scenario", folder, "--episodes", 4, "--seed", 5, "-o", output)
+    result = as_a_process("baseline:reactive", "--scenario", folder, "--episodes", 4, "--seed", 5, "-o", output)
     assert result.returncode == 0, result.stderr
     return output, result.stdout
 
@@ -295,7 +300,7 @@ def test_output_that_is_a_file_is_refused(folder: Path, tmp_path: Path) -> None:
 
 def test_help_answers_at_once() -> None:
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    assert aquanav_eval("--help").returncode == 0
+    assert as_a_process("--help").returncode == 0
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.5  # CPU time, whoever else runs
 

@@ -1,12 +1,9 @@
-"""Masks, sources and memory of the dense step; the planes it starts with."""
+"""Masks and sources of the dense step; the planes it starts with."""
 
 from __future__ import annotations
 
 import gc
-import shutil
-import tracemalloc
 import weakref
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -18,9 +15,8 @@ from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.dense.guess import guess_planes
 from aquanav_tools.reconstruct.dense.masks import pixel_maps, write_masks
 from aquanav_tools.reconstruct.dense.pictures import MASKS_DIR, album, read_picture
-from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth, memory_bytes
+from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.views import View, rank_sources
-from tests.reconstruct.conftest import SMALL_OPTIONS, Dive
 
 FISHEYE = Lens(400, 300, 150.0, (0.04, 0.01, -0.006, 0.001))
 
@@ -84,59 +80,6 @@ def test_no_mask_is_written_for_a_photo_that_is_wanted_whole(tmp_path: Path) -> 
     fisheye, pinhole = cameras()
     write_masks(model_of(fisheye), model_of(pinhole), None, tmp_path)
     assert not (tmp_path / MASKS_DIR).exists()
-
-
-def test_masked_and_black_pixels_get_no_depth(dive: Dive, tmp_path: Path) -> None:
-    dense = without_depth(dive, tmp_path)
-    name = dive.result.camera_names[0]
-    photo = cv2.imread(str(dense / "images" / name))
-    photo[:60] = 0
-    cv2.imwrite(str(dense / "images" / name), photo, [cv2.IMWRITE_JPEG_QUALITY, 100])
-    mask = np.full(photo.shape[:2], 255, np.uint8)
-    mask[:, :80] = 0
-    (dense / MASKS_DIR).mkdir()
-    cv2.imwrite(str(dense / MASKS_DIR / f"{name}.png"), mask)
-    for other in dive.result.camera_names[1:]:
-        shutil.copy(depth_path(dive.dense_dir, other), depth_path(dense, other))
-    estimate_depth(dense, SMALL_OPTIONS.depth)
-    found = load_depth(depth_path(dense, name))
-    assert not found.depth[:, :80].any()
-    assert not found.depth[:56].any()  # JPEG blurs the black edge by half a block
-    assert not found.normals[found.depth == 0.0].any()
-    assert np.mean(found.depth[64:, 84:] > 0.0) > 0.8
-
-
-def without_depth(dive: Dive, folder: Path) -> Path:
-    """A copy of the undistorted photos of a dive, no depth found yet."""
-    dense = folder / "dense"
-    for part in ("images", "sparse"):
-        shutil.copytree(dive.dense_dir / part, dense / part)
-    (dense / "depth").mkdir()
-    return dense
-
-
-def test_agreement_ends_the_same_after_a_kill_and_leaves_nothing_behind(dive: Dive, tmp_path: Path) -> None:
-    dense = without_depth(dive, tmp_path)
-    options = replace(SMALL_OPTIONS.depth, agreement=True)
-    paths = estimate_depth(dense, options)
-    assert not (dense / "alone").exists()
-    first = load_depth(paths[3])
-    assert not np.array_equal(first.depth, load_depth(depth_path(dive.dense_dir, paths[3].name[:-4])).depth)
-    paths[3].unlink()
-    estimate_depth(dense, options)
-    np.testing.assert_array_equal(load_depth(paths[3]).depth, first.depth)
-
-
-def test_memory_stays_below_what_is_said(dive: Dive, tmp_path: Path) -> None:
-    dense = without_depth(dive, tmp_path)
-    tracemalloc.start()
-    try:
-        estimate_depth(dense, SMALL_OPTIONS.depth)
-        _, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    # Beside the arrays of the formula: the sparse model's points, and the triangulation of one photo's.
-    assert peak < memory_bytes(240, 180, SMALL_OPTIONS.depth) + 8e6
 
 
 def test_an_album_holds_no_more_pictures_than_it_may(tmp_path: Path) -> None:

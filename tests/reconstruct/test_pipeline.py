@@ -1,4 +1,7 @@
-"""Pixels in, surface out: a rendered cave is reconstructed and held against its truth."""
+"""Pixels in, surface out: a rendered cave is reconstructed and held against its truth.
+
+Every test of that one reconstruction is in this file: processes that share the suite by files then make it once.
+"""
 
 from __future__ import annotations
 
@@ -7,9 +10,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import tracemalloc
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numba
 import numpy as np
 import pytest
@@ -17,7 +22,8 @@ import pytest
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth
+from aquanav_tools.reconstruct.dense.pictures import MASKS_DIR
+from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth, memory_bytes
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.georeference.solve import upright_rotation
@@ -143,6 +149,59 @@ def test_another_seed_gives_another_depth(dive: Dive) -> None:
     estimate_depth(dense, replace(SMALL_OPTIONS.depth, seed=1))
     assert not np.array_equal(load_depth(path).depth, kept.depth)
     path.write_bytes(first)
+
+
+def test_masked_and_black_pixels_get_no_depth(dive: Dive, tmp_path: Path) -> None:
+    name = dive.result.camera_names[0]
+    dense = without_depth(dive, tmp_path, 0)
+    photo = cv2.imread(str(dense / "images" / name))
+    photo[:60] = 0
+    cv2.imwrite(str(dense / "images" / name), photo, [cv2.IMWRITE_JPEG_QUALITY, 100])
+    mask = np.full(photo.shape[:2], 255, np.uint8)
+    mask[:, :80] = 0
+    (dense / MASKS_DIR).mkdir()
+    cv2.imwrite(str(dense / MASKS_DIR / f"{name}.png"), mask)
+    estimate_depth(dense, SMALL_OPTIONS.depth)
+    found = load_depth(depth_path(dense, name))
+    assert not found.depth[:, :80].any()
+    assert not found.depth[:56].any()  # JPEG blurs the black edge by half a block
+    assert not found.normals[found.depth == 0.0].any()
+    assert np.mean(found.depth[64:, 84:] > 0.0) > 0.8
+
+
+def without_depth(dive: Dive, folder: Path, *photos: int) -> Path:
+    """A copy of the undistorted photos of a dive with their depth, which some of them lack."""
+    dense = folder / "dense"
+    for part in ("images", "sparse", "depth"):
+        shutil.copytree(dive.dense_dir / part, dense / part)
+    for photo in photos:
+        depth_path(dense, dive.result.camera_names[photo]).unlink()
+    return dense
+
+
+def test_agreement_ends_the_same_after_a_kill_and_leaves_nothing_behind(dive: Dive, tmp_path: Path) -> None:
+    dense = without_depth(dive, tmp_path, 3, 8)
+    path = depth_path(dense, dive.result.camera_names[3])
+    options = replace(SMALL_OPTIONS.depth, agreement=True)
+    estimate_depth(dense, options)
+    assert not (dense / "alone").exists()
+    first = load_depth(path)
+    assert not np.array_equal(first.depth, load_depth(depth_path(dive.dense_dir, path.name[:-4])).depth)
+    path.unlink()
+    estimate_depth(dense, options)
+    np.testing.assert_array_equal(load_depth(path).depth, first.depth)
+
+
+def test_memory_stays_below_what_is_said(dive: Dive, tmp_path: Path) -> None:
+    dense = without_depth(dive, tmp_path, 0, 4, 8)  # these and their sources are nearly all
+    tracemalloc.start()
+    try:
+        estimate_depth(dense, SMALL_OPTIONS.depth)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    # Beside the arrays of the formula: the sparse model's points, and the triangulation of one photo's.
+    assert peak < memory_bytes(240, 180, SMALL_OPTIONS.depth) + 8e6
 
 
 def test_moving_a_reconstruction_scales_distances_and_turns_normals(dive: Dive) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from aquanav_tools.cli.train import main
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
@@ -23,8 +24,6 @@ from aquanav_tools.train.training import train
 from tests.caves import tube_scenario
 from tests.disks import fill, small_disk
 from tests.train.runs import learned, tiny_pipeline, tiny_tube
-
-COMMAND = "from aquanav_tools.cli.train import main; main()"
 
 
 @pytest.fixture(scope="module")
@@ -74,25 +73,27 @@ def test_stopped_run_ends_as_one_that_never_stopped(
     assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
 
 
-def test_killed_command_goes_on_to_the_same_policy(tube: Path, tmp_path: Path) -> None:
+def test_killed_command_goes_on_to_the_same_policy(
+    tube: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     pipeline = tmp_path / "mine.toml"
     pipeline.write_text(
         f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nbuffer = 128\n'
         f'batch = 32\nepochs = 2\ncheckpoint_every = 128\nvalidation = ["{tube}"]\nvalidation_episodes = 2\n'
         "validate_every = 256\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
     )
-    command = [sys.executable, "-c", COMMAND, "--pipeline", str(pipeline), "-o"]
-    subprocess.run([*command, str(tmp_path / "whole")], check=True, capture_output=True)
-    killed = tmp_path / "killed"
-    process = subprocess.Popen([*command, str(killed)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    killed, flags = tmp_path / "killed", ["--pipeline", str(pipeline), "-o"]
+    command = [sys.executable, "-c", "from aquanav_tools.cli.train import main; main()", *flags, str(killed)]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     while not (killed / CHECKPOINT_FILE).is_file() and process.poll() is None:
         time.sleep(0.005)
     os.kill(process.pid, signal.SIGKILL)
     assert process.wait() == -signal.SIGKILL
     found = read_checkpoint(killed)
     assert found is not None and not found.journal["is_finished"]
-    done = subprocess.run([*command, str(killed)], check=True, capture_output=True, text=True)
-    assert "Learned from 1024 decisions" in done.stdout
+    main([*flags, str(killed)])
+    assert "Learned from 1024 decisions" in capsys.readouterr().out
+    main([*flags, str(tmp_path / "whole")])
     assert learned(killed) == learned(tmp_path / "whole")
     for name in ("curve.csv", "validation.csv"):  # all but the seconds
         rows = [(folder / name).read_text().splitlines() for folder in (killed, tmp_path / "whole")]
