@@ -12,7 +12,7 @@ import os
 import signal
 import traceback
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from multiprocessing import connection
 from typing import Any
 
@@ -52,7 +52,7 @@ def num_workers(wanted: int | None, num_episodes: int, num_cores: int) -> int:
     return min(wanted, num_episodes)
 
 
-def fly_in_processes(orders: Orders, num: int, tasks: Iterator[Task | None]) -> Iterator[Row]:
+def fly_in_processes(orders: Orders, num: int, tasks: Iterator[Task | None]) -> Generator[Row, None, None]:
     """Yield the journal's rows of episodes as they end.
 
     The next task is asked for when a process is free for it; None stands for one that depends on episodes in flight.

@@ -94,7 +94,8 @@ def make_plan(orders: Orders) -> Plan:
 
 def seal_of(plan: Plan) -> dict[str, str | None]:
     """Return the hashes of the policy and of the scenarios by their names."""
-    return {plan.policy.name: plan.policy.sha256} | {item.name: item.content_hash for item in plan.scenarios}
+    scenarios: dict[str, str | None] = {f"scenario {item.name}": item.content_hash for item in plan.scenarios}
+    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios
 
 
 def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:

@@ -19,7 +19,7 @@ from aquanav_tools.evaluate.pilot import Orders, make_plan
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from tests.conftest import REPOSITORY
-from tests.evaluate.policies import FLIERS, TROUBLE, drifting_options, load_drifting
+from tests.evaluate.policies import FLIERS, ONCE, TROUBLE, drifting_options, load_drifting
 from tests.evaluate.test_crew import BAD, NUM_EPISODES, REASONS, assert_same_files
 
 NODE: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 80 << 20}
@@ -51,6 +51,7 @@ def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
 
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]))
+    monkeypatch.setenv(ONCE, str(tmp_path / "once"))
     monkeypatch.setenv(FLIERS, str(tmp_path / "fliers"))
     monkeypatch.setenv(TROUBLE, ",".join(f"{seed} {kind}" for seed, kind in BAD.items() if "TROUBLED" in os.environ))
     nodes = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
@@ -196,8 +197,8 @@ def test_addresses_and_backends_that_do_not_go_together_are_refused(choices: dic
 
 def test_node_with_another_scenario_refuses_to_fly(folder: Path, tmp_path: Path) -> None:
     options = drifting_options(folder, tmp_path, episodes=1)
-    orders = Orders(options, "drifting", tmp_path, load_drifting, {"drifting": None, "tube": "0" * 64})
-    with pytest.raises(AquanavError, match="The content of tube is not that with which the evaluation began"):
+    orders = Orders(options, "drifting", tmp_path, load_drifting, {"policy drifting": None, "scenario tube": "0" * 64})
+    with pytest.raises(AquanavError, match="The content of scenario tube is not that with which the evaluation began"):
         make_plan(orders)
 
 
