@@ -50,13 +50,14 @@ IMPORTERS = {
     "open3d": {"libraries.py"},
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},
+    "ray": {"evaluate/cluster.py"},
     "rerun": {"report/recording/"},
     "warp": {"sim/batch/"},
 }
 """Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
 DOCTOR = "cli/doctor.py"
 
-HEAVY = {"torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "warp", "numpy"}
+HEAVY = {"ray", "torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "warp", "numpy"}
 """Libraries that take long to import, down to a tenth of a second for numpy."""
 
 

@@ -46,7 +46,10 @@ def requirements(python: str) -> list[Requirement]:
     """Return what pyproject.toml asks for, to build, run and develop, under a version of Python."""
     tables = pyproject()
     project = tables["project"]
-    texts = project["dependencies"] + project["optional-dependencies"]["dev"] + tables["build-system"]["requires"]
+    texts = (
+        project["dependencies"] + project["optional-dependencies"]["dev"] + project["optional-dependencies"]["cluster"]
+    )
+    texts += tables["build-system"]["requires"]
     found = [Requirement(text) for text in texts]
     return [need for need in found if need.marker is None or need.marker.evaluate({"python_version": python})]
 
@@ -67,7 +70,7 @@ def test_what_is_imported_is_what_is_required() -> None:
     imported = {canonicalize_name(PACKAGE_OF.get(module, module)) for module in modules - {"tomllib"}}
     project = pyproject()["project"]
     extras = project["optional-dependencies"]
-    texts = project["dependencies"] + extras["heic"] + extras["recurrent"] + extras["stress"]
+    texts = project["dependencies"] + extras["heic"] + extras["recurrent"] + extras["stress"] + extras["cluster"]
     required = {canonicalize_name(Requirement(text).name) for text in texts}
     assert imported == required
 

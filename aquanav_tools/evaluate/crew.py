@@ -12,7 +12,7 @@ import os
 import signal
 import traceback
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from multiprocessing import connection
 from typing import Any
 
@@ -35,9 +35,9 @@ MAX_LOSSES = 5
 
 def flown(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
     """Yield the journal's rows of `count` tasks as they end, flown in this process or in several others."""
-    num_workers = _num_workers(orders.options.workers, count)
-    if num_workers > 1:
-        yield from fly_in_processes(orders, num_workers, tasks)
+    num = num_workers(orders.options.workers, count, len(os.sched_getaffinity(0)))
+    if num > 1:
+        yield from fly_in_processes(orders, num, tasks)
         return
     with open_pilot(orders, plan, Watch(orders.options.action_time_limit)) as pilot:
         for task in tasks:
@@ -45,13 +45,14 @@ def flown(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) 
                 yield pilot.carry_out(task)
 
 
-def _num_workers(wanted: int | None, num_episodes: int) -> int:
+def num_workers(wanted: int | None, num_episodes: int, num_cores: int) -> int:
+    """Return how many processes fly so many episodes on so many cores."""
     if wanted is None:
-        return min(len(os.sched_getaffinity(0)), -(-num_episodes // EPISODES_PER_WORKER))
+        return min(num_cores, -(-num_episodes // EPISODES_PER_WORKER))
     return min(wanted, num_episodes)
 
 
-def fly_in_processes(orders: Orders, num_workers: int, tasks: Iterator[Task | None]) -> Iterator[Row]:
+def fly_in_processes(orders: Orders, num: int, tasks: Iterator[Task | None]) -> Generator[Row, None, None]:
     """Yield the journal's rows of episodes as they end.
 
     The next task is asked for when a process is free for it; None stands for one that depends on episodes in flight.
@@ -62,7 +63,7 @@ def fly_in_processes(orders: Orders, num_workers: int, tasks: Iterator[Task | No
     """
     crew = _Crew(orders, tasks)
     try:
-        crew.hire(num_workers)
+        crew.hire(num)
         yield from crew.rows()
     finally:
         crew.dismiss()

@@ -66,7 +66,7 @@ def evaluate(
         InputError: the policy cannot be used, the output folder cannot be made, or its episodes are of another
             evaluation.
         ScenarioError: a scenario cannot be read.
-        ResourceError: the processes that fly do not start.
+        ResourceError: the processes that fly do not start, or the cluster does not answer.
     """
     load = load or partial(load_policy, is_trusted=options.trust)
     orders = Orders(options, policy_name or options.policies[0], output or options.output, load)
@@ -122,6 +122,11 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
 
 def _flyer(plan: Plan, options: EvaluateOptions) -> Flyer:
     """Return what flies the tasks of a plan, having checked that it can."""
+    if options.ray is not None:
+        from aquanav_tools.evaluate.cluster import fly_on_cluster, load_ray
+
+        load_ray()
+        return fly_on_cluster
     if options.backend == "pybullet":
         return flown
     from aquanav_tools.evaluate.squadron import check_plan, fly_in_waves  # Warp takes a second to import

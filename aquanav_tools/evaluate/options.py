@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -12,6 +13,8 @@ import tyro
 from aquanav_tools.errors import InputError
 from aquanav_tools.task import TaskOptions
 
+ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
+"""Of a Ray cluster."""
 MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
@@ -121,6 +124,10 @@ class EvaluateOptions(ProtocolOptions):
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""
+    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Fly on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same results; --workers then counts
+    its processes. This machine must be one of its nodes, and the working directory, the policy and the scenarios must
+    lie at the same paths on all. Needs pip install 'aquanav[cluster]'."""
     action_time_limit: float = 30.0
     """Wall time in which a policy must give an action, s; an episode in which it does not has failed."""
 
@@ -134,6 +141,13 @@ class EvaluateOptions(ProtocolOptions):
             raise InputError(f"--workers is {self.workers}; choose 1 or more, or leave it out for all cores.")
         if not 0.0 < self.action_time_limit < math.inf:
             raise InputError(f"--action-time-limit is {self.action_time_limit} s; choose more than 0.")
+        if self.ray is not None and not ADDRESS.fullmatch(self.ray):
+            raise InputError(
+                f"--ray is '{self.ray}'; give auto, or the HOST:PORT that `ray start --head` shows. Clients outside "
+                "the cluster (ray://) are not supported: start the evaluation on one of its nodes."
+            )
+        if self.backend == "batch" and self.ray is not None:
+            raise InputError("A batch flies in this process. Leave out --ray, or --backend batch.")
         if self.backend == "batch" and (self.workers is not None or self.cases):
             raise InputError(
                 "A batch flies in this process and draws the gusts of all its episodes from one seed, so it takes "

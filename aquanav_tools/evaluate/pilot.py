@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, write_trail
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -37,6 +38,8 @@ class Orders:
     """Folder of the evaluation."""
     load: Callable[[str], LoadedPolicy]
     """Loads a policy by its name."""
+    seal: dict[str, str | None] | None = None
+    """What `seal_of` must find in the plan where it is made on another machine."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +71,7 @@ def make_plan(orders: Orders) -> Plan:
     """Load the policy and the scenarios and plan all episodes.
 
     Raises:
-        InputError: the policy cannot be used, or no start lies in a condition's region.
+        InputError: the policy cannot be used, no start lies in a condition's region, or the seal does not fit.
         ScenarioError: a scenario cannot be read.
     """
     options = orders.options
@@ -84,7 +87,25 @@ def make_plan(orders: Orders) -> Plan:
     if options.cases:
         flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
         conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
-    return Plan(policy, scenarios, conditions, numbered(flights))
+    plan = Plan(policy, scenarios, conditions, numbered(flights))
+    _check_seal(plan, orders.seal)
+    return plan
+
+
+def seal_of(plan: Plan) -> dict[str, str | None]:
+    """Return the hashes of the policy and of the scenarios by their names."""
+    scenarios: dict[str, str | None] = {f"scenario {item.name}": item.content_hash for item in plan.scenarios}
+    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios
+
+
+def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:
+    if seal is None or (found := seal_of(plan)) == seal:
+        return
+    different = sorted(name for name in {*found, *seal} if found.get(name) != seal.get(name))
+    raise InputError(
+        f"The content of {' and '.join(different)} is not that with which the evaluation began. Copy the files again, "
+        "leave them as they are until the end, and go on with --resume."
+    )
 
 
 def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:

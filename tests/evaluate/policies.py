@@ -21,6 +21,8 @@ TROUBLE = "AQUANAV_TEST_TROUBLE"
 """Environment variable: what happens at the fourth decision of which seeds, as "2 raises, 5 dies"."""
 ONCE = "AQUANAV_TEST_ONCE"
 """Environment variable: path of a file that says that a process was killed already."""
+FLIERS = "AQUANAV_TEST_FLIERS"
+"""Environment variable: path of a file that gets a line per episode: who flies it; none where it is not set."""
 
 
 class Drifting:
@@ -33,12 +35,22 @@ class Drifting:
 
     def reset(self, seed: int) -> None:
         self._seed, self._num = seed, 0
+        if FLIERS in os.environ:
+            row = {"seed": seed, "actor": os.getppid(), "node": grandparent()}
+            with Path(os.environ[FLIERS]).open("a") as stream:
+                stream.write(json.dumps(row) + "\n")
 
     def act(self, observation: Any) -> Any:
         self._num += 1
         if self._num == 4 and self._seed in self._trouble:
             return suffer(self._trouble[self._seed])
         return np.random.randint(3, size=3)
+
+
+def grandparent() -> int:
+    """Return the parent of this process's parent: of an actor the node's process."""
+    status = Path(f"/proc/{os.getppid()}/status").read_text()
+    return int(status.split("PPid:")[1].split()[0])
 
 
 def suffer(kind: str) -> Any:

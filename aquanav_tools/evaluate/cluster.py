@@ -1,0 +1,303 @@
+"""Flying episodes on a Ray cluster: on the cores of many machines, and a machine that fails costs no episode.
+
+For each core that is wanted, an actor keeps a process beside it that flies (crew.py), so that a policy that raises,
+hangs or brings its process down fares as it does on one machine. An actor that is lost was killed from outside or with
+its machine, which says nothing about the policy: another one flies its episode again. What belongs to an episode comes
+back with its row; the first machine alone writes to the evaluation's folder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from aquanav_tools.errors import AquanavError, InputError, ResourceError
+from aquanav_tools.evaluate.crew import LOOK_EVERY, MAX_LOSSES, fly_in_processes, num_workers
+from aquanav_tools.evaluate.journal import TRAILS
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, seal_of
+from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.results import versions
+from aquanav_tools.provenance import code_digest
+
+ANSWER_LIMIT = 30.0
+"""Time that a cluster has to answer, s; one on a busy machine took 4. Ray itself goes on trying for minutes."""
+START_LIMIT = 300.0
+"""Time in which an actor must start when none flies, s; the first one on a node took 5 to 20."""
+CLOSE_LIMIT = 5.0
+"""Time that actors without work have to end by themselves and clear up, s."""
+PROBE = "import sys, ray; ray.init(sys.argv[1], logging_level='ERROR', log_to_driver=False)"
+PARTIAL = ".partial"
+Files = dict[str, bytes]
+"""What belongs to an episode, by its path in the evaluation's folder."""
+
+
+def fly_on_cluster(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks as they end, when all that belongs to them is on disk.
+
+    Raises:
+        InputError: a node lacks the policy or a scenario, or has others, or another version of aquanav or a library.
+        ResourceError: Ray is not installed, the cluster does not answer, or its actors end again and again.
+    """
+    if count == 0:
+        return
+    ray = load_ray()
+    with _connected(ray, str(orders.options.ray)):
+        fleet = _Fleet(ray, _for_nodes(orders, plan), (task for task in tasks if task is not None))
+        try:
+            num_cores = int(ray.cluster_resources().get("CPU", 1))
+            fleet.hire(num_workers(orders.options.workers, count, num_cores))
+            for row, files in fleet.flown(count):
+                _keep(files, orders.output)
+                yield row
+        finally:
+            fleet.dismiss()
+
+
+def load_ray() -> Any:
+    """Return the library, which then tells nobody that it is used.
+
+    Raises:
+        ResourceError: it is not installed.
+    """
+    os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
+    try:
+        import ray
+    except ImportError as cause:
+        raise ResourceError(
+            "--ray needs the library ray, which is not installed. Install it on every node: "
+            "pip install 'aquanav[cluster]'."
+        ) from cause
+    return ray
+
+
+@contextlib.contextmanager
+def _connected(ray: Any, address: str) -> Iterator[None]:
+    """Connect with a cluster for the body's time; where a script has done so already, leave it as it is."""
+    if ray.is_initialized():
+        yield
+        return
+    _probe(address)
+    ray.init(address, logging_level="ERROR")
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+def _probe(address: str) -> None:
+    """Try to connect in another process: where nothing answers, Ray keeps on for minutes and cannot be interrupted."""
+    advice = (
+        "Is it running (ray status), is this the address that `ray start --head` showed, and is this machine one of "
+        "its nodes (ray start --address)?"
+    )
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", PROBE, address], capture_output=True, text=True, timeout=ANSWER_LIMIT, check=False
+        )
+    except subprocess.TimeoutExpired as cause:
+        raise ResourceError(f"No Ray cluster answered at {address} within {ANSWER_LIMIT:g} s. {advice}") from cause
+    if done.returncode:
+        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise ResourceError(f"Cannot connect with the Ray cluster at {address}: {last} {advice}")
+
+
+@dataclass(frozen=True)
+class HomeLoader:
+    """Loads a policy on a node as on the first machine: in the same folder, by the same code."""
+
+    load: Callable[[str], LoadedPolicy]
+    folder: str
+    """The first machine's working directory, from which relative paths count."""
+    code: dict[str, str]
+    """The first machine's versions."""
+
+    def __call__(self, name: str) -> LoadedPolicy:
+        """Return the policy, or raise InputError where this machine is not like the first."""
+        here = code_here()
+        different = [f"{part} {here[part]}, not {known}" for part, known in self.code.items() if here[part] != known]
+        if different:
+            raise InputError(
+                f"It has {'; '.join(different)}. Results depend on these: install the same version of aquanav with the "
+                "same constraints.txt on every node."
+            )
+        try:
+            os.chdir(self.folder)
+        except OSError as cause:
+            raise InputError(f"It cannot enter the working directory {self.folder}: {cause}.") from cause
+        return self.load(name)
+
+
+def code_here() -> dict[str, str]:
+    """Return the versions of what episodes depend on, and a hash of our own code and of all libraries it imports."""
+    return {**versions(), "code": code_digest("aquanav_tools.evaluate.pilot")}
+
+
+def _for_nodes(orders: Orders, plan: Plan) -> Orders:
+    return replace(orders, load=HomeLoader(orders.load, os.getcwd(), code_here()), seal=seal_of(plan))
+
+
+class _Outpost:
+    """Flies episodes on a node, as an actor; keeps their files in a folder of its own until they are sent."""
+
+    def __init__(self, orders: Orders) -> None:
+        self._scratch = tempfile.TemporaryDirectory(prefix="aquanav-")
+        self._folder = Path(self._scratch.name)
+        (self._folder / TRAILS).mkdir()
+        self._asked: deque[Task] = deque()
+        self._rows = fly_in_processes(replace(orders, output=self._folder), 1, iter(self._asked.popleft, None))
+
+    def ready(self) -> None:
+        """Return when the actor has started."""
+
+    def fly(self, task: Task) -> tuple[Row, Files]:
+        """Return the journal's row of an episode and what belongs to it.
+
+        Raises:
+            AquanavError: this node cannot fly as the first machine does.
+        """
+        self._asked.append(task)
+        try:
+            row = next(self._rows)
+        except AquanavError as error:
+            raise type(error)(
+                f"The node {platform.node()} cannot fly: {error} The working directory, the policy and the scenarios "
+                "must lie at the same paths on every node."
+            ) from error
+        paths = [path for path in self._folder.rglob("*") if path.is_file()]
+        files = {str(path.relative_to(self._folder)): path.read_bytes() for path in paths if path.suffix != PARTIAL}
+        for path in paths:
+            path.unlink()
+        return row, files
+
+    def close(self) -> None:
+        """End the process that flies, and remove the folder."""
+        self._rows.close()
+        self._scratch.cleanup()
+
+
+@dataclass
+class _Post:
+    """An actor, and the episode that it flies; None until it has started."""
+
+    actor: Any
+    task: Task | None = None
+
+
+class _Fleet:
+    """The actors and what they are at."""
+
+    def __init__(self, ray: Any, orders: Orders, tasks: Iterator[Task]) -> None:
+        self._ray, self._orders, self._tasks = ray, ray.put(orders), tasks
+        choices: dict[str, Any] = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0}
+        self._make = ray.remote(**choices, scheduling_strategy="SPREAD")(_Outpost)
+        self._calls: dict[Any, _Post] = {}
+        self._idle: list[Any] = []
+        self._again: deque[Task] = deque()
+        self._losses: Counter[int | None] = Counter()
+
+    def hire(self, num: int) -> None:
+        """Ask for actors; they start when there is room for them."""
+        for _ in range(num):
+            actor = self._make.remote(self._orders)
+            self._calls[actor.ready.remote()] = _Post(actor)
+
+    def flown(self, count: int) -> Iterator[tuple[Row, Files]]:
+        """Yield what becomes of `count` tasks; each of them once, as only a result that has come here counts."""
+        heard = time.monotonic()
+        while count:
+            done, _ = self._ray.wait(list(self._calls), timeout=LOOK_EVERY)
+            if done or any(post.task for post in self._calls.values()):
+                heard = time.monotonic()
+            self._check_wait(time.monotonic() - heard)
+            for call in done:
+                post = self._calls.pop(call)
+                try:
+                    found = self._ray.get(call)
+                except self._ray.exceptions.RayTaskError as error:
+                    raise _told(error) from error
+                except self._ray.exceptions.RayError as error:
+                    self._lose(post, error)
+                    continue
+                self._losses[None] = 0
+                if found is not None:
+                    count -= 1
+                    yield found
+                self._employ(post.actor)
+
+    def dismiss(self) -> None:
+        """End all actors: those without work by themselves, so that they clear up."""
+        self._ray.wait(
+            [actor.close.remote() for actor in self._idle] or [self._ray.put(None)],
+            timeout=CLOSE_LIMIT,
+            num_returns=max(len(self._idle), 1),
+        )
+        for actor in [*self._idle, *(post.actor for post in self._calls.values())]:
+            self._ray.kill(actor)
+
+    def _employ(self, actor: Any) -> None:
+        """Give an actor its next task, or keep it for one that must be flown again."""
+        task = self._again.popleft() if self._again else next(self._tasks, None)
+        if task is None:
+            self._idle.append(actor)
+        else:
+            self._calls[actor.fly.remote(task)] = _Post(actor, task)
+
+    def _lose(self, post: _Post, error: Exception) -> None:
+        """Replace an actor that was lost, and plan its episode again."""
+        self._ray.kill(post.actor)  # it may live where only its result was lost
+        key = None if post.task is None else post.task.index
+        self._losses[key] += 1
+        if self._losses[key] >= MAX_LOSSES:
+            what = "before they flew" if key is None else f"over episode {key}"
+            raise ResourceError(
+                f"{MAX_LOSSES} actors were lost {what}, the last with: {_first_line(error)} The likely cause is too "
+                "little memory on the nodes, or nodes that are taken away. What was flown is kept: go on with --resume."
+            )
+        if post.task is not None:
+            self._again.append(post.task)
+        if self._idle:
+            self._employ(self._idle.pop())
+        else:
+            self.hire(1)
+
+    def _check_wait(self, seconds: float) -> None:
+        if seconds > START_LIMIT:
+            have, free = self._ray.cluster_resources(), self._ray.available_resources()
+            raise ResourceError(
+                f"No actor of the cluster has started within {START_LIMIT:g} s: of {have.get('CPU', 0):g} cores "
+                f"{free.get('CPU', 0):g} are free. The likely cause is that other work has them, or that nodes are "
+                "gone; see ray status. What was flown is kept: go on with --resume."
+            )
+
+
+def _told(error: Any) -> AquanavError:
+    """Return what an actor raised as the error of this process."""
+    if isinstance(error.cause, AquanavError):
+        return error.cause
+    return ResourceError(
+        f"An actor of the cluster failed: {str(error.cause).strip().splitlines()[-1]} The likely cause is a node "
+        "without aquanav or with another version of it. --debug shows where."
+    )
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+
+
+def _keep(files: Files, folder: Path) -> None:
+    """Write what belongs to an episode, each file whole or not at all."""
+    for name, content in files.items():
+        path = folder / name
+        partial = path.with_name(path.name + PARTIAL)
+        partial.write_bytes(content)
+        os.replace(partial, path)
