@@ -30,9 +30,9 @@ from aquanav_tools.evaluate.results import versions
 from aquanav_tools.provenance import code_digest
 
 ANSWER_LIMIT = 30.0
-"""Time that a cluster has to answer, s; one on a busy machine took 4. Ray itself goes on trying for minutes."""
+"""Time that a cluster has to answer, s. Ray itself goes on trying for minutes."""
 START_LIMIT = 300.0
-"""Time in which an actor must start when none flies, s; the first one on a node took 5 to 20."""
+"""Time in which an actor must start when none flies, s."""
 CLOSE_LIMIT = 5.0
 """Time that actors without work have to end by themselves and clear up, s."""
 PROBE = "import sys, ray; ray.init(sys.argv[1], logging_level='ERROR', log_to_driver=False)"
