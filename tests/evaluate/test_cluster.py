@@ -16,8 +16,6 @@ from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.pilot import Orders, make_plan
-from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.schema import Scenario
 from tests.conftest import REPOSITORY
 from tests.evaluate.policies import FLIERS, ONCE, TROUBLE, drifting_options, load_drifting
 from tests.evaluate.test_crew import BAD, NUM_EPISODES, REASONS, assert_same_files
@@ -26,13 +24,6 @@ NODE: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 80 << 20}
 """The least store that Ray takes is 75 MB."""
 
 Run = Callable[..., list[tuple[int, int]]]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tube"
-    write_scenario(tube, path)
-    return path
 
 
 @pytest.fixture(scope="module")

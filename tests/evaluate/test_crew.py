@@ -18,8 +18,6 @@ import pytest
 
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.policies import ONCE, TROUBLE, drifting_options, load_drifting
 
 NUM_EPISODES = 8
@@ -33,13 +31,6 @@ REASONS = {
 NUM_KILLS = 10
 
 Run = Callable[..., list[tuple[int, int]]]
-
-
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tube"
-    write_scenario(tube, path)
-    return path
 
 
 @pytest.fixture(scope="module")

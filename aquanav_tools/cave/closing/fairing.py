@@ -44,6 +44,9 @@ def fair_holes(mesh: Mesh, is_hole: BoolArray, voxel: float) -> Mesh:
         if not is_free.any():
             break
         faired = _fair(mesh, is_free, voxel)
+        if not np.isfinite(faired.vertices).all():
+            logger.warning("Wall around holes has faces without area; the holes stay straight from rim to rim")
+            break
         crossing = np.unique(self_intersections(faired))
         if not len(crossing):
             return faired
