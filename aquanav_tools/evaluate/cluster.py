@@ -24,7 +24,7 @@ from typing import Any
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.crew import LOOK_EVERY, MAX_LOSSES, fly_in_processes, num_workers
 from aquanav_tools.evaluate.journal import TRAILS
-from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, seal_of
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, file_names, seal_of
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.provenance import code_digest
@@ -231,6 +231,8 @@ class _Fleet:
                 self._losses[None] = 0
                 if found is not None:
                     count -= 1
+                    if post.task is not None:
+                        check_found(post.task.index, *found)
                     yield found
                 self._employ(post.actor)
 
@@ -292,6 +294,21 @@ def _told(error: Any) -> AquanavError:
 
 def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
+
+
+def check_found(index: int, row: Row, files: Files) -> None:
+    """Refuse what is not of the episode that was asked for: a name that a node sends must not lead out of the folder.
+
+    Raises:
+        ResourceError: it is of another episode, or one of its files is called otherwise than an episode's are.
+    """
+    strange = {*files, *([row["recording"]] if row["recording"] else [])} - file_names(index)
+    if strange or row["metrics"]["index"] != index:
+        what = f"a file called {min(strange)[:100]!r}" if strange else f"episode {row['metrics']['index']}"
+        raise ResourceError(
+            f"A node that was asked for episode {index} sent {what}, which does not belong to it. The likely cause is "
+            "a node on which another program answers. What was flown is kept: check the nodes, and go on with --resume."
+        )
 
 
 def _keep(files: Files, folder: Path) -> None:

@@ -179,6 +179,8 @@ class StressOptions(TaskOptions):
     """Cases to save."""
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
+    trust: bool = False
+    """Let the policy's file run code; see aquanav-eval --help."""
     resume: bool = False
     """Go on with a search that was stopped; it ends like one that was not."""
     workers: int | None = None

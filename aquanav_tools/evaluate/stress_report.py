@@ -6,17 +6,19 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
-from aquanav_tools.evaluate.reporting import percent, share
+from aquanav_tools.evaluate.reporting import percent, share, task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_cases
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array
 
 NUM_PARTS = 4
@@ -196,12 +198,12 @@ def _worst_table(found: Stress) -> Table:
 
 
 def _repeat_table(found: Stress, options: StressOptions) -> Table:
-    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml"]
-    search = [
-        "aquanav-eval", "stress", options.policy, "--scenario", options.scenario, "--budget", options.budget,
-        "--seed", options.seed, "--max-noise", options.max_noise, "--max-current", options.max_current,
-        "--seeds", options.seeds,
-    ]  # fmt: skip
+    trust = ["--trust"] if options.trust else []
+    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml", *trust]
+    search: list[Any] = ["aquanav-eval", "stress", options.policy, "--scenario", options.scenario, *trust]
+    for name in ("budget", "seed", "max_noise", "max_current", "seeds"):
+        search += ["--" + name.replace("_", "-"), getattr(options, name)]
+    search += task_words({"max_decisions": options.max_decisions, **choices_of(options)})
     rows = (
         ("fly the worst cases again", shlex.join(map(str, again))),
         ("search again", shlex.join(map(str, search))),
