@@ -17,6 +17,7 @@ from aquanav_tools.evaluate.options import Case, EvaluateOptions, StressOptions
 from aquanav_tools.evaluate.protocol import plan_case, read_protocol
 from aquanav_tools.evaluate.search import GENERATION, NUM_AXES, CaseSpace, Search, random_points
 from aquanav_tools.evaluate.stress import stress
+from aquanav_tools.evaluate.stress_report import verdict
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Array
@@ -117,6 +118,9 @@ def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how
     found = stress(options_of(folder, tmp_path / "stress", policy=policy, trust=True, budget=2), ignore)
     assert {trial.metrics.outcome for trial in (*found.drawn, *found.searched)} <= {"timeout", "collision"}
     page = found.report.read_text()
+    misses = sum(trial.metrics.outcome != "success" for trial in found.drawn)
+    assert f"missed the goal in {50 * misses} %" in verdict(found)
+    assert ("fails-anyway" in page) == (sum(trial.is_failure for trial in found.drawn) == 2)
     (again,) = re.findall(r"aquanav-eval stress [^<]*", page)
     assert all(word in again for word in ("--trust", "--budget 2", "--max-decisions 20", "--current 0.05 0.1 0.0"))
 
