@@ -66,17 +66,17 @@ def peaks(process: subprocess.Popen[bytes]) -> tuple[float, float]:
     return most[0] / 1e6, most[1] / 1e6
 
 
-def measure_memory(sizes: list[int]) -> None:
+def measure_memory(backends: list[str], sizes: list[int]) -> None:
     """Print the table of memory."""
     print("| backend | episodes | leads, MB | flies, MB | episodes.jsonl, kB each |\n|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         scenario, output = Path(folder) / "tube", Path(folder) / "eval"
         write_scenario(tube_scenario(), scenario)
-        for backend, words in BACKENDS.items():
+        for backend in backends:
             for size in sizes:
                 process = start(
                     "baseline:random", scenario, size, output, "--record", "none", "--max-decisions", str(SHORT),
-                    "--starts", "anywhere", *words,
+                    *BACKENDS[backend],
                 )  # fmt: skip
                 lead, flies = peaks(process)
                 check(process.returncode, output)
@@ -84,19 +84,19 @@ def measure_memory(sizes: list[int]) -> None:
                 print(f"| {backend} | {size:,} | {lead:.0f} | {flies:.0f} | {journal:.2f} |", flush=True)
 
 
-def measure_recording(policy: str, scenario: Path, episodes: int, rounds: int) -> None:
+def measure_recording(backends: list[str], policy: str, scenario: Path, episodes: int, rounds: int) -> None:
     """Print the table of recording."""
     print("| backend | recorded | CPU, s | wall, s | flying, s | beside none, CPU and wall |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "eval"
-        for backend, words in BACKENDS.items():
+        for backend in backends:
             sums = {"none": [0.0] * 3, "all": [0.0] * 3}
             for _ in range(rounds):
                 for record, times in sums.items():
                     before, clock = os.times(), time.perf_counter()
                     recorded = ("--record", record, "--max-recordings", str(episodes))
-                    process = start(policy, scenario, episodes, output, *recorded, *words)
+                    process = start(policy, scenario, episodes, output, *recorded, *BACKENDS[backend])
                     check(process.wait(), output)
                     after = os.times()
                     cpu = sum(after[2:4]) - sum(before[2:4])  # of children that have ended
@@ -112,6 +112,7 @@ def main() -> None:
     """Measure what is asked for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("memory", "recording"))
+    parser.add_argument("--only", choices=BACKENDS, nargs="+", default=list(BACKENDS))
     parser.add_argument("--sizes", type=int, nargs="+", default=[50, 500, 2000])
     parser.add_argument("--policy", default="baseline:reactive")
     parser.add_argument("--scenario", default="cave-test-1")
@@ -119,9 +120,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2)
     given = parser.parse_args()
     if given.what == "memory":
-        measure_memory(given.sizes)
+        measure_memory(given.only, given.sizes)
     else:
-        measure_recording(given.policy, scenario_folder(given.scenario), given.episodes, given.rounds)
+        measure_recording(given.only, given.policy, scenario_folder(given.scenario), given.episodes, given.rounds)
 
 
 if __name__ == "__main__":
