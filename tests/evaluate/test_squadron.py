@@ -186,7 +186,7 @@ def _fail() -> None:
     [
         (_fail, "RuntimeError: a bad day"),
         (lambda: np.zeros((0, 1)), "ValueError: it gave 0 thoughts about 1 vehicles"),
-        (lambda: time.sleep(3600.0), "gave no action within 0.5 s"),
+        (lambda: time.sleep(3600.0), "gave no action within 2 s"),
     ],
 )
 def test_network_that_cannot_think_costs_those_episodes_only(
@@ -195,7 +195,7 @@ def test_network_that_cannot_think_costs_those_episodes_only(
     def load(name: str) -> LoadedPolicy:
         return LoadedPolicy(Stumbling(stumble), name, None, "full", "multidiscrete")
 
-    table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6, action_time_limit=0.5)
+    table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6, action_time_limit=2.0)
     outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
     assert outcomes == [("timeout", ""), ("failed", reason), ("timeout", "")]
     assert [round(episode["time"], 6) for episode in table["episodes"]] == [0.6, 0.2, 0.6]
