@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -24,10 +25,11 @@ from typing import Any
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.crew import LOOK_EVERY, MAX_LOSSES, fly_in_processes, num_workers
 from aquanav_tools.evaluate.journal import TRAILS
-from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, seal_of
+from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, file_names, seal_of
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.provenance import code_digest
+from aquanav_tools.store import LOCK_FILE, locked
 
 ANSWER_LIMIT = 30.0
 """Time that a cluster has to answer, s. Ray itself goes on trying for minutes."""
@@ -36,6 +38,10 @@ START_LIMIT = 300.0
 CLOSE_LIMIT = 5.0
 """Time that actors without work have to end by themselves and clear up, s."""
 PROBE = "import sys, ray; ray.init(sys.argv[1], logging_level='ERROR', log_to_driver=False)"
+SCRATCH = "aquanav-actor-"
+"""Beginning of the name of an actor's folder."""
+LEFT_AFTER = 600.0
+"""Age of a folder that may have been left, s: many times what lies between making and holding one."""
 PARTIAL = ".partial"
 Files = dict[str, bytes]
 """What belongs to an episode, by its path in the evaluation's folder."""
@@ -150,8 +156,10 @@ class _Outpost:
     """Flies episodes on a node, as an actor; keeps their files in a folder of its own until they are sent."""
 
     def __init__(self, orders: Orders) -> None:
-        self._scratch = tempfile.TemporaryDirectory(prefix="aquanav-")
-        self._folder = Path(self._scratch.name)
+        clear_left(Path(tempfile.gettempdir()))
+        self._held = contextlib.ExitStack()
+        self._folder = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix=SCRATCH)))
+        self._held.enter_context(locked(self._folder))
         (self._folder / TRAILS).mkdir()
         self._asked: deque[Task] = deque()
         self._rows = fly_in_processes(replace(orders, output=self._folder), 1, iter(self._asked.popleft, None))
@@ -173,7 +181,7 @@ class _Outpost:
                 f"The node {platform.node()} cannot fly: {error} The working directory, the policy and the scenarios "
                 "must lie at the same paths on every node."
             ) from error
-        paths = [path for path in self._folder.rglob("*") if path.is_file()]
+        paths = [path for path in self._folder.rglob("*") if path.is_file() and path.name != LOCK_FILE]
         files = {str(path.relative_to(self._folder)): path.read_bytes() for path in paths if path.suffix != PARTIAL}
         for path in paths:
             path.unlink()
@@ -182,7 +190,16 @@ class _Outpost:
     def close(self) -> None:
         """End the process that flies, and remove the folder."""
         self._rows.close()
-        self._scratch.cleanup()
+        self._held.close()
+
+
+def clear_left(parent: Path) -> None:
+    """Remove the folders of actors that were killed: those that nobody holds, and that were not made just now."""
+    for folder in parent.glob(f"{SCRATCH}*"):
+        with contextlib.suppress(OSError, InputError):  # it is held, another user's, or just being removed
+            if time.time() - folder.stat().st_mtime > LEFT_AFTER:
+                with locked(folder):
+                    shutil.rmtree(folder)
 
 
 @dataclass
@@ -231,6 +248,8 @@ class _Fleet:
                 self._losses[None] = 0
                 if found is not None:
                     count -= 1
+                    if post.task is not None:
+                        check_found(post.task.index, *found)
                     yield found
                 self._employ(post.actor)
 
@@ -292,6 +311,21 @@ def _told(error: Any) -> AquanavError:
 
 def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
+
+
+def check_found(index: int, row: Row, files: Files) -> None:
+    """Refuse what is not of the episode that was asked for: a name that a node sends must not lead out of the folder.
+
+    Raises:
+        ResourceError: it is of another episode, or one of its files is called otherwise than an episode's are.
+    """
+    strange = {*files, *([row["recording"]] if row["recording"] else [])} - file_names(index)
+    if strange or row["metrics"]["index"] != index:
+        what = f"a file called {min(strange)[:100]!r}" if strange else f"episode {row['metrics']['index']}"
+        raise ResourceError(
+            f"A node that was asked for episode {index} sent {what}, which does not belong to it. The likely cause is "
+            "a node on which another program answers. What was flown is kept: check the nodes, and go on with --resume."
+        )
 
 
 def _keep(files: Files, folder: Path) -> None:

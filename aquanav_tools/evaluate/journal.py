@@ -145,8 +145,13 @@ def clear_journal(folder: Path) -> None:
         path.unlink()
 
 
+def trail_name(index: int) -> str:
+    """Return where an episode's trail lies in the folder of its evaluation."""
+    return f"{TRAILS}/{index:06d}.npz"
+
+
 def _trail_path(folder: Path, index: int) -> Path:
-    return folder / TRAILS / f"{index:06d}.npz"
+    return folder / trail_name(index)
 
 
 def _whole_lines(path: Path) -> list[bytes]:

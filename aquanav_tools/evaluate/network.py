@@ -19,6 +19,7 @@ from gymnasium import spaces
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.archive import read_archive, read_weights
 from aquanav_tools.evaluate.spaces import parse_space
+from aquanav_tools.types import IntArray
 
 ACTIVATIONS = (
     "CELU", "ELU", "GELU", "Hardswish", "Hardtanh", "Identity", "LeakyReLU", "Mish", "ReLU", "ReLU6", "SELU", "SiLU",
@@ -114,6 +115,7 @@ class NetworkPolicy:
         self._lstm = parts.pop(LSTM, None)
         self._layers = torch.nn.Sequential(*parts.values())
         self._memory: Any = None
+        """(2, layers, places, width) hidden and cell state of the vehicle at each place; None before any."""
 
     def reset(self, seed: int) -> None:
         """Forget what was seen; nothing is drawn at random."""
@@ -123,23 +125,37 @@ class NetworkPolicy:
         """Return the action for one observation."""
         return self.decide(self.think(np.asarray(observation)[None])[0])
 
-    def think(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def think(self, observations: npt.NDArray[np.float32], places: IntArray | None = None) -> npt.NDArray[np.float32]:
         """Return what the last layer makes of (N, O) observations, (N, K).
 
-        A recurrent network remembers each row: after a reset there must always be as many.
+        A recurrent network remembers each vehicle by its place, one of `places` for each row; without them the rows'
+        order tells.
         """
         import torch
 
+        places = np.arange(len(observations)) if places is None else places
         with torch.inference_mode():
             features = torch.as_tensor(np.asarray(observations, dtype=np.float32)).flatten(1)
             if self.normaliser is not None:
                 features = self.normaliser(features)
+            after = None
             if self._lstm is not None:
-                sequence, self._memory = self._lstm(features[None], self._memory)
+                sequence, after = self._lstm(features[None], self._recall(places))
                 features = sequence[0]
             output = self._layers(features)
             thought: npt.NDArray[np.float32] = (torch.tanh(output) if self._kind.is_squashed else output).numpy()
+            if after is not None:  # last: an error before leaves the memory as it was
+                self._memory[:, :, places] = torch.stack(after)
             return thought
+
+    def _recall(self, places: IntArray) -> tuple[Any, ...]:
+        """Return both parts of the memory of some places; new places remember nothing."""
+        import torch
+
+        known = 0 if self._memory is None else self._memory.shape[2]
+        new = torch.zeros(2, self._lstm.num_layers, max(int(places.max()) + 1 - known, 0), self._lstm.hidden_size)
+        self._memory = new if self._memory is None else torch.cat([self._memory, new], dim=2)
+        return tuple(self._memory[:, :, places])
 
     def decide(self, thought: npt.NDArray[np.float32]) -> Any:
         """Return the action that a row of `think` stands for: the best of each choice, or levels in [-1, 1].

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
-from aquanav_tools.evaluate.journal import journal_row, write_trail
+from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
@@ -106,6 +106,12 @@ def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:
         f"The content of {' and '.join(different)} is not that with which the evaluation began. Copy the files again, "
         "leave them as they are until the end, and go on with --resume."
     )
+
+
+def file_names(index: int) -> set[str]:
+    """Return all that an episode may leave in the folder of its evaluation."""
+    recording = Path(RECORDING.format(index=index))
+    return {trail_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
 
 
 def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:

@@ -21,6 +21,7 @@ from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.provenance import file_hash
+from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
 SHIELD = "shield:"
@@ -48,8 +49,11 @@ class Boarding(Protocol):
 class Vectorised(Policy, Protocol):
     """A policy that can think about many vehicles at once."""
 
-    def think(self, observations: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        """Return a row of anything for each of (N, O) observations."""
+    def think(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
+        """Return a row of anything for each of (N, O) observations, of the vehicles at so many (N,) places.
+
+        What is remembered of a vehicle belongs to its place. A call that raises an error remembers nothing.
+        """
 
     def decide(self, thought: npt.NDArray[np.float32]) -> Any:
         """Return the action that such a row stands for."""

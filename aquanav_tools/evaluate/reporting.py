@@ -333,16 +333,23 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
 
 def repeat_command(provenance: Provenance) -> str:
     """Return the command line that repeats an evaluation."""
-    protocol, plain = provenance.protocol, choices_of(TaskOptions())
+    protocol = provenance.protocol
     words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
     words += [scenario["path"] for scenario in provenance.scenarios]
     if "cases" in protocol:
         return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
-    for name in ("episodes", "seed", "max_decisions", *plain):
-        value = protocol[name]
-        if name in ("episodes", "seed") or (value is not None and value != plain.get(name)):
-            words += ["--" + name.replace("_", "-"), *(value if isinstance(value, list | tuple) else [value])]
+    words += ["--episodes", protocol["episodes"], "--seed", protocol["seed"]]
+    words += task_words({name: protocol[name] for name in ("max_decisions", *choices_of(TaskOptions()))})
     words += ["--trust"] if provenance.policy["is_trusted"] else []
     for name, values in protocol["grid"].items():
         words += ["--grid." + name.replace("_", "-"), *values] if values else []
     return shlex.join(map(str, words))
+
+
+def task_words(choices: Mapping[str, Any]) -> list[Any]:
+    """Return the words of a command line for what is not as usual about the task."""
+    usual, words = choices_of(TaskOptions()), []
+    for name, value in choices.items():
+        if value is not None and value != usual.get(name):
+            words += ["--" + name.replace("_", "-"), *(value if isinstance(value, list | tuple) else [value])]
+    return words

@@ -157,8 +157,10 @@ class Squadron:
         rows = [{name: task.copy_of(name) for name in KEPT}]
         flying = [place for place, seat in enumerate(seats) if not seat.reason]
         while flying:
-            seen = rows[-1]["observations"] if mind is None else mind.think(rows[-1]["observations"])
-            for place in flying:
+            seen: Any = rows[-1]["observations"]
+            if mind is not None:
+                seen = self._thoughts(mind, seats, seen, flying)
+            for place in [place for place in flying if not seats[place].reason]:
                 seat, act = seats[place], seats[place].policy.act if mind is None else mind.decide
                 chosen, seat.reason = watch.outcome(partial(choose, act, self._form, seen[place].copy()))
                 if not seat.reason:
@@ -170,6 +172,30 @@ class Squadron:
             rows.append({name: task.copy_of(name) for name in KEPT})
             flying = [place for place in flying if not seats[place].reason and rows[-1]["outcomes"][place] == 0]
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
+
+    def _thoughts(
+        self, mind: Vectorised, seats: Sequence[Seat], observations: npt.NDArray[np.float32], flying: Sequence[int]
+    ) -> dict[int, npt.NDArray[np.float32]]:
+        """Return by its place what a policy thinks about each vehicle; where it cannot, its seat gets the reason.
+
+        Where it cannot think about all at once, it is asked about one by one, to find out whom that is about.
+        """
+
+        def think(places: Sequence[int]) -> npt.NDArray[np.float32]:
+            thoughts = np.asarray(mind.think(observations[places], np.array(places)))
+            if len(thoughts) != len(places):
+                raise ValueError(f"it gave {len(thoughts)} thoughts about {len(places)} vehicles")
+            return thoughts
+
+        together, reason = self._watch.outcome(partial(think, flying))
+        if not reason:
+            return dict(zip(flying, together, strict=True))
+        thoughts = {}
+        for place in flying:
+            alone, seats[place].reason = self._watch.outcome(partial(think, [place]))
+            if not seats[place].reason:
+                thoughts[place] = alone[0]
+        return thoughts
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 from aquanav_tools.errors import InputError
@@ -24,13 +25,14 @@ from aquanav_tools.types import Array, Progress
 WORST, TABLE = "worst.toml", "stress.json"
 
 
-def stress(options: StressOptions, progress: Progress, load: Callable[[str], LoadedPolicy] = load_policy) -> Stress:
+def stress(options: StressOptions, progress: Progress, load: Callable[[str], LoadedPolicy] | None = None) -> Stress:
     """Search for failures and write worst.toml, stress.json and report.html.
 
     Args:
         options: What to search and how long.
         progress: Told how many episodes are done.
-        load: Loads the policy by its name; a function of a module, as other processes call it too.
+        load: Loads the policy by its name; a function of a module, as other processes call it too. Without one that is
+            `load_policy`.
 
     Raises:
         InputError: the policy cannot be used, or the episodes in the folder are of another search.
@@ -38,6 +40,7 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
         ResourceError: the optimiser is not installed, or processes do not start.
     """
     load_cmaes()
+    load = load or partial(load_policy, is_trusted=options.trust)
     orders = Orders(_flying_options(options), options.policy, options.output, load)
     plan = make_plan(orders)
     scenario = plan.scenarios[0]
@@ -122,7 +125,7 @@ def _flying_options(options: StressOptions) -> EvaluateOptions:
 def _open_journal(options: StressOptions, plan: Plan) -> Journal:
     scenario, policy = plan.scenarios[0], plan.policy
     searched = dataclasses.asdict(options)
-    for name in ("scenario", "output", "resume", "workers", "worst", "policy"):
+    for name in ("scenario", "output", "resume", "workers", "worst", "policy", "trust"):
         del searched[name]
     identity = {
         "search": searched,

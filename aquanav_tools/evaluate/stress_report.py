@@ -6,23 +6,27 @@ import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
-from aquanav_tools.evaluate.reporting import percent, share
+from aquanav_tools.evaluate.reporting import percent, share, task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_cases
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array
 
 NUM_PARTS = 4
 """Of each range in the table of where it fails."""
 NUM_SHOWN = 20
 """Worst cases in the table."""
+FAILS_ANYWAY = 0.8
+"""Share of failures at random beyond which there is hardly anything to search for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,24 +66,34 @@ class Axis:
     """One of the values that make a case."""
 
     name: str
+    short: str
+    """For a narrow column."""
     value: Callable[[Trial], float]
 
 
 AXES = (
-    Axis("way from the start to the goal, m", lambda trial: trial.way),
-    Axis("share of the current", lambda trial: trial.case.current),
-    Axis("sensor noise, m", lambda trial: trial.case.sensor_noise),
+    Axis("way from the start to the goal, m", "way, m", lambda trial: trial.way),
+    Axis("share of the current", "current", lambda trial: trial.case.current),
+    Axis("sensor noise, m", "noise, m", lambda trial: trial.case.sensor_noise),
 )
 
 
 def failure_rate(trials: Sequence[Trial]) -> Proportion:
     """Return the share of failures among the trials that differ to the bit, with its 95 % Wilson interval."""
-    failures = {trial.metrics.digest: trial.is_failure for trial in trials}
-    return wilson(sum(failures.values()), len(failures))
+    return _rate({trial.metrics.digest: trial.is_failure for trial in trials})
+
+
+def miss_rate(trials: Sequence[Trial]) -> Proportion:
+    """Return the share of trials that did not reach the goal, as `failure_rate` has it: failures at their worst."""
+    return _rate({trial.metrics.digest: not trial.metrics.is_success for trial in trials})
+
+
+def _rate(are_hits: dict[str, bool]) -> Proportion:
+    return wilson(sum(are_hits.values()), len(are_hits))
 
 
 def verdict(found: Stress) -> str:
-    """Return in a sentence or two what the search found."""
+    """Return in a few sentences what the search found."""
     drawn, searched = failure_rate(found.drawn), failure_rate(found.searched)
     failures = sum(trial.is_failure for trial in (*found.drawn, *found.searched))
     if not failures:
@@ -87,7 +101,8 @@ def verdict(found: Stress) -> str:
     times = f"{searched.rate / drawn.rate:.1f} times as many" if drawn.rate else "where drawing at random found none"
     return (
         f"It failed in {percent(drawn)} of {len(found.drawn)} cases drawn at random. The search, with as many "
-        f"episodes, found failures in {share(searched.rate)} of its cases: {times}."
+        f"episodes, found failures in {share(searched.rate)} of its cases: {times}. It missed the goal in "
+        f"{percent(miss_rate(found.drawn))} of those drawn, in {percent(miss_rate(found.searched))} of those searched."
     )
 
 
@@ -127,7 +142,11 @@ def _facts(found: Stress) -> tuple[Fact, ...]:
     return (
         Fact("failures at random", share(drawn.rate), f"95 % interval {drawn.low:.0%} to {drawn.high:.0%}"),
         Fact("failures searched", share(searched.rate), f"95 % interval {searched.low:.0%} to {searched.high:.0%}"),
-        Fact("episodes each", str(len(found.drawn)), "of equal budget"),
+        Fact(
+            "goal missed, at random and searched",
+            f"{share(miss_rate(found.drawn).rate)}, {share(miss_rate(found.searched).rate)}",
+            f"of {len(found.drawn)} episodes each",
+        ),
         Fact("worst", _outcome(most), f"{most.metrics.collisions} contacts, start {most.case.start}"),
     )
 
@@ -141,6 +160,14 @@ def _warnings(found: Stress, options: StressOptions) -> tuple[Notice, ...]:
             "the search finds them.",
         )
     ]
+    drawn = failure_rate(found.drawn)
+    if drawn.rate > FAILS_ANYWAY:
+        text = (
+            f"The policy fails in {share(drawn.rate)} of cases drawn at random, so that the search has little to find "
+            "but how badly. Train it further, or search where it is better: with a smaller --max-current or "
+            "--max-noise, or in an easier scenario."
+        )
+        notices.append(Notice("fails-anyway", text))
     water = found.scenario.settings.water.current if options.current is None else options.current
     if water in ("still", 0.0):
         text = "The water is still, so the share of the current changes nothing. Add --current half to search currents."
@@ -159,11 +186,13 @@ def _region_table(found: Stress) -> Table:
             continue
         for part in range(NUM_PARTS):
             low, high = edges[part], edges[part + 1]
-            rows.append((f"{axis.name}: {low:.2f} to {high:.2f}", *_part(found, axis, low, high, part == 0)))
+            rows.append((f"{axis.short}: {low:.2f} to {high:.2f}", *_part(found, axis, low, high, part == 0)))
         if failures:
             low, high = np.percentile([axis.value(trial) for trial in failures], [5.0, 95.0])
-            rows.append((f"{axis.name}: nine in ten failures lie between", f"{low:.2f} and {high:.2f}", "", ""))
-    return Table("Where it fails", ("", "fails, at random", "95 % interval", "failures searched"), tuple(rows))
+            rows.append((f"{axis.short}: nine in ten failures", f"{low:.2f} to {high:.2f}", "", ""))
+    return Table(
+        "Where it fails", ("", "fails, at random", "misses the goal, at random", "fails, searched"), tuple(rows)
+    )
 
 
 def _part(found: Stress, axis: Axis, low: float, high: float, is_first: bool) -> tuple[str, str, str]:
@@ -175,8 +204,7 @@ def _part(found: Stress, axis: Axis, low: float, high: float, is_first: bool) ->
     count = f"{sum(trial.is_failure for trial in searched)} of {len(searched)}"
     if not drawn:
         return "no episode", "", count
-    rate = failure_rate(drawn)
-    return share(rate.rate), f"{rate.low:.0%} to {rate.high:.0%}", count
+    return percent(failure_rate(drawn)), percent(miss_rate(drawn)), count
 
 
 def _worst_table(found: Stress) -> Table:
@@ -196,12 +224,12 @@ def _worst_table(found: Stress) -> Table:
 
 
 def _repeat_table(found: Stress, options: StressOptions) -> Table:
-    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml"]
-    search = [
-        "aquanav-eval", "stress", options.policy, "--scenario", options.scenario, "--budget", options.budget,
-        "--seed", options.seed, "--max-noise", options.max_noise, "--max-current", options.max_current,
-        "--seeds", options.seeds,
-    ]  # fmt: skip
+    trust = ["--trust"] if options.trust else []
+    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml", *trust]
+    search: list[Any] = ["aquanav-eval", "stress", options.policy, "--scenario", options.scenario, *trust]
+    for name in ("budget", "seed", "max_noise", "max_current", "seeds"):
+        search += ["--" + name.replace("_", "-"), getattr(options, name)]
+    search += task_words({"max_decisions": options.max_decisions, **choices_of(options)})
     rows = (
         ("fly the worst cases again", shlex.join(map(str, again))),
         ("search again", shlex.join(map(str, search))),

@@ -95,6 +95,15 @@ def test_start_can_be_chosen(env: CaveEnv) -> None:
     np.testing.assert_array_equal(info["position"], env.scenario.starts[7].pose.position)
 
 
+def test_an_episode_begins_at_the_gate_of_its_start_however_often_it_began_there(env: CaveEnv) -> None:
+    guide, field, starts = env.scenario.guide, env.scenario.field, env.scenario.starts
+    for index in [*range(len(starts)), *range(len(starts))]:
+        _, info = env.reset(options={"start": index})
+        position = starts[index].pose.position
+        expected = guide.length - guide.remaining(position, guide.locate(position, field))
+        assert info["progress"] == pytest.approx(expected)
+
+
 def test_swimming_ahead_reaches_the_goal_and_pays_for_it(env: CaveEnv) -> None:
     _, info = env.reset(options={"start": 10})
     remaining, rewards, terminated = info["remaining"], [], False

@@ -13,9 +13,11 @@ from typing import Any
 import pytest
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
+from aquanav_tools.evaluate.cluster import check_found, clear_left
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.pilot import Orders, make_plan
+from aquanav_tools.store import locked
 from tests.conftest import REPOSITORY
 from tests.evaluate.policies import FLIERS, ONCE, TROUBLE, drifting_options, load_drifting
 from tests.evaluate.test_crew import BAD, NUM_EPISODES, REASONS, assert_same_files
@@ -214,3 +216,40 @@ def assert_all_once(told: list[tuple[int, int]], output: Path, calm: Path) -> No
 def flying(output: Path) -> list[dict[str, Any]]:
     """Return which process flew for which actor, episode by episode, as the policy wrote it down."""
     return [json.loads(line) for line in (output / "fliers").read_text().splitlines()]
+
+
+@pytest.mark.parametrize(
+    ("index", "names", "recording"),
+    [
+        (7, ["trails/000007.npz", "../../home/.profile"], None),
+        (7, ["trails/000007.npz", "/etc/passwd"], None),
+        (7, ["trails/../../000007.npz"], None),
+        (7, ["trails/000008.npz"], None),
+        (7, ["results.json"], None),
+        (7, [], "../episode-00007.rrd"),
+        (8, [], None),
+    ],
+)
+def test_what_a_node_sends_cannot_leave_the_folder_nor_replace_another_episode(
+    index: int, names: list[str], recording: str | None
+) -> None:
+    row = {"metrics": {"index": index}, "recording": recording}
+    with pytest.raises(ResourceError, match="does not belong to it"):
+        check_found(7, row, dict.fromkeys(names, b""))
+
+
+def test_what_belongs_to_an_episode_is_taken_from_a_node() -> None:
+    names = ["trails/000007.npz", "episode-00007.rrd", "episode-00007.mp4"]
+    check_found(7, {"metrics": {"index": 7}, "recording": names[1]}, dict.fromkeys(names, b""))
+
+
+def test_folder_of_a_killed_actor_is_removed_by_a_later_one_and_no_other_is(tmp_path: Path) -> None:
+    names = ("aquanav-actor-left", "aquanav-actor-held", "aquanav-actor-young", "aquanav-other")
+    left, held, young, other = (tmp_path / name for name in names)
+    for folder in (left, held, young, other):
+        (folder / "trails").mkdir(parents=True)
+    with locked(held):
+        for folder in (left, held, other):
+            os.utime(folder, (1e9, 1e9))
+        clear_left(tmp_path)
+    assert [folder.is_dir() for folder in (left, held, young, other)] == [False, True, True, True]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -106,15 +107,42 @@ def test_network_thinks_of_many_as_of_each(kind: type[BaseAlgorithm], tmp_path: 
         )
 
 
+def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had_happened(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "policy.zip"
+    make_model(RecurrentPPO, net_arch=[16]).save(path)
+    smooth, broken = NetworkPolicy(path), NetworkPolicy(path)
+    layers = broken._layers
+
+    def fail_for_many(features: Any) -> Any:
+        if len(features) > 1:
+            raise MemoryError("too many")
+        return layers(features)
+
+    seen = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3, 44)).astype(np.float32)
+    for number, rows in enumerate(seen):
+        known = smooth.think(rows)
+        if number % 2:  # also at the first decision, and where places joined
+            np.testing.assert_allclose(broken.think(rows), known, atol=1e-6)
+            continue
+        monkeypatch.setattr(broken, "_layers", fail_for_many)
+        with pytest.raises(MemoryError):
+            broken.think(rows)
+        alone = [broken.think(rows[[place]], np.array([place]))[0] for place in (2, 0, 1)]
+        monkeypatch.setattr(broken, "_layers", layers)
+        np.testing.assert_allclose(alone, known[[2, 0, 1]], atol=1e-6)
+
+
 class Fickle:
     """Thinks of all vehicles at once, and breaks down over the second one at its third decision."""
 
     def reset(self, seed: int) -> None:
         self._count = 0
 
-    def think(self, observations: Any) -> Any:
+    def think(self, observations: Any, places: Any) -> Any:
         self._count += 1
-        return np.arange(len(observations))[:, None]
+        return places[:, None]
 
     def decide(self, thought: Any) -> Any:
         if self._count == 3 and thought[0] == 1:
@@ -133,6 +161,44 @@ def test_failing_policy_costs_its_episode_only(run: Run, tmp_path: Path) -> None
     outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
     assert outcomes[1] == ("failed", "RuntimeError: a bad day")
     assert {outcomes[0], outcomes[2]} == {("timeout", "")}
+
+
+class Stumbling(Fickle):
+    """Cannot think about the second vehicle from its third decision on, nor about any others together with it."""
+
+    def __init__(self, stumble: Callable[[], Any]) -> None:
+        self._stumble = stumble
+
+    def think(self, observations: Any, places: Any) -> Any:
+        thoughts = super().think(observations, places)
+        return self._stumble() if self._count >= 3 and 1 in places else thoughts
+
+    def decide(self, thought: Any) -> Any:
+        return np.array([1, 1, 2])
+
+
+def _fail() -> None:
+    raise RuntimeError("a bad day")
+
+
+@pytest.mark.parametrize(
+    ("stumble", "reason"),
+    [
+        (_fail, "RuntimeError: a bad day"),
+        (lambda: np.zeros((0, 1)), "ValueError: it gave 0 thoughts about 1 vehicles"),
+        (lambda: time.sleep(3600.0), "gave no action within 2 s"),
+    ],
+)
+def test_network_that_cannot_think_costs_those_episodes_only(
+    run: Run, tmp_path: Path, stumble: Callable[[], Any], reason: str
+) -> None:
+    def load(name: str) -> LoadedPolicy:
+        return LoadedPolicy(Stumbling(stumble), name, None, "full", "multidiscrete")
+
+    table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6, action_time_limit=2.0)
+    outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
+    assert outcomes == [("timeout", ""), ("failed", reason), ("timeout", "")]
+    assert [round(episode["time"], 6) for episode in table["episodes"]] == [0.6, 0.2, 0.6]
 
 
 @pytest.mark.parametrize(

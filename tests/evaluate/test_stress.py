@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,12 @@ from aquanav_tools.evaluate.options import Case, EvaluateOptions, StressOptions
 from aquanav_tools.evaluate.protocol import plan_case, read_protocol
 from aquanav_tools.evaluate.search import GENERATION, NUM_AXES, CaseSpace, Search, random_points
 from aquanav_tools.evaluate.stress import stress
+from aquanav_tools.evaluate.stress_report import verdict
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Array
 from tests.evaluate.policies import TROUBLE, load_drifting
+from tests.evaluate.test_trusted import Fixed, export
 
 BUDGET = 8
 HALF_WIDTH = 0.1
@@ -77,9 +80,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
 
 
 def options_of(folder: Path, output: Path, **changes: Any) -> StressOptions:
-    rules: dict[str, Any] = {"budget": BUDGET, "max_decisions": 20, "workers": 1, "worst": 3}
+    rules: dict[str, Any] = {"policy": "drifting", "budget": BUDGET, "max_decisions": 20, "workers": 1, "worst": 3}
     rules["current"] = (0.05, 0.1, 0.0)  # the tube has no flow of its own
-    return StressOptions(policy="drifting", scenario=folder, output=output, **{**rules, **changes})
+    return StressOptions(scenario=folder, output=output, **{**rules, **changes})
 
 
 def test_worst_cases_are_saved_fly_again_as_they_were_and_a_stopped_search_ends_the_same(
@@ -103,6 +106,23 @@ def test_worst_cases_are_saved_fly_again_as_they_were_and_a_stopped_search_ends_
     stress(options_of(folder, tmp_path / "stress", resume=True), ignore, load_drifting)
     assert (tmp_path / "stress" / "stress.json").read_bytes() == whole
     assert len(json.loads(whole)["worst"]) == 3
+
+
+def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how_to_repeat_it(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+    policy = export(Fixed(44, [0, 2, 1], is_integer=True), tmp_path / "policy.pt")
+    with pytest.raises(InputError, match="add --trust"):
+        stress(options_of(folder, tmp_path / "stress", policy=policy), ignore)
+    found = stress(options_of(folder, tmp_path / "stress", policy=policy, trust=True, budget=2), ignore)
+    assert {trial.metrics.outcome for trial in (*found.drawn, *found.searched)} <= {"timeout", "collision"}
+    page = found.report.read_text()
+    misses = sum(trial.metrics.outcome != "success" for trial in found.drawn)
+    assert f"missed the goal in {50 * misses} %" in verdict(found)
+    assert ("fails-anyway" in page) == (sum(trial.is_failure for trial in found.drawn) == 2)
+    (again,) = re.findall(r"aquanav-eval stress [^<]*", page)
+    assert all(word in again for word in ("--trust", "--budget 2", "--max-decisions 20", "--current 0.05 0.1 0.0"))
 
 
 def test_case_of_another_scenario_is_refused(tube: Scenario) -> None:
