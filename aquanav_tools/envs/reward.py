@@ -36,8 +36,9 @@ class RewardWeights:
 
 DENSE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, goal=500.0, collision=-1000.0)
 SAFE = RewardWeights(progress=10.0, time=-0.01, contact=-0.01, proximity=-0.02, goal=500.0, collision=-1000.0)
+CAREFUL = RewardWeights(progress=10.0, time=-0.01, contact=-1.0, goal=50.0, collision=-100.0)
 SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collision=True)
-REWARDS = {"dense": DENSE, "safe": SAFE, "sparse": SPARSE}
+REWARDS = {"dense": DENSE, "safe": SAFE, "careful": CAREFUL, "sparse": SPARSE}
 """dense and safe: the original's code, -1000 being its "fast restart"; with them returns are near the 1200 that the
 paper reports. sparse: the paper's text."""
 BOAT_PROXIMITY = 5.0

@@ -24,6 +24,8 @@ class TrainSettings(TaskOptions):
 
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
+    also: tuple[str, ...] = ()
+    """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
     steps: int = 300_000
     """Decisions to learn from, over all environments."""
     algorithm: Algorithm = "ppo"
@@ -34,8 +36,9 @@ class TrainSettings(TaskOptions):
     code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safe", "sparse"] = field(default="safe", kw_only=True)
-    """What is paid for: progress; progress away from walls; the outcome alone."""
+    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="safe", kw_only=True)
+    """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
+    alone."""
     num_envs: int = 8
     """Environments, each with its own vehicle."""
     normalise: bool = True
@@ -72,6 +75,11 @@ class TrainSettings(TaskOptions):
     """Whether a lesson goes on with the optimiser's moments of the one before, as the original does, or without.
     Weights, and the means and spreads of observations and returns, are carried on always."""
 
+    @property
+    def scenarios(self) -> tuple[str, ...]:
+        """All that the lesson is learned in."""
+        return (self.scenario, *self.also)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in _POSITIVE:
@@ -79,6 +87,10 @@ class TrainSettings(TaskOptions):
         for name in ("discount", "trace"):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
         _check(math.isfinite(self.entropy) and self.entropy >= 0, f"entropy must not be negative, got {self.entropy}.")
+        _check(
+            len(self.also) < self.num_envs,
+            f"The lesson has {1 + len(self.also)} scenarios for {self.num_envs} environments. Take more (num_envs).",
+        )
         _check(self.warm_up >= 0, f"warm_up must not be negative, got {self.warm_up}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
         for name in ("num_envs", "batch"):
