@@ -11,7 +11,7 @@ from aquanav_tools.task import TaskOptions
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
-NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "memory")
+NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "blind_to", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
 _POSITIVE = (
     "steps", "num_envs", "buffer", "batch", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
@@ -41,6 +41,11 @@ class TrainSettings(TaskOptions):
     alone."""
     num_envs: int = 8
     """Environments, each with its own vehicle."""
+    mirrored: bool = False
+    """Whether every second environment is seen in a mirror that swaps left and right: as many caves again."""
+    blind_to: tuple[Literal["distance", "elevation", "depth"], ...] = ()
+    """What the network is kept from seeing: the goal's distance or elevation, or the depth. They tell where in a cave
+    it is, so that it may learn caves by heart. Needs normalise."""
     normalise: bool = True
     """Whether the network scales observations by the mean and spread of what was seen in training. The numbers are part
     of the policy."""
@@ -98,6 +103,18 @@ class TrainSettings(TaskOptions):
                 self.buffer % getattr(self, name) == 0,
                 f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
             )
+        _check(
+            self.normalise or not self.blind_to,
+            "Without normalise, the network sees all that is observed. Leave blind_to out.",
+        )
+        _check(
+            self.observation != "original" or not (self.blind_to or self.mirrored),
+            "mirrored and blind_to need the observation paper or full, and it is original. Leave them out.",
+        )
+        _check(
+            self.observation == "full" or "depth" not in self.blind_to,
+            f"The observation {self.observation} has no depth. Leave it out of blind_to.",
+        )
         _check(
             self.algorithm not in OFF_POLICY or self.action == "continuous",
             f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",

@@ -27,6 +27,7 @@ from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.keeper import Keeper
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
+from aquanav_tools.train.mirror import MirroredEnvs
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.presenting import REPORT_FILE, present
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
@@ -155,10 +156,15 @@ def _learn(
         return _Learned(parameters_of(learner), spread_of(scale))
 
 
-def _environments(run: RunSettings, settings: TrainSettings, scenarios: list[Scenario]) -> TrainingEnvs | BatchedEnvs:
+def _environments(
+    run: RunSettings, settings: TrainSettings, scenarios: list[Scenario]
+) -> TrainingEnvs | BatchedEnvs | MirroredEnvs:
+    envs: TrainingEnvs | BatchedEnvs
     if run.backend == "batch":
-        return BatchedEnvs(scenarios, settings)
-    return TrainingEnvs(scenarios, settings, run.workers)
+        envs = BatchedEnvs(scenarios, settings)
+    else:
+        envs = TrainingEnvs(scenarios, settings, run.workers)
+    return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
 
 
 def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:
