@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -22,12 +21,10 @@ from aquanav_tools.train.settings import TrainSettings
 class BatchedCave(CaveVecEnv):
     """All vehicles of a lesson in one cave. Where they are is a few arrays: coming back there takes no time."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings) -> None:
-        """Make the batch; it begins with the seed that SB3 gives it."""
+    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int) -> None:
+        """Make the batch of `num` vehicles; it begins with the seed that SB3 gives it."""
         choices = choices_of(settings)
-        super().__init__(
-            scenario, settings.num_envs, observation=settings.observation, action=settings.action, **choices
-        )
+        super().__init__(scenario, num, observation=settings.observation, action=settings.action, **choices)
 
     def state(self) -> dict[str, Any]:
         """Return all arrays of the batch."""
@@ -56,7 +53,7 @@ class BatchedEnvs(VecEnv):
         """Make the batches, and share out the vehicles."""
         self._shares = shares(settings.num_envs, len(scenarios))
         self._caves = [
-            BatchedCave(scenario, dataclasses.replace(settings, num_envs=share.stop - share.start, also=()))
+            BatchedCave(scenario, settings, share.stop - share.start)
             for scenario, share in zip(scenarios, self._shares, strict=True)
         ]
         self.render_mode = None
@@ -109,6 +106,6 @@ class BatchedEnvs(VecEnv):
         """Refuse: vehicles of a lesson are not called one by one."""
         raise NotImplementedError(f"Vehicles of a lesson have no method '{method_name}' of their own.")
 
-    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:  # type: ignore[override]
+    def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return False for each: what wraps them is no concern of SB3's."""
         return [False for _ in self._get_indices(indices)]

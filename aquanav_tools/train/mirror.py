@@ -48,7 +48,7 @@ class MirroredEnvs(VecEnvWrapper):
         for n in self._rows[dones[self._rows]]:
             last = infos[n]["terminal_observation"]
             infos[n] = {**infos[n], "terminal_observation": last[self._order] * self._signs}
-        return self._seen(observations), rewards, dones, infos  # type: ignore[arg-type, return-value]
+        return self._seen(observations), rewards, dones, infos
 
     def state(self) -> dict[str, Any]:
         """Return where all environments are."""

@@ -103,12 +103,9 @@ def test_ended_episodes_are_summed_up(tube: Path) -> None:
 
 def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tube: Path) -> None:
     caves = [read_scenario(tube), read_scenario(still_tube)]
-    settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, buffer=160)
+    settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, batch=32, buffer=160)
     both = BatchedEnvs(caves, settings)
-    alone = [
-        BatchedCave(cave, dataclasses.replace(settings, num_envs=n, batch=n, buffer=n))
-        for cave, n in zip(caves, (2, 3), strict=True)
-    ]
+    alone = [BatchedCave(cave, settings, n) for cave, n in zip(caves, (2, 3), strict=True)]
     both.seed(7)
     alone[0].seed(7)
     alone[1].seed(9)  # vehicles count on: 7 and 8 are in the first cave
