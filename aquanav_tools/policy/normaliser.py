@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
@@ -11,6 +12,8 @@ from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 
 LIMIT = 5.0
 """Standard deviations at which scaled observations are clipped, as in the original (ML-Agents)."""
+HIDDEN = 1e9
+"""Variance of a value that is kept from the network: what is left of it is below 1e-4 standard deviations."""
 EPSILON = 1e-8
 """Added to the variance: an observation that never changed is not divided by zero."""
 
@@ -57,3 +60,7 @@ class NormalisedObservations(BaseFeaturesExtractor):
         self.mean.copy_(torch.from_numpy(mean + shift * len(batch) / total))
         self.variance.copy_(torch.from_numpy(squares / total))
         self.count.fill_(total)
+
+    def hide(self, indices: Sequence[int]) -> None:
+        """Keep values from the network; to be repeated after each `take_in`."""
+        self.variance[list(indices)] = HIDDEN

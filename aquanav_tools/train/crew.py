@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import gymnasium
@@ -32,8 +33,9 @@ class Stepped(NamedTuple):
 class Crew:
     """Environments of one lesson, in this process."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int) -> None:
-        self._envs = [make_env(scenario, settings) for _ in range(num)]
+    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings) -> None:
+        """Make an environment in each of the scenarios, of which some may be the same."""
+        self._envs = [make_env(scenario, settings) for scenario in scenarios]
 
     def __len__(self) -> int:
         return len(self._envs)

@@ -40,13 +40,18 @@ class Resumable(Protocol):
 class TrainingEnvs(VecEnv):
     """All environments of a lesson, in PyBullet."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings, num_workers: int) -> None:
-        """Make the environments; with no workers, in this process."""
+    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings, num_workers: int) -> None:
+        """Make the environments, shared out over the lesson's scenarios; with no workers, in this process."""
         num = settings.num_envs
-        self._shares = _shares(num, num_workers)
-        self._crew = Crew(scenario, settings, num) if not self._shares else None
+        places = [
+            scenario
+            for scenario, share in zip(scenarios, shares(num, len(scenarios)), strict=True)
+            for _ in range(share.stop - share.start)
+        ]
+        self._shares = shares(num, num_workers)
+        self._crew = Crew(places, settings) if not self._shares else None
         self.workers = [
-            Worker(scenario, settings, share.stop - share.start, f"training worker {n + 1} of {len(self._shares)}")
+            Worker(places[share], settings, f"training worker {n + 1} of {len(self._shares)}")
             for n, share in enumerate(self._shares)
         ]
         self.render_mode = None
@@ -136,7 +141,7 @@ def _joined(parts: Iterable[list[Any]]) -> list[Any]:
     return [item for part in parts for item in part]
 
 
-def _shares(num_envs: int, num_workers: int) -> list[slice]:
-    """Return the environments of each worker, as even as can be; none of them goes empty."""
-    bounds = np.linspace(0, num_envs, min(num_workers, num_envs) + 1).round().astype(int).tolist()
+def shares(num_envs: int, num_parts: int) -> list[slice]:
+    """Return the environments of each part, as even as can be; none of them goes empty."""
+    bounds = np.linspace(0, num_envs, min(num_parts, num_envs) + 1).round().astype(int).tolist()
     return [slice(first, last) for first, last in pairwise(bounds)]

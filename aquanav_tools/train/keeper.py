@@ -62,7 +62,7 @@ class Keeper(BaseCallback):
         journal.steps = journal.steps_before + self.num_timesteps
         self.check()
         if self._settings.normalise and self._seen:
-            take_in(self.model, np.concatenate(self._seen))
+            take_in(self.model, np.concatenate(self._seen), self._settings)
         self._seen.clear()
         self._marked = self.num_timesteps
         told = {name: float(value) for name, value in self.logger.name_to_value.items()}

@@ -17,6 +17,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
+from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.train.settings import OFF_POLICY, TrainSettings
@@ -46,6 +47,7 @@ def make_learner(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlgori
     """
     make = _make_off_policy if settings.algorithm in OFF_POLICY else _make_on_policy
     learner = make(envs, settings, seed)
+    _hide(learner, settings)
     learner.set_logger(Logger(None, []))
     return learner
 
@@ -103,11 +105,24 @@ def _recurrent_ppo() -> Any:
     return RecurrentPPO
 
 
-def take_in(learner: BaseAlgorithm, observations: np.ndarray) -> None:
+def take_in(learner: BaseAlgorithm, observations: np.ndarray, settings: TrainSettings) -> None:
     """Let the network's normalisers see observations; nothing where it has none."""
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
             module.take_in(observations)
+    _hide(learner, settings)
+
+
+def _hide(learner: BaseAlgorithm, settings: TrainSettings) -> None:
+    """Keep from the network what it is to be blind to."""
+    if not settings.blind_to:
+        return
+    slices = layout(settings.observation)
+    places = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2}
+    places |= {"depth": slices["depth"].start} if "depth" in slices else {}
+    for module in learner.policy.modules():
+        if isinstance(module, NormalisedObservations):
+            module.hide([places[name] for name in settings.blind_to])
 
 
 def parameters_of(learner: BaseAlgorithm) -> Parameters:

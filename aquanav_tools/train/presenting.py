@@ -39,8 +39,9 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     ]
     if best is not None:
         facts.insert(1, Fact("best in validation", f"{best.clean_success_rate:.0%}", f"after {best.steps:,} decisions"))
+    caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.scenarios)
     page = Page(
-        title=f"Training in {' and '.join(dict.fromkeys(lesson.scenario for lesson in pipeline.lessons))}",
+        title=f"Training in {' and '.join(caves)}",
         summary=f"{pipeline.lessons[0].algorithm} learned from {point.steps:,} decisions.",
         facts=tuple(facts),
         warnings=notices,
@@ -93,5 +94,5 @@ def _lessons(pipeline: Pipeline, points: Sequence[CurvePoint]) -> Table:
         water = "its own" if lesson.current is None else str(lesson.current)
         rates = (f"{last.success_rate:.0%}", f"{last.clean_success_rate:.0%}")
         numbers = (f"{lesson.steps:,}", f"{lesson.learning_rate:g}", f"{lesson.clip:g}")
-        rows.append((str(number), lesson.scenario, water, *numbers, lesson.reward, *rates))
+        rows.append((str(number), ", ".join(lesson.scenarios), water, *numbers, lesson.reward, *rates))
     return Table("Lessons, with the rates of their last episodes", COLUMNS, tuple(rows))

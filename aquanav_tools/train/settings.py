@@ -11,7 +11,7 @@ from aquanav_tools.task import TaskOptions
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
-NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "memory")
+NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "blind_to", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
 _POSITIVE = (
     "steps", "num_envs", "buffer", "batch", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
@@ -24,6 +24,8 @@ class TrainSettings(TaskOptions):
 
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
+    also: tuple[str, ...] = ()
+    """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
     steps: int = 300_000
     """Decisions to learn from, over all environments."""
     algorithm: Algorithm = "ppo"
@@ -34,10 +36,16 @@ class TrainSettings(TaskOptions):
     code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safe", "sparse"] = field(default="safe", kw_only=True)
-    """What is paid for: progress; progress away from walls; the outcome alone."""
+    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="safe", kw_only=True)
+    """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
+    alone."""
     num_envs: int = 8
     """Environments, each with its own vehicle."""
+    mirrored: bool = False
+    """Whether every second environment is seen in a mirror that swaps left and right: as many caves again."""
+    blind_to: tuple[Literal["distance", "elevation", "depth"], ...] = ()
+    """What the network is kept from seeing: the goal's distance or elevation, or the depth. They tell where in a cave
+    it is, so that it may learn caves by heart. Needs normalise."""
     normalise: bool = True
     """Whether the network scales observations by the mean and spread of what was seen in training. The numbers are part
     of the policy."""
@@ -72,6 +80,11 @@ class TrainSettings(TaskOptions):
     """Whether a lesson goes on with the optimiser's moments of the one before, as the original does, or without.
     Weights, and the means and spreads of observations and returns, are carried on always."""
 
+    @property
+    def scenarios(self) -> tuple[str, ...]:
+        """All that the lesson is learned in."""
+        return (self.scenario, *self.also)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in _POSITIVE:
@@ -79,6 +92,10 @@ class TrainSettings(TaskOptions):
         for name in ("discount", "trace"):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
         _check(math.isfinite(self.entropy) and self.entropy >= 0, f"entropy must not be negative, got {self.entropy}.")
+        _check(
+            len(self.also) < self.num_envs,
+            f"The lesson has {1 + len(self.also)} scenarios for {self.num_envs} environments. Take more (num_envs).",
+        )
         _check(self.warm_up >= 0, f"warm_up must not be negative, got {self.warm_up}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
         for name in ("num_envs", "batch"):
@@ -86,6 +103,18 @@ class TrainSettings(TaskOptions):
                 self.buffer % getattr(self, name) == 0,
                 f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
             )
+        _check(
+            self.normalise or not self.blind_to,
+            "Without normalise, the network sees all that is observed. Leave blind_to out.",
+        )
+        _check(
+            self.observation != "original" or not (self.blind_to or self.mirrored),
+            "mirrored and blind_to need the observation paper or full, and it is original. Leave them out.",
+        )
+        _check(
+            self.observation == "full" or "depth" not in self.blind_to,
+            f"The observation {self.observation} has no depth. Leave it out of blind_to.",
+        )
         _check(
             self.algorithm not in OFF_POLICY or self.action == "continuous",
             f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",

@@ -27,6 +27,7 @@ from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.keeper import Keeper
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
+from aquanav_tools.train.mirror import MirroredEnvs
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.presenting import REPORT_FILE, present
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
@@ -75,9 +76,11 @@ def train(
         for lesson in pipeline.lessons:
             check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
-    scenarios = [scenario or read_scenario(lesson.scenario) for lesson in pipeline.lessons]
+    scenarios = [
+        [scenario] if scenario else [read_scenario(name) for name in lesson.scenarios] for lesson in pipeline.lessons
+    ]
     trials_in = [read_scenario(name) for name in pipeline.run.validation]
-    record = RunRecord(output_dir, pipeline, seed, scenarios, trials_in)
+    record = RunRecord(output_dir, pipeline, seed, [one for group in scenarios for one in group], trials_in)
     with _writable(output_dir):
         if overwrite:
             record.clear()
@@ -114,7 +117,7 @@ class _Learned:
     """Running mean, variance and count of the returns."""
 
 
-def _learn_all(run: _Run, scenarios: list[Scenario], checkpoint: Checkpoint | None) -> None:
+def _learn_all(run: _Run, scenarios: list[list[Scenario]], checkpoint: Checkpoint | None) -> None:
     learned: _Learned | None = None
     first = 0
     if checkpoint is not None and checkpoint.is_lesson_over:
@@ -129,11 +132,15 @@ def _learn_all(run: _Run, scenarios: list[Scenario], checkpoint: Checkpoint | No
 
 
 def _learn(
-    run: _Run, number: int, scenario: Scenario, learned: _Learned | None, checkpoint: Checkpoint | None
+    run: _Run,
+    number: int,
+    scenarios: list[Scenario],
+    learned: _Learned | None,
+    checkpoint: Checkpoint | None,
 ) -> _Learned:
     """Return what has been learned after one lesson."""
     settings, journal = run.pipeline.lessons[number], run.journal
-    with closing(_environments(run.pipeline.run, settings, scenario)) as envs:
+    with closing(_environments(run.pipeline.run, settings, scenarios)) as envs:
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
         learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number))
         if checkpoint is not None:
@@ -149,10 +156,15 @@ def _learn(
         return _Learned(parameters_of(learner), spread_of(scale))
 
 
-def _environments(run: RunSettings, settings: TrainSettings, scenario: Scenario) -> TrainingEnvs | BatchedEnvs:
+def _environments(
+    run: RunSettings, settings: TrainSettings, scenarios: list[Scenario]
+) -> TrainingEnvs | BatchedEnvs | MirroredEnvs:
+    envs: TrainingEnvs | BatchedEnvs
     if run.backend == "batch":
-        return BatchedEnvs(scenario, settings)
-    return TrainingEnvs(scenario, settings, run.workers)
+        envs = BatchedEnvs(scenarios, settings)
+    else:
+        envs = TrainingEnvs(scenarios, settings, run.workers)
+    return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
 
 
 def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import signal
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
@@ -22,11 +23,11 @@ PATIENCE = 10.0
 class Worker:
     """Hands calls to a crew in another process. `ask`, then `answer`: workers that were asked work side by side."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int, name: str) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings, name: str) -> None:
         # A forked child would share locks of threads (torch's, the ray tracer's) that do not live on in it.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
-        arguments = (theirs, scenario, settings, num)
+        arguments = (theirs, scenarios, settings)
         self._process = context.Process(target=_work, args=arguments, name=name, daemon=True)
         self._process.start()
         theirs.close()
@@ -85,7 +86,7 @@ class Worker:
         )
 
 
-def _work(connection: Connection, scenario: Scenario, settings: TrainSettings, num: int) -> None:
+def _work(connection: Connection, scenarios: Sequence[Scenario], settings: TrainSettings) -> None:
     """Do what is asked until the other side hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     from aquanav_tools.train.crew import Crew
@@ -97,7 +98,7 @@ def _work(connection: Connection, scenario: Scenario, settings: TrainSettings, n
             result: Any = None
             error: AquanavError | None = None
             try:
-                crew = crew or Crew(scenario, settings, num)
+                crew = crew or Crew(scenarios, settings)
                 result = crew.spaces if method == "spaces" else getattr(crew, method)(*arguments)
             except AquanavError as raised:
                 error = raised

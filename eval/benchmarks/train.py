@@ -70,11 +70,11 @@ def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple
     """Return a learner with environments in a place, and what collects a buffer with it."""
     if place.startswith("batch"):
         settings = dataclasses.replace(settings, num_envs=int(place.removeprefix("batch")))
-        envs: Any = BatchedEnvs(scenario, settings)
+        envs: Any = BatchedEnvs([scenario], settings)
     elif place == "subproc":
         envs = SubprocVecEnv([lambda: make_env(scenario, settings)] * settings.num_envs)
     else:
-        envs = TrainingEnvs(scenario, settings, 2 if place == "workers" else 0)
+        envs = TrainingEnvs([scenario], settings, 2 if place == "workers" else 0)
     learner: Any = make_learner(VecNormalize(envs, norm_obs=False), settings, seed=0)
     _, callback = learner._setup_learn(settings.buffer, Watch(), True, "", False)
 

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from aquanav_tools.envs.reward import DENSE, SAFE, SPARSE, TERMS, Decision, load_weights, reward_terms
+from aquanav_tools.envs.reward import CAREFUL, DENSE, SAFE, SPARSE, TERMS, Decision, load_weights, reward_terms
 from aquanav_tools.errors import InputError
 
 QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
@@ -22,6 +22,11 @@ def test_dense_charges_each_step_of_contact() -> None:
 
 def test_dense_pays_500_at_the_goal() -> None:
     assert total(DENSE, outcome="success") == pytest.approx(500 - 0.05)
+
+
+def test_a_contact_of_a_decision_costs_half_a_metre_to_the_careful_and_ten_where_it_ends_the_episode() -> None:
+    assert total(CAREFUL, gained=0.5, num_contact_steps=5) == pytest.approx(-0.05)
+    assert total(CAREFUL, gained=10.1, num_contact_steps=1, outcome="collision") == pytest.approx(-0.05)
 
 
 def test_safe_charges_rays_that_are_cut_off() -> None:

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
-from aquanav_tools.train.batched import BatchedEnvs
+from aquanav_tools.train.batched import BatchedCave, BatchedEnvs
 from aquanav_tools.train.episodes import SUMMARY
 from aquanav_tools.train.pipeline import read_pipeline
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
 from tests.sim.test_water import flowing
-from tests.train.runs import TINY, learned, tiny_pipeline
+from tests.train.runs import TINY, learned, tiny_pipeline, tiny_tube
 
 ON_BATCH = RunSettings(backend="batch", checkpoint_every=128)
 
@@ -30,6 +30,12 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scenario") / "tube"
     write_scenario(dataclasses.replace(flowing(), settings=settings), folder)
     return folder
+
+
+@pytest.fixture(scope="module")
+def still_tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Another cave: the tube without flow, and episodes of 25 decisions."""
+    return tiny_tube(tmp_path_factory.mktemp("scenario") / "still", decisions=25)
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +83,7 @@ def test_curve_tells_of_the_batchs_episodes_and_trials_are_flown_in_pybullet(tub
 
 
 def test_ended_episodes_are_summed_up(tube: Path) -> None:
-    envs = BatchedEnvs(flowing(), dataclasses.replace(TINY, current="half", num_envs=4))
+    envs = BatchedEnvs([flowing()], dataclasses.replace(TINY, current="half", num_envs=4))
     envs.seed(0)
     envs.reset()
     total = np.zeros(4)
@@ -93,6 +99,40 @@ def test_ended_episodes_are_summed_up(tube: Path) -> None:
             break
     assert dones.any()
     envs.close()
+
+
+def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tube: Path) -> None:
+    caves = [read_scenario(tube), read_scenario(still_tube)]
+    settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, batch=32, buffer=160)
+    both = BatchedEnvs(caves, settings)
+    alone = [BatchedCave(cave, settings, n) for cave, n in zip(caves, (2, 3), strict=True)]
+    both.seed(7)
+    alone[0].seed(7)
+    alone[1].seed(9)  # vehicles count on: 7 and 8 are in the first cave
+    assert np.array_equal(both.reset(), np.concatenate([envs.reset() for envs in alone]))
+    for _ in range(45):  # episodes end after 40 and 25
+        actions = np.tile([0, 0, 2], (5, 1))
+        together = both.step(actions)
+        parts = [alone[0].step(actions[:2]), alone[1].step(actions[2:])]
+        for n in range(3):
+            assert np.array_equal(together[n], np.concatenate([part[n] for part in parts]))
+        assert [info[SUMMARY] for info in together[3] if info] == [
+            info[SUMMARY] for part in parts for info in part[3] if info
+        ]
+    for envs in (both, *alone):
+        envs.close()
+
+
+def test_stopped_run_in_two_caves_ends_as_one_that_never_stopped(
+    tube: Path, still_tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = tiny_pipeline(tube, 1, ON_BATCH, also=(str(still_tube),), steps=256)
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, 1)
+        train(pipeline, 3, tmp_path / "stopped")
+    train(pipeline, 3, tmp_path / "stopped")
+    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
 
 
 def test_what_the_batch_cannot_do_is_refused_before_the_first_lesson(tube: Path, tmp_path: Path) -> None:

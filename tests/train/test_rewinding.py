@@ -12,7 +12,7 @@ NUM = 2
 def test_environments_come_back_to_the_bit_even_amid_contacts(tube: Scenario, rng: np.random.Generator) -> None:
     # Half a metre of current across the tube presses the vehicle against the wall, where PyBullet takes over.
     settings = TrainSettings(sensor_noise=0.05, action_delay=2, current=(0.0, 0.5, 0.1), current_range=(0.5, 1.0))
-    crew, other = Crew(tube, settings, NUM), Crew(tube, settings, NUM)
+    crew, other = Crew([tube] * NUM, settings), Crew([tube] * NUM, settings)
     crew.reset([5, 6])
     other.reset([7, 8])
     actions = rng.integers(3, size=(160, NUM, 3))

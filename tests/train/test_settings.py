@@ -25,6 +25,10 @@ def test_defaults_are_the_originals() -> None:
         ({"discount": 1.5}, "discount must be in [0, 1], got 1.5"),
         ({"hidden": []}, "hidden must list positive widths"),
         ({"entropy": -1.0}, "entropy must not be negative"),
+        (
+            {"scenario": "a", "also": ["b", "c"], "num_envs": 2},
+            "has 3 scenarios for 2 environments. Take more (num_envs)",
+        ),
         ({"reward": "denser"}, "Did you mean 'dense'"),
         ({"rewards": "dense"}, "unknown key 'rewards'. Did you mean 'reward'"),
         ({"algorithm": "sac"}, "sac acts continuously, and the action is multidiscrete"),

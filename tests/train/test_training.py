@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 import subprocess
 import sys
@@ -15,12 +16,14 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.policies import load_policy
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.train.checkpoint import read_checkpoint
+from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
-from tests.train.runs import learned, tiny_pipeline, tiny_tube
+from tests.caves import tube_scenario
+from tests.train.runs import TINY, learned, tiny_pipeline, tiny_tube
 
 
 @pytest.fixture(scope="module")
@@ -144,6 +147,17 @@ def test_diverging_run_stops_and_keeps_its_last_good_checkpoint(tube_folder: Pat
 
 
 @pytest.mark.usefixtures("no_reports")
+@pytest.mark.parametrize("workers", [0, 2])
+def test_environments_are_shared_out_over_the_caves(workers: int) -> None:
+    caves = [tube_scenario(limits=LimitSettings(decisions=decisions)) for decisions in (5, 9, 7)]
+    envs = TrainingEnvs(caves, dataclasses.replace(TINY, num_envs=5, batch=5, buffer=5), workers)
+    envs.seed(0)
+    envs.reset()
+    ended = [np.flatnonzero(envs.step(np.ones((5, 3), dtype=int))[2]).tolist() for _ in range(9)]
+    assert ended == [[], [], [], [], [0, 1], [], [3, 4], [], [2]]  # two, one and two in caves of 5, 9 and 7 decisions
+    envs.close()
+
+
 def test_a_short_run_learns_to_swim_ahead(tube: Scenario, tmp_path: Path) -> None:
     settings = TrainSettings(
         scenario="tube", steps=8192, reward="dense", num_envs=4, hidden=(64, 64), buffer=1024, batch=128, epochs=10,

@@ -1,0 +1,100 @@
+"""Environments half of which are seen in a mirror that swaps left and right.
+
+The vehicle is the same on both sides, so a cave's mirror image is another cave with as true a physics: as many caves
+again to learn from, at no cost. The mirror stands in the body's x-z plane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
+
+from aquanav_tools.envs.observation import layout
+from aquanav_tools.sim.sensors import FANS
+
+Floats = npt.NDArray[np.float32]
+FLIPPED = {"goal": [1], "velocity": [1], "rates": [0, 2], "tilt": [1], "command": [1]}
+"""What changes its sign, in each slice of the observation: azimuth, sway, roll and yaw (rates are axial), how far the
+left side points up, and steer."""
+
+
+class MirroredEnvs(VecEnvWrapper):
+    """Every second environment in a mirror."""
+
+    def __init__(self, venv: VecEnv, observation: str, action: str) -> None:
+        """Wrap environments that observe the preset "paper" or "full"."""
+        super().__init__(venv)
+        self._rows = np.arange(1, venv.num_envs, 2)
+        self._order, self._signs = mirror_image(observation)
+        self._turned = TURNED[action]
+
+    def reset(self) -> Floats:
+        """Begin all episodes."""
+        return self._seen(self.venv.reset())
+
+    def step_async(self, actions: Any) -> None:
+        """Take the actions of the next decision, those of mirrored environments as they are chosen there."""
+        actions = np.array(actions)
+        actions[self._rows] = self._turned(actions[self._rows])
+        self.venv.step_async(actions)
+
+    def step_wait(self) -> tuple[Floats, Floats, Any, list[dict[str, Any]]]:
+        """Carry out the decision."""
+        observations, rewards, dones, infos = self.venv.step_wait()
+        for n in self._rows[dones[self._rows]]:
+            last = infos[n]["terminal_observation"]
+            infos[n] = {**infos[n], "terminal_observation": last[self._order] * self._signs}
+        return self._seen(observations), rewards, dones, infos
+
+    def state(self) -> dict[str, Any]:
+        """Return where all environments are."""
+        found: dict[str, Any] = self.venv.state()  # type: ignore[attr-defined]  # it is Resumable
+        return found
+
+    def restore(self, state: dict[str, Any]) -> Floats:
+        """Go back to where `state` was taken; return the observations there."""
+        return self._seen(self.venv.restore(state))  # type: ignore[attr-defined]
+
+    def _seen(self, observations: Any) -> Floats:
+        seen: Floats = np.array(observations)
+        seen[self._rows] = seen[self._rows][:, self._order] * self._signs
+        return seen
+
+
+def mirror_image(observation: str) -> tuple[npt.NDArray[np.int64], Floats]:
+    """Return from which value each value of an observation's mirror image comes, and with which sign."""
+    slices = layout(observation)
+    size = max(part.stop for part in slices.values())
+    order, signs = np.arange(size), np.ones(size, dtype=np.float32)
+    first = 0
+    for fan in FANS:  # straight ahead, then right and left alternately
+        pairs = np.arange(first + 1, first + fan.num_rays).reshape(-1, 2)
+        order[pairs] = pairs[:, ::-1]
+        first += fan.num_rays
+    for name in FLIPPED.keys() & slices.keys():
+        signs[slices[name].start + np.array(FLIPPED[name])] = -1.0
+    return order, signs
+
+
+def _other_choices(actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return actions * [1, -1, 1] + [0, 2, 0]
+
+
+def _other_numbers(actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return actions + 6 - 6 * (actions // 3 % 3)
+
+
+def _other_levels(actions: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return actions * np.array([1.0, -1.0, 1.0], dtype=np.float32)
+
+
+TURNED: dict[str, Callable[[npt.NDArray[Any]], npt.NDArray[Any]]] = {
+    "multidiscrete": _other_choices,
+    "discrete": _other_numbers,
+    "continuous": _other_levels,
+}
+"""What an action is in the mirror: left for right."""
