@@ -90,6 +90,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
+    decision_seconds = SUBSTEPS * DT
 
     def __init__(
         self,
@@ -122,12 +123,12 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         """
         self.task = task_options(task)
         check_choice("measure of progress on the surface", self.task.progress, ("panels",))
-        self.vehicle = _load_boat(vehicle)
+        self.vehicle = boat_of(vehicle)
         self._weights = _weights_of(self.task)
         self._rules = _episode_rules(self.task, self._weights, max_decisions)
         self._world = SeaWorld(self.vehicle, DT, SUBSTEPS)
         self.footprint = self._world.footprint
-        self._bays = Bays(bay, self.footprint.width, self.task.starts)
+        self.bays = Bays(bay, self.footprint.width, self.task.starts)
         self._state, self._turns = (sea, False) if isinstance(sea, SeaState) else (sea_state(sea), True)
         self._tide = tide_of(self.task.current)
         self._prepare_interface(observation, action)
@@ -136,9 +137,9 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
 
     def _prepare_interface(self, observation: str, action: str) -> None:
         pattern = boat_pattern()
-        self._action_model = ActionModel(action, AFLOAT)
+        self.action_model = ActionModel(action, AFLOAT)
         self._observation_model = SurfaceObservation(observation, pattern.lengths)
-        self.action_space = self._action_model.space
+        self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
         self._sensor = SeaSensor(pattern, sees_goal=self._observation_model.is_original)
         self._lengths = pattern.lengths
@@ -149,8 +150,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""
         super().reset(seed=seed)
-        self.sea_map, berth, way, self._start_index = self._bays.choose(self.np_random, options or {})
-        self._way = way.length
+        self.sea_map, berth, way, self._start_index = self.bays.choose(self.np_random, options or {})
+        self.way = way.length
         self._begin_water()
         self._episode = Episode(replace(self._rules, tolerance=self.sea_map.goal.tolerance))
         self._world.begin(self.sea_map, berth, self._water)
@@ -165,10 +166,10 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
-        command = self._action_model.command(action)
+        command = self.action_model.command(action)
         _, steer, thrust = self._actions.through(command)
         touched = self._world.step(steer, thrust, self._water, self._current)
-        self._water.advance(SUBSTEPS * DT)
+        self._water.advance(self.decision_seconds)
         self._current = self._current_share * self._water.current
         rays = self._sensor.sense(self._world.state)
         before, self._remaining = self._remaining, distance_to(self.sea_map.goal, self._world.state)
@@ -234,7 +235,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             "outcome": self._episode.outcome,
             "start_index": self._start_index,
             "gate": 0,
-            "way": self._way,
+            "way": self.way,
         }
         info.update(zip(TERM_KEYS, terms.values(), strict=True))
         return info
@@ -259,7 +260,12 @@ def tide_of(current: str | float | tuple[float, float, float] | None) -> float |
     return float(east), float(north)
 
 
-def _load_boat(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
+def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
+    """Return a boat by its name or the path of its TOML file; "boat" is the original's.
+
+    Raises:
+        InputError: there is no such boat.
+    """
     if isinstance(vehicle, Boat):
         return vehicle
     found = load_vehicle(vehicle) if vehicle == ORIGINAL_BOAT else vehicle

@@ -18,9 +18,8 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_condition
 from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
+from aquanav_tools.evaluate.venue import Place, read_place
 from aquanav_tools.report.track import FAILED, Track
-from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -110,9 +109,9 @@ def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
     return policy
 
 
-def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Scenario:
+def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place:
     expected = next(item for item in table["scenarios"] if item["name"] == name)
-    scenario = read_scenario(options.scenario or expected["path"])
+    scenario = read_place(options.scenario or expected["path"])
     if scenario.content_hash != expected["content_hash"]:
         raise InputError(
             f"The scenario {scenario.name} is another one than was evaluated: its content hash is "

@@ -17,6 +17,7 @@ from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.search import GENERATION, CaseSpace, Search, danger, load_cmaes, random_points
 from aquanav_tools.evaluate.stress_report import Stress, Trial, write_stress_report
+from aquanav_tools.evaluate.venue import cave_of
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array, Progress
@@ -40,7 +41,7 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
     load_cmaes()
     orders = Orders(_flying_options(options), options.policy, options.output, load)
     plan = make_plan(orders)
-    scenario = plan.scenarios[0]
+    scenario = cave_of(plan.scenarios[0], "aquanav-eval stress")
     journal = _open_journal(options, plan)
     campaign = _Campaign(options, scenario, journal)
     progress(len(journal), 2 * options.budget)
