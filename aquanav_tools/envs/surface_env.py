@@ -150,8 +150,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""
         super().reset(seed=seed)
-        self.sea_map, berth, way, self._start_index = self.bays.choose(self.np_random, options or {})
-        self.way = way.length
+        self.sea_map, berth, self.route, self._start_index = self.bays.choose(self.np_random, options or {})
         self._begin_water()
         self._episode = Episode(replace(self._rules, tolerance=self.sea_map.goal.tolerance))
         self._world.begin(self.sea_map, berth, self._water)
@@ -186,6 +185,11 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     def state(self) -> Array:
         """The boat's true (13,) state or more, as in `SeaWorld.state`: for controllers that know the map."""
         return self._world.state.copy()
+
+    @property
+    def way(self) -> float:
+        """Length of the shortest way to the goal from where the episode began, m."""
+        return self.route.length
 
     @property
     def water_velocity(self) -> Array:

@@ -11,7 +11,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES
+from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
@@ -100,10 +102,35 @@ class RandomPolicy:
         return self._rng.integers(NUM_CHOICES, size=self._num)
 
 
-BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[OraclePolicy]] = {
+class MapPolicy:
+    """Knows the map, under water or on it: the ceiling."""
+
+    def __init__(self) -> None:
+        self._diving, self._afloat = OraclePolicy(), BoatOracle()
+        self._pilot: OraclePolicy | BoatOracle = self._diving
+
+    def board(self, env: Any) -> None:
+        """Look at the map of an environment."""
+        if isinstance(env, SurfaceEnv):
+            self._pilot = self._afloat
+            self._afloat.board(env)
+        else:
+            self._pilot = self._diving
+            self._diving.board(env)
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+        self._pilot.reset(seed)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+        """Return the choices of whoever knows this kind of map."""
+        return self._pilot.act(observation)
+
+
+BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]] = {
     "reactive": ReactivePolicy,
     "random": RandomPolicy,
-    "oracle": OraclePolicy,
+    "oracle": MapPolicy,
 }
 
 
@@ -127,7 +154,7 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         if name not in BASELINES:
             raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, BASELINES)}")
         policy = BASELINES[name]()
-        task = None if isinstance(policy, Adapting) else CAVE
+        task = CAVE if isinstance(policy, ReactivePolicy) else None
         return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
     if SPEC.fullmatch(spec):
         own = OwnPolicy(spec)

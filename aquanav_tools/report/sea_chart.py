@@ -73,7 +73,7 @@ def draw_chart(
         draw_colour_bar(figure, height_in, draw_trails(axes, tracks, FROM_ABOVE), "trail: clearance, m", left=0.78)
     figure.text(area[0], 1.0 - 0.6 * MARGIN_IN / height_in, _title(sea), color=INK, fontsize=11, va="center")
     legend = "brown: rock     pale, dashed: reef below the water     blue: shortest way     green: goal     red: boat"
-    figure.text(area[0] + 0.2, 0.8 * MARGIN_IN / height_in, legend, color=MUTED, fontsize=9, va="center")
+    figure.text(area[0], 1.65 * MARGIN_IN / height_in, legend, color=MUTED, fontsize=9, va="center")
     draw_scale_bar(figure, scale, MARGIN_IN, 0.5 * MARGIN_IN)
     save_figure(figure, path, DPI)
 
