@@ -222,6 +222,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return self._world.state.copy()
 
     @property
+    def num_starts(self) -> int:
+        """How many starts an episode can be told by number."""
+        return len(self.scenario.starts)
+
+    @property
     def way(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
         return self.starts.way_to_goal(self._beginning, self._start_index)

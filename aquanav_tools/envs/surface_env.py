@@ -187,6 +187,11 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return self._world.state.copy()
 
     @property
+    def num_starts(self) -> int:
+        """How many starts an episode can be told by number; 0 where each has another bay."""
+        return 0 if self.bays.fixed is None else len(self.bays.fixed.starts)
+
+    @property
     def way(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
         return self.route.length

@@ -6,14 +6,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, run_episode
-from aquanav_tools.evaluate.venue import Place, venue_of
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
 from aquanav_tools.task import TaskOptions, choices_of, task_options
 
@@ -37,7 +36,7 @@ class Hangar:
 
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
         self._policy, self._options, self._watch = policy, options, watch or Watch()
-        self._env: CaveEnv | SurfaceEnv | None = None
+        self._env: PlaceEnv | None = None
         self._course: Course | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
@@ -53,13 +52,19 @@ class Hangar:
             self._env.close()
         self._env = self._place = None
 
-    def _prepare(self, flight: Flight) -> tuple[CaveEnv | SurfaceEnv, Course]:
+    def _prepare(self, flight: Flight) -> tuple[PlaceEnv, Course]:
         task = task_of(flight, self._options)
         place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
         if self._env is None or self._course is None or not is_here:
             self.close()
-            self._env = venue_of(flight.scenario).env(self._policy, self._options.max_decisions, task)
+            self._env = make_env(
+                flight.scenario,
+                observation=self._policy.observation,
+                action=self._policy.action,
+                max_decisions=self._options.max_decisions,
+                **choices_of(task),
+            )
             self._place = place
             self._course = course_of(flight)
         self._env.task = task

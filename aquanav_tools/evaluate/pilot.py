@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, write_trail
@@ -17,7 +18,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
 from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.rollout import Watch
-from aquanav_tools.evaluate.venue import Place, read_place, venue_of
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.envs.rendering import film_size
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
@@ -18,7 +19,6 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_condition
 from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
-from aquanav_tools.evaluate.venue import Place, read_place
 from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Progress, ignore_progress

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools import __version__
+from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
 from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
-from aquanav_tools.evaluate.venue import Place, venue_of
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import Trail

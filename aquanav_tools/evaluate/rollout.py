@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.places import PlaceEnv
 from aquanav_tools.evaluate.policies import Adapting, Boarding, Policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.track import FAILED, Track
@@ -95,7 +94,7 @@ class Watch:
 
 
 def run_episode(
-    env: CaveEnv | SurfaceEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = ""
+    env: PlaceEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = ""
 ) -> Track:
     """Return the track of one episode, from the planned start to its end.
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch_task import BatchTask, check_batched
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.places import Place, cave_of
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, course_of, task_of
@@ -28,7 +29,6 @@ from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Scribe, Task
 from aquanav_tools.evaluate.policies import Boarding, LoadedPolicy, Policy, Vectorised
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, begin_episode, choose
-from aquanav_tools.evaluate.venue import Place, cave_of
 from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from aquanav_tools.envs.places import cave_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal
@@ -17,7 +18,6 @@ from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.search import GENERATION, CaseSpace, Search, danger, load_cmaes, random_points
 from aquanav_tools.evaluate.stress_report import Stress, Trial, write_stress_report
-from aquanav_tools.evaluate.venue import cave_of
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array, Progress

@@ -10,27 +10,22 @@ from typing import Protocol
 from gymnasium.utils import seeding
 
 from aquanav_tools.envs.bays import Bays
-from aquanav_tools.envs.cave_env import CaveEnv, vehicle_of
-from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
-from aquanav_tools.errors import InputError
+from aquanav_tools.envs.cave_env import vehicle_of
+from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.surface_env import boat_of
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
-from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.presets import CAVE, SURFACE
 from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.sea_chart import draw_chart
 from aquanav_tools.report.track import Trail
-from aquanav_tools.scenario.bay import Bay, is_bay, read_bay
-from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_world import footprint_of
 from aquanav_tools.sim.trial import boat_speed, try_out
-from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Array
-
-Place = Scenario | Bay
 
 
 class Picture(Protocol):
@@ -55,37 +50,14 @@ class Venue(Protocol):
     def course(self) -> Course:
         """What episodes are held against; its condition is to be filled in."""
 
-    def env(self, policy: LoadedPolicy, max_decisions: int | None, task: TaskOptions) -> CaveEnv | SurfaceEnv:
-        """Return an environment as the policy takes it."""
-
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""
-
-
-def read_place(spec: str | Path) -> Place:
-    """Return the cave or the bay of a name or path.
-
-    Raises:
-        ScenarioError: it cannot be read.
-    """
-    return read_bay(spec) if is_bay(spec) else read_scenario(spec)
 
 
 @functools.lru_cache(maxsize=8)
 def venue_of(place: Place) -> Venue:
     """Return the venue of a scenario."""
     return BayVenue(place) if isinstance(place, Bay) else CaveVenue(place)
-
-
-def cave_of(place: Place, what: str) -> Scenario:
-    """Return a scenario that is a cave; `what` is only for those.
-
-    Raises:
-        InputError: it is a bay.
-    """
-    if isinstance(place, Bay):
-        raise InputError(f"{what} takes caves only, and {place.name} is a bay. Leave it out, or name a cave.")
-    return place
 
 
 class CaveVenue:
@@ -108,16 +80,6 @@ class CaveVenue:
             route_length=self._cave.guide.length,
             top_speed=try_out(vehicle, self._cave.settings.water.density).ahead,
             power=functools.partial(drag_power, vehicle),
-        )
-
-    def env(self, policy: LoadedPolicy, max_decisions: int | None, task: TaskOptions) -> CaveEnv:
-        """Return an environment as the policy takes it."""
-        return CaveEnv(
-            self._cave,
-            observation=policy.observation,
-            action=policy.action,
-            max_decisions=max_decisions,
-            **choices_of(task),
         )
 
     def picture(self) -> Picture:
@@ -148,19 +110,6 @@ class BayVenue:
             route_length=max(self.ways, default=None),
             top_speed=boat_speed(self._boat),
             power=functools.partial(drag_power, self._boat) if isinstance(self._boat, OriginalVehicle) else None,
-        )
-
-    def env(self, policy: LoadedPolicy, max_decisions: int | None, task: TaskOptions) -> SurfaceEnv:
-        """Return an environment as the policy takes it."""
-        settings = self._bay.settings
-        return SurfaceEnv(
-            self._fixed or settings.rocks,
-            sea=settings.sea,
-            vehicle=self._boat,
-            observation=policy.observation,
-            action=policy.action,
-            max_decisions=max_decisions or settings.decisions,
-            **choices_of(task),
         )
 
     def picture(self) -> Picture:

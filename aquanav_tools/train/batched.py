@@ -8,8 +8,8 @@ import numpy as np
 import torch
 
 from aquanav_tools.envs.batch_task import Floats
+from aquanav_tools.envs.places import Place, cave_of
 from aquanav_tools.envs.sb3_env import CaveVecEnv
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary
 from aquanav_tools.train.settings import TrainSettings
@@ -18,12 +18,11 @@ from aquanav_tools.train.settings import TrainSettings
 class BatchedEnvs(CaveVecEnv):
     """All vehicles of a lesson. Where they are is a few arrays, so that coming back there takes no time."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings) -> None:
+    def __init__(self, scenario: Place, settings: TrainSettings) -> None:
         """Make the batch; it begins with the seed that SB3 gives it."""
+        cave = cave_of(scenario, 'backend = "batch"')
         choices = choices_of(settings)
-        super().__init__(
-            scenario, settings.num_envs, observation=settings.observation, action=settings.action, **choices
-        )
+        super().__init__(cave, settings.num_envs, observation=settings.observation, action=settings.action, **choices)
 
     def state(self) -> dict[str, Any]:
         """Return all arrays of the batch."""

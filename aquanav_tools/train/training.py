@@ -15,9 +15,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 from aquanav_tools.envs.batch_task import check_batched
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
@@ -51,7 +50,7 @@ def train(
     seed: int,
     output_dir: Path,
     *,
-    scenario: Scenario | None = None,
+    scenario: Place | None = None,
     overwrite: bool = False,
     show_progress: bool = False,
 ) -> Trained:
@@ -75,8 +74,8 @@ def train(
         for lesson in pipeline.lessons:
             check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
-    scenarios = [scenario or read_scenario(lesson.scenario) for lesson in pipeline.lessons]
-    trials_in = [read_scenario(name) for name in pipeline.run.validation]
+    scenarios = [scenario or read_place(lesson.scenario) for lesson in pipeline.lessons]
+    trials_in = [read_place(name) for name in pipeline.run.validation]
     record = RunRecord(output_dir, pipeline, seed, scenarios, trials_in)
     with _writable(output_dir):
         if overwrite:
@@ -101,7 +100,7 @@ class _Run:
     seed: int
     record: RunRecord
     journal: RunJournal
-    validation: list[Scenario]
+    validation: list[Place]
     bar: Any
 
 
@@ -114,7 +113,7 @@ class _Learned:
     """Running mean, variance and count of the returns."""
 
 
-def _learn_all(run: _Run, scenarios: list[Scenario], checkpoint: Checkpoint | None) -> None:
+def _learn_all(run: _Run, scenarios: list[Place], checkpoint: Checkpoint | None) -> None:
     learned: _Learned | None = None
     first = 0
     if checkpoint is not None and checkpoint.is_lesson_over:
@@ -129,7 +128,7 @@ def _learn_all(run: _Run, scenarios: list[Scenario], checkpoint: Checkpoint | No
 
 
 def _learn(
-    run: _Run, number: int, scenario: Scenario, learned: _Learned | None, checkpoint: Checkpoint | None
+    run: _Run, number: int, scenario: Place, learned: _Learned | None, checkpoint: Checkpoint | None
 ) -> _Learned:
     """Return what has been learned after one lesson."""
     settings, journal = run.pipeline.lessons[number], run.journal
@@ -149,7 +148,7 @@ def _learn(
         return _Learned(parameters_of(learner), spread_of(scale))
 
 
-def _environments(run: RunSettings, settings: TrainSettings, scenario: Scenario) -> TrainingEnvs | BatchedEnvs:
+def _environments(run: RunSettings, settings: TrainSettings, scenario: Place) -> TrainingEnvs | BatchedEnvs:
     if run.backend == "batch":
         return BatchedEnvs(scenario, settings)
     return TrainingEnvs(scenario, settings, run.workers)

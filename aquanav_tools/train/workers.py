@@ -9,10 +9,10 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from aquanav_tools.errors import AquanavError, ResourceError
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.train.settings import TrainSettings
 
 if TYPE_CHECKING:
+    from aquanav_tools.envs.places import Place
     from aquanav_tools.train.crew import Crew
 
 PATIENCE = 10.0
@@ -22,7 +22,7 @@ PATIENCE = 10.0
 class Worker:
     """Hands calls to a crew in another process. `ask`, then `answer`: workers that were asked work side by side."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int, name: str) -> None:
+    def __init__(self, scenario: Place, settings: TrainSettings, num: int, name: str) -> None:
         # A forked child would share locks of threads (torch's, the ray tracer's) that do not live on in it.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -85,7 +85,7 @@ class Worker:
         )
 
 
-def _work(connection: Connection, scenario: Scenario, settings: TrainSettings, num: int) -> None:
+def _work(connection: Connection, scenario: Place, settings: TrainSettings, num: int) -> None:
     """Do what is asked until the other side hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     from aquanav_tools.train.crew import Crew
