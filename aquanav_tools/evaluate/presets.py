@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import ACTIONS, AFLOAT, DIVING, ActionModel
-from aquanav_tools.envs.observation import PRESETS, layout
+from aquanav_tools.envs.observation import layout
 from aquanav_tools.envs.surface_observation import surface_layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.spaces import describe_space, is_same_space
@@ -15,10 +15,10 @@ from aquanav_tools.evaluate.spaces import describe_space, is_same_space
 CAVE, SURFACE = "cave", "surface"
 """The tasks."""
 OBSERVATION_SIZES = {
-    task: {name: max(part.stop for part in slices(name).values()) for name in PRESETS}
+    task: {name: max(part.stop for part in slices(name).values()) for name in ("full", "paper", "original")}
     for task, slices in {CAVE: layout, SURFACE: surface_layout}.items()
 }
-"""Number of values in each of PRESETS."""
+"""Number of values in each preset."""
 PARTS = {CAVE: DIVING, SURFACE: AFLOAT}
 """What actions tell the vehicle."""
 

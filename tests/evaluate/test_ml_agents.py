@@ -187,8 +187,3 @@ def test_the_originals_policies_choose_as_onnxruntime_does(name: str, data_dir: 
     loaded = MlAgentsPolicy(data_dir / "saferlauv" / "policies" / f"{name}.onnx")
     chosen = [loaded.act(observation) for observation in observations(len(RUNTIME_ACTIONS[name]) // 3)]
     assert "".join(str(choice) for choice in np.concatenate(chosen)) == RUNTIME_ACTIONS[name]
-
-
-def test_the_originals_boat_is_read_and_told_apart(data_dir: Path) -> None:
-    with pytest.raises(InputError, match="Box of 36 values"):
-        load_policy(str(data_dir / "saferlauv" / "policies" / "Boat_Standard.onnx"))

@@ -106,7 +106,7 @@ def test_worst_cases_are_saved_fly_again_as_they_were_and_a_stopped_search_ends_
 
 
 def test_case_of_another_scenario_is_refused(tube: Scenario) -> None:
-    with pytest.raises(InputError, match=r"start 500, and .* has the starts 0 to"):
+    with pytest.raises(InputError, match=r"start 500, and .* has 20 listed starts"):
         plan_case(tube, Case(500, 0))
 
 
