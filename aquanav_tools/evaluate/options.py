@@ -109,7 +109,7 @@ class EvaluateOptions(ProtocolOptions):
     """Which episodes get a rerun recording; failures are those without collision-free success, worst are the
     --max-recordings worst, which are flown again."""
     max_recordings: int = 50
-    """Recordings stop at this number; each takes about 1 MB."""
+    """Recordings stop at this number; each takes less than 1 MB."""
     film: bool = False
     """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
     trust: bool = False

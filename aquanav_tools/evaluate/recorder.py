@@ -9,7 +9,7 @@ import numpy as np
 from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.rendering import VehicleCamera, film, film_size
 from aquanav_tools.report.recording.cave import CaveModel
-from aquanav_tools.report.recording.episode import record_episode
+from aquanav_tools.report.recording.episode import DiveScene, record_episode
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
@@ -17,16 +17,16 @@ from aquanav_tools.types import Progress, ignore_progress
 
 
 class Recorder:
-    """Records tracks, and keeps the model of one cave at a time: episodes come sorted by scenario."""
+    """Records tracks, and keeps the scene of one cave at a time: episodes come sorted by scenario."""
 
     def __init__(self) -> None:
-        self._cave: CaveModel | None = None
+        self._scene: DiveScene | None = None
 
     def record(self, scenario: Scenario, track: Track, path: Path) -> None:
         """Write the rerun recording of a track."""
-        if self._cave is None or self._cave.scenario is not scenario:
-            self._cave = CaveModel(scenario)
-        record_episode(self._cave, track, vehicle_of(scenario).capsule, original_pattern().directions, path)
+        if self._scene is None or self._scene.scenario is not scenario:
+            self._scene = DiveScene(CaveModel(scenario), vehicle_of(scenario).capsule, original_pattern().directions)
+        record_episode(self._scene, track, path)
 
     def film(
         self, scenario: Scenario, track: Track, path: Path, view: str, progress: Progress = ignore_progress

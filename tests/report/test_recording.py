@@ -4,6 +4,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import trimesh
 
 from aquanav_tools.cave.cavity import prove_watertight
 from aquanav_tools.report.recording.cave import CaveModel, record_cave, thin
-from aquanav_tools.report.recording.episode import record_episode
+from aquanav_tools.report.recording.episode import DiveScene, record_episode
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Capsule, Mesh
 from tests.report.tracks import RAYS, straight_track
@@ -28,7 +29,8 @@ def rerun(*arguments: str | Path) -> str:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
     path = tmp_path_factory.mktemp("recording") / "episode.rrd"
-    record_episode(CaveModel(tube), straight_track(), HULL, RAYS, path)
+    flowing = straight_track(currents=np.tile([0.0, 0.3, 0.0], (101, 1)))
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), flowing, path)
     return path
 
 
@@ -51,8 +53,10 @@ SCENE = (
     "/vehicle/hull",
     "/vehicle/rays",
     "/trail",
+    "/current",
+    "/contacts",
 )
-PLOTS = ("clearance", "progress", "cost", "reward/movement", "reward/time")
+PLOTS = ("clearance", "progress", "cost", "reward/movement", "reward/time", "command/steer", "command/thrust")
 
 
 @pytest.mark.parametrize("entity", [*SCENE, "/state", *(f"/plots/{plot}" for plot in PLOTS)])
@@ -77,14 +81,64 @@ def test_every_state_is_recorded_once(recording: Path) -> None:
     assert "100 rows" in rows["/plots/reward/time"]
 
 
+def columns(path: Path, entity: str) -> Any:
+    """Return what a recording holds of an entity, as rerun's own reader tells it."""
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    (store,) = reader.recordings()
+    (chunk,) = [item for item in reader.stream(store=store).to_chunks() if item.entity_path == entity]
+    return chunk.to_record_batch()
+
+
+def test_rays_reach_from_the_vehicle_as_far_as_measured(tmp_path: Path, tube: Scenario) -> None:
+    ranges = np.linspace(0.5, 4.0, 101 * 28).reshape(101, 28)
+    path = tmp_path / "rays.rrd"
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(rays=ranges), path)
+    from rerun.chunk import RrdReader
+
+    reader = RrdReader(path)
+    chunks = [c for c in reader.stream(store=reader.recordings()[0]).to_chunks() if c.entity_path == "/vehicle/rays"]
+    (moving,) = [chunk.to_record_batch() for chunk in chunks if not chunk.is_static]
+    strips = np.array(moving.column("LineStrips3D:strips").to_pylist())
+    assert strips.shape == (101, 28, 2, 3)
+    np.testing.assert_allclose(strips[:, :, 0], 0.0)
+    np.testing.assert_allclose(np.linalg.norm(strips[:, :, 1], axis=2), ranges, rtol=1e-6)
+
+
+def test_contacts_lie_where_the_hull_came_to_touch_the_wall(recording: Path) -> None:
+    places = np.array(columns(recording, "/contacts").column("Points3D:positions").to_pylist()[0])
+    np.testing.assert_allclose(places, [[10.0, 0.0, 0.0]], atol=1e-6)  # half way from x = 1 to x = 19
+
+
+def test_the_currents_arrow_is_the_way_of_the_water_in_two_seconds(recording: Path) -> None:
+    arrows = np.array(columns(recording, "/current").column("Arrows3D:vectors").to_pylist())
+    np.testing.assert_allclose(arrows, np.tile([0.0, 0.6, 0.0], (101, 1, 1)), rtol=1e-6)
+
+
+def test_still_water_has_no_arrows(tmp_path: Path, tube: Scenario) -> None:
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(), tmp_path / "still.rrd")
+    assert not re.search(r"/current\b", rerun("print", "-v", tmp_path / "still.rrd"))
+
+
+def test_a_second_recording_of_a_scene_is_as_whole_as_the_first(tmp_path: Path, tube: Scenario) -> None:
+    scene = DiveScene(CaveModel(tube), HULL, RAYS)
+    paths = [tmp_path / f"{seed}.rrd" for seed in range(2)]
+    for seed, path in enumerate(paths):
+        record_episode(scene, straight_track(seed=seed), path)
+    entities = [sorted(re.findall(r"/[\w/]+\b", rerun("print", path))) for path in paths]
+    assert entities[0] == entities[1]
+    assert "verified without error" in rerun("verify", *paths)
+
+
 def test_long_episode_stays_small(tmp_path: Path, tube: Scenario, rng: np.random.Generator) -> None:
     track = straight_track(2400, rays=rng.uniform(0.5, 5.0, (2401, 28)))
-    record_episode(CaveModel(tube), track, HULL, RAYS, tmp_path / "long.rrd")
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), track, tmp_path / "long.rrd")
     assert (tmp_path / "long.rrd").stat().st_size < 1_500_000
 
 
 def test_repeated_run_keeps_the_recording_id(recording: Path, tmp_path: Path, tube: Scenario) -> None:
-    record_episode(CaveModel(tube), straight_track(), HULL, RAYS, tmp_path / "again.rrd")
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(), tmp_path / "again.rrd")
 
     def recording_id(path: Path) -> str:
         found = re.search(r'Recording, "aquanav", "([^"]+)"', rerun("stats", path))

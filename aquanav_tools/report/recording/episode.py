@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.report.recording.cave import HULL, CaveModel, eye, log_cave, log_route
-from aquanav_tools.report.recording.stream import recording
+from aquanav_tools.report.recording.stream import Template, recording
 from aquanav_tools.report.track import Track
 from aquanav_tools.types import Array, Capsule
 
@@ -19,7 +19,16 @@ FOLLOW_DISTANCE = 2.5
 TIMELINE = "time"
 TRAIL_RADIUS, RAY_RADIUS = 0.015, 0.004
 """Of the lines drawn, m."""
+CONTACT_RADIUS = 0.06
+"""Of the ball where the hull came to touch the wall, m."""
+CURRENT_SECONDS = 2.0
+"""The current's arrow is as long as the way that the water goes in this time."""
+COMMANDS = ("ballast", "steer", "thrust")
+"""Columns of a track's commands."""
+PAID_ONCE = ("goal", "collision", "timeout")
+"""Terms of the reward that would flatten the others' plots: a goal is worth 500."""
 
+WATER = (72, 149, 239)
 NEAR, FAR = np.array([229, 56, 59]), np.array([120, 200, 220])
 STATE_COLOURS = {
     "cruise": (31, 111, 139),
@@ -34,26 +43,50 @@ Z_TO_X = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
 """Quaternion (x, y, z, w) of the quarter turn that brings z to x."""
 
 
-def record_episode(cave: CaveModel, track: Track, hull: Capsule, ray_directions: Array, path: Path) -> None:
+class DiveScene:
+    """What all recordings of one vehicle's dives in one cave have in common."""
+
+    def __init__(self, cave: CaveModel, hull: Capsule, ray_directions: Array) -> None:
+        """Prepare them.
+
+        Args:
+            cave: Where the dives are.
+            hull: The vehicle's capsule.
+            ray_directions: (R, 3) unit vectors in the body frame, in the order of the tracks' rays.
+        """
+        import rerun as rr
+
+        self.scenario, self.ray_directions = cave.scenario, ray_directions
+
+        def log_scene(stream: Any) -> None:
+            log_cave(stream, cave)
+            log_route(stream, cave.scenario)
+            log_hull(stream, hull)
+            stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS), static=True, strict=True)
+            log_state_colours(stream)
+
+        self.template = Template(log_scene, dive_blueprint(cave))
+
+
+def record_episode(scene: DiveScene, track: Track, path: Path) -> None:
     """Write a recording of one episode.
 
     Args:
-        cave: The cave it happened in.
+        scene: Where it happened.
         track: What happened.
-        hull: The vehicle's capsule.
-        ray_directions: (R, 3) unit vectors in the body frame, in the order of the track's rays.
         path: The .rrd file; replaced when it exists.
     """
-    scenario = cave.scenario
+    scenario = scene.scenario
     identity = f"episode {scenario.name} {scenario.content_hash} {track.seed} {track.start_index}"
-    blueprint = dive_blueprint(cave, track.positions[0], _lasting_terms(track))
-    with recording(path, identity, blueprint) as stream:
+    with recording(path, identity, scene.template.layout) as stream:
+        scene.template.send(stream)
         _log_properties(stream, track)
-        log_cave(stream, cave)
-        log_route(stream, scenario)
-        _log_vehicle(stream, track, hull)
-        _log_rays(stream, track, ray_directions)
+        _log_motion(stream, track)
+        _log_contacts(stream, track)
+        _log_current(stream, track)
+        _log_rays(stream, track, scene.ray_directions)
         _log_scalars(stream, track)
+        _log_states(stream, track)
 
 
 def _log_properties(stream: Any, track: Track) -> None:
@@ -66,17 +99,51 @@ def _log_properties(stream: Any, track: Track) -> None:
     )
 
 
-def _log_vehicle(stream: Any, track: Track, hull: Capsule) -> None:
-    """Log the hull, its motion, and the trail as one static line per decision, coloured by clearance."""
+def _log_motion(stream: Any, track: Track) -> None:
+    """Log the hull's motion, and the trail as one static line per decision, coloured by clearance."""
     import rerun as rr
 
     quaternions = track.orientations[:, [1, 2, 3, 0]]  # rerun's order is (x, y, z, w)
     motion = rr.Transform3D.columns(translation=track.positions, quaternion=quaternions)
     stream.send_columns("vehicle", [_time_column(track.times)], motion, strict=True)
-    log_hull(stream, hull)
-    segments = np.stack([track.positions[:-1], track.positions[1:]], axis=1)
-    trail = rr.LineStrips3D(segments, colors=distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=TRAIL_RADIUS)
+    strips = _strips(np.stack([track.positions[:-1], track.positions[1:]], axis=1))
+    trail = rr.LineStrips3D(strips, colors=distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=TRAIL_RADIUS)
     stream.log("trail", trail, static=True, strict=True)
+
+
+def _log_contacts(stream: Any, track: Track) -> None:
+    """Log a ball wherever the hull came to touch the wall."""
+    import rerun as rr
+
+    places = track.positions[track.contact_states]
+    if len(places):
+        balls = rr.Points3D(places, colors=STATE_COLOURS["collision"], radii=CONTACT_RADIUS)
+        stream.log("contacts", balls, static=True, strict=True)
+
+
+def _log_current(stream: Any, track: Track) -> None:
+    """Log which way the water flows past the vehicle, where it does."""
+    import rerun as rr
+
+    if not track.currents.any():
+        return
+    arrows = rr.Arrows3D.columns(
+        origins=track.positions,
+        vectors=CURRENT_SECONDS * track.currents,
+        colors=np.tile(np.array(WATER, dtype=np.uint8), (len(track.times), 1)),
+    )
+    stream.send_columns("current", [_time_column(track.times)], arrows, strict=True)
+
+
+def _strips(corners: Array) -> Any:
+    """Return (N, K, 3) corners as N lines of K corners each: rerun itself takes a second for 100,000."""
+    import pyarrow as pa
+    import rerun as rr
+
+    count, num_corners, _ = corners.shape
+    points = rr.encodings.Vec3DBatch(corners.reshape(-1, 3).astype(np.float32)).as_arrow_array()
+    ends = pa.array(np.arange(count + 1, dtype=np.int32) * num_corners)
+    return pa.ListArray.from_arrays(ends, points, type=rr.components.LineStrip3DBatch([]).as_arrow_array().type)
 
 
 def log_hull(stream: Any, hull: Capsule) -> None:
@@ -100,12 +167,11 @@ def _log_rays(stream: Any, track: Track, directions: Array) -> None:
     every = -(-len(track.times) // MAX_RAY_STATES)
     ranges = track.rays[::every]
     num_states, num_rays = ranges.shape
-    strips = np.zeros((num_states * num_rays, 2, 3), dtype=np.float32)
-    strips[:, 1] = (ranges[..., None] * directions).reshape(-1, 3)
+    corners = np.zeros((num_states * num_rays, 2, 3), dtype=np.float32)
+    corners[:, 1] = (ranges[..., None] * directions).reshape(-1, 3)
     colours = distance_colours(ranges.ravel(), float(track.rays.max()))
-    columns = rr.LineStrips3D.columns(strips=strips, colors=colours).partition([num_rays] * num_states)
+    columns = rr.LineStrips3D.columns(strips=_strips(corners), colors=colours).partition([num_rays] * num_states)
     stream.send_columns("vehicle/rays", [_time_column(track.times[::every])], columns, strict=True)
-    stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS), static=True, strict=True)
 
 
 def distance_colours(distances: Array, far: float) -> Any:
@@ -122,14 +188,20 @@ def _log_scalars(stream: Any, track: Track) -> None:
         "progress": (track.times, track.progress),
         "cost": (track.times, track.costs),
         **{f"reward/{term}": (track.times[1:], values) for term, values in track.reward_terms.items()},
+        **{f"command/{name}": (track.times[:-1], track.commands[:, n]) for n, name in enumerate(COMMANDS)},
     }
     for name, (times, values) in series.items():
         stream.send_columns(f"plots/{name}", [_time_column(times)], rr.Scalars.columns(scalars=values), strict=True)
+
+
+def _log_states(stream: Any, track: Track) -> None:
+    """Log what the vehicle was at, wherever that changes."""
+    import rerun as rr
+
     states = np.append(states_of(track.collided, track.clearances)[:-1], track.outcome)
     changes = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
     columns = rr.StateChange.columns(state=states[changes].tolist())
     stream.send_columns("state", [_time_column(track.times[changes])], columns, strict=True)
-    log_state_colours(stream)
 
 
 def states_of(are_collided: Any, clearances: Any) -> Any:
@@ -152,45 +224,42 @@ def _time_column(times: Array) -> Any:
     return rr.TimeColumn(TIMELINE, duration=times)
 
 
-def dive_blueprint(cave: CaveModel, begin: Array, terms: list[str], is_live: bool = False) -> Any:
+def dive_blueprint(cave: CaveModel, is_live: bool = False) -> Any:
     """Return the layout: the whole cave, a close view that follows the vehicle, and the plots beside them.
 
     Args:
         cave: Where the dive is.
-        begin: (3,) where the vehicle is first, m.
-        terms: Entities of the reward's terms that are plotted.
         is_live: Whether the viewer shows what comes last.
     """
     import rerun.blueprint as rrb
 
     contents = ["+ /**", "- /plots/**", "- /state"]
+    lasting = ["+ /plots/reward/**", *(f"- /plots/reward/{term}" for term in PAID_ONCE)]
     scenes = rrb.Vertical(
         rrb.Spatial3DView(contents=contents, name=cave.scenario.name, eye_controls=eye(cave), line_grid=False),
-        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave, begin), line_grid=False),
+        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave), line_grid=False),
         row_shares=[2, 3],
     )
-    plots = rrb.Vertical(
+    plots = [
         rrb.StateTimelineView(origin="state", name="state"),
         rrb.TimeSeriesView(origin="plots/clearance", name="clearance, m"),
         rrb.TimeSeriesView(origin="plots/progress", name="progress, m"),
-        rrb.TimeSeriesView(origin="plots/reward", contents=terms, name="reward, by term"),
+        rrb.TimeSeriesView(origin="plots/reward", contents=lasting, name="reward, by term"),
         rrb.TimeSeriesView(origin="plots/cost", name="cost"),
-        row_shares=[1, 2, 2, 2, 2],
-    )
+    ]
+    if not is_live:  # where an environment does not tell its commands
+        plots.append(rrb.TimeSeriesView(origin="plots/command", name="command, share of the full"))
+    beside = rrb.Vertical(*plots, row_shares=[1] + [2] * (len(plots) - 1))
     play_state = "following" if is_live else None
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state)
-    return rrb.Blueprint(rrb.Horizontal(scenes, plots, column_shares=[2, 1]), panel, collapse_panels=True)
+    return rrb.Blueprint(rrb.Horizontal(scenes, beside, column_shares=[2, 1]), panel, collapse_panels=True)
 
 
-def _lasting_terms(track: Track) -> list[str]:
-    """Return the plots of reward terms that are paid more than once: a goal's 500 would flatten all others."""
-    return [f"plots/reward/{name}" for name, values in track.reward_terms.items() if np.count_nonzero(values) > 1]
-
-
-def _following_eye(cave: CaveModel, begin: Array) -> Any:
-    """Return a camera that stays beside the vehicle."""
+def _following_eye(cave: CaveModel) -> Any:
+    """Return a camera that stays beside the vehicle. Only its direction counts: the viewer brings it there."""
     import rerun.blueprint as rrb
 
+    begin = cave.scenario.guide.centres[0]
     return rrb.EyeControls3D(
         position=begin + FOLLOW_DISTANCE * cave.aside,
         look_target=begin,

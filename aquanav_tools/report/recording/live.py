@@ -36,8 +36,6 @@ LISTENS_WITHIN = 0.5
 TRAIL_STATES = 300
 """The trail shows so many states, half a minute: it is sent anew each time, at 12 bytes each."""
 REWARD_PREFIX = "reward/"
-PAID_ONCE = {"goal", "collision", "timeout"}
-"""Terms of the reward that would flatten the others' plots."""
 
 
 class LiveDive:
@@ -56,9 +54,7 @@ class LiveDive:
             ResourceError: there is no viewer, and none can be started.
         """
         cave = CaveModel(scenario)
-        terms = [f"+ plots/{REWARD_PREFIX}**", *(f"- plots/{REWARD_PREFIX}{name}" for name in sorted(PAID_ONCE))]
-        blueprint = dive_blueprint(cave, scenario.guide.centres[0], terms, is_live=True)
-        self._stream = _open_viewer(blueprint)
+        self._stream = _open_viewer(dive_blueprint(cave, is_live=True))
         self._directions, self._seconds = ray_directions, seconds
         self._time, self._state = 0.0, ""
         self._trail: deque[Array] = deque(maxlen=TRAIL_STATES)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import tempfile
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,3 +27,38 @@ def recording(path: Path, identity: str, blueprint: Any) -> Iterator[Any]:
     finally:
         stream.disconnect()
     os.replace(partial, path)
+
+
+class Template:
+    """What many recordings have in common, made once: chunks to send into each, and a layout."""
+
+    def __init__(self, fill: Callable[[Any], None], blueprint: Any) -> None:
+        """Keep what `fill` logs to a stream."""
+        from rerun.chunk import RrdReader
+
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "template.rrd"
+            with recording(path, "template", blueprint) as stream:
+                fill(stream)
+            reader = RrdReader(path)
+            (data,), (layout,) = reader.recordings(), reader.blueprints()
+            self._chunks = reader.stream(store=data).to_chunks()
+            self.layout = _KeptLayout(reader.stream(store=layout).to_chunks())
+
+    def send(self, stream: Any) -> None:
+        """Send what was kept, except the layout, with which a recording is opened."""
+        stream.send_chunks(self._chunks)
+
+
+class _KeptLayout:
+    """Stands for a blueprint: building one takes longer than the rest of a short recording."""
+
+    def __init__(self, chunks: list[Any]) -> None:
+        self._chunks = chunks
+
+    def to_blueprint(self) -> _KeptLayout:
+        """Return itself, as rerun asks of what it takes for a blueprint."""
+        return self
+
+    def _log_to_stream(self, stream: Any) -> None:
+        stream.send_chunks(self._chunks)
