@@ -23,12 +23,12 @@ BEHIND, ABOVE, AHEAD = 3.2, 1.9, 2.5
 """Where the camera is, and the place before the boat that it looks at, in lengths of the boat."""
 FARTHEST = 600.0
 """The sea ends here, m."""
-ROUNDS = 4
+ROUNDS = 2
 """Of finding where a line of sight meets the waves, each from the height of the last; the waves are never steep."""
-SLOPE_STEP = 0.15
-"""Over which the surface's slope is measured, m."""
-CALM_FROM = 30.0
+CALM_FROM = 20.0
 """Waves farther off are finer than the picture's pixels: they fade over this distance, m."""
+NEAR_WAVES, CELL = 60.0, 0.4
+"""How far from the camera the waves are summed up, on squares of this side, m: a twentieth of them is left there."""
 SUN = np.array([-0.45, 0.35, 0.82]) / np.linalg.norm([-0.45, 0.35, 0.82])
 GLITTER = 180.0
 """Exponent of the sun's reflection."""
@@ -69,7 +69,7 @@ class SeaCamera:
             raise InputError(f"Pictures of {size[0]} x {size[1]} px cannot be taken; choose at least {MIN_SIDE} px.")
         self.size = size
         """Width and height of the pictures, px."""
-        hull = _joined([_hull_of(boat)])
+        hull = _joined([hull_of(boat)])
         self._hull, self._length = RayScene(hull), float(np.ptp(hull.vertices[:, 0]))
         self._beams, self._beam_lengths = beams, beam_lengths
         self._focal = 0.5 * size[0] / np.tan(0.5 * FIELD_OF_VIEW)
@@ -86,7 +86,7 @@ class SeaCamera:
         buoy = _joined([_cylinder(corner, BUOY_RADIUS, -1.0, BUOY_HEIGHT) for corner in bay.goal.corners])
         self._buoys = RayScene(buoy)
 
-    def picture(self, state: Array, water: SeaWater, ranges: Array) -> npt.NDArray[np.uint8]:
+    def picture(self, state: Array, water: SeaWater, ranges: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
         """Return the (H, W, 3) picture, RGB.
 
         Args:
@@ -121,9 +121,10 @@ class SeaCamera:
     def _world(self, centre: Array, rays: Array, water: SeaWater) -> tuple[Array, Array]:
         """Return (N, 3) colours of sky, sea, rocks and buoys along rays, and (N,) how far they are, m."""
         shown, far = _sky(rays), np.full(len(rays), np.inf)
-        sea = _to_sea(centre, rays, water)
+        waves = _Waves(centre, water)
+        sea = _to_sea(centre, rays, waves)
         is_sea = sea < FARTHEST
-        shown[is_sea] = self._sea(centre, rays[is_sea], sea[is_sea], water)
+        shown[is_sea] = self._sea(centre, rays[is_sea], sea[is_sea], waves)
         far[is_sea] = sea[is_sea]
         for scene, colour in ((self._rocks, ROCK), (self._buoys, BUOY)):
             if scene is None:
@@ -134,15 +135,11 @@ class SeaCamera:
             far[is_nearer] = distance[is_nearer]
         return shown, far
 
-    def _sea(self, centre: Array, rays: Array, distance: Array, water: SeaWater) -> Array:
+    def _sea(self, centre: Array, rays: Array, distance: Array, waves: _Waves) -> Array:
         """Return (N, 3) colours of the water: the sky's reflection, the sun's, and what lies below."""
         places = centre + rays * distance[:, None]
-        fade = np.exp(-distance / CALM_FROM)
-        height = water.rise(places)
-        slopes = [
-            (water.rise(places + SLOPE_STEP * axis) - height) / SLOPE_STEP * fade for axis in np.eye(3)[:2]
-        ]
-        normals = np.stack([-slopes[0], -slopes[1], np.ones(len(places))], axis=1)
+        _, east, north = waves.at(places)
+        normals = np.stack([-east, -north, np.ones(len(places))], axis=1)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         facing = np.clip(-np.einsum("ij,ij->i", rays, normals), 0.0, 1.0)
         mirrored = rays + 2.0 * facing[:, None] * normals
@@ -158,7 +155,8 @@ class SeaCamera:
         light = DEEP * (0.75 + 0.5 * facing)[:, None]
         if self._rocks is None:
             return light
-        bent = rays / REFRACTION + (facing / REFRACTION - np.sqrt(1.0 - (1.0 - facing**2) / REFRACTION**2))[:, None] * normals
+        straight = facing / REFRACTION - np.sqrt(1.0 - (1.0 - facing**2) / REFRACTION**2)
+        bent = rays / REFRACTION + straight[:, None] * normals
         seen = np.exp(-np.nan_to_num(self._through(places, bent), nan=np.inf) / SEEN_DEPTH)[:, None]
         found: Array = (1.0 - seen) * light + seen * 1.6 * SHALLOW
         return found
@@ -178,7 +176,13 @@ class SeaCamera:
         return shown, far
 
     def _with_beams(
-        self, picture: npt.NDArray[np.uint8], centre: Array, camera: Array, position: Array, turn: Array, ranges: Array
+        self,
+        picture: npt.NDArray[np.uint8],
+        centre: Array,
+        camera: Array,
+        position: Array,
+        turn: Array,
+        ranges: npt.NDArray[Any],
     ) -> npt.NDArray[np.uint8]:
         """Return the picture with a line along each beam, the redder the nearer its echo."""
         import cv2
@@ -202,15 +206,43 @@ class SeaCamera:
         return np.asarray(cv2.addWeighted(layer, 0.75, picture, 0.25, 0.0), np.uint8)
 
 
-def _to_sea(centre: Array, rays: Array, water: SeaWater) -> Array:
+class _Waves:
+    """The sea around a camera, summed up once for a picture."""
+
+    def __init__(self, centre: Array, water: SeaWater) -> None:
+        self._corner = centre[:2] - NEAR_WAVES
+        count = int(2.0 * NEAR_WAVES / CELL) + 1
+        along = CELL * np.arange(count)
+        east, north = np.meshgrid(along, along)
+        far = np.hypot(east - NEAR_WAVES, north - NEAR_WAVES)
+        places = np.stack([east, north], axis=-1).reshape(-1, 2) + self._corner
+        heights = np.exp(-far / CALM_FROM) * water.rise(places).reshape(count, count)
+        slopes = np.gradient(heights, CELL)
+        self._grid = np.stack([heights, slopes[1], slopes[0]], axis=-1)
+
+    def at(self, places: Array) -> tuple[Array, Array, Array]:
+        """Return the (N,) height over still water, m, and slope eastwards and northwards; none of them far off."""
+        at = (places[:, :2] - self._corner) / CELL
+        last = len(self._grid) - 1
+        is_near = np.all((at >= 0.0) & (at < last), axis=1, keepdims=True)
+        at = np.where(is_near, at, 0.0)
+        column, row = at.astype(np.int64).T
+        right, up = (at % 1.0).T[..., None]
+        grid = self._grid
+        lower = (1.0 - right) * grid[row, column] + right * grid[row, column + 1]
+        upper = (1.0 - right) * grid[row + 1, column] + right * grid[row + 1, column + 1]
+        height, east, north = np.where(is_near, (1.0 - up) * lower + up * upper, 0.0).T
+        return height, east, north
+
+
+def _to_sea(centre: Array, rays: Array, waves: _Waves) -> Array:
     """Return (N,) distances at which rays meet the waves, m; infinite for those that do not."""
     is_down = rays[:, 2] < -1e-4
     found = np.full(len(rays), np.inf)
     down = rays[is_down]
     distance = -centre[2] / down[:, 2]
     for _ in range(ROUNDS):
-        near = np.minimum(distance, FARTHEST)
-        height = np.exp(-near / CALM_FROM) * water.rise(centre + down * near[:, None])
+        height, *_ = waves.at(centre + down * distance[:, None])
         distance = (height - centre[2]) / down[:, 2]
     found[is_down] = np.where(distance < FARTHEST, distance, FARTHEST - 1.0)
     return found
@@ -228,7 +260,7 @@ def _lit(colour: Array, normals: Array) -> Array:
     return found
 
 
-def _hull_of(boat: Boat | OriginalVehicle) -> Mesh:
+def hull_of(boat: Boat | OriginalVehicle) -> Mesh:
     """Return the hulls' triangles, body frame; those of the original's boat are its capsule's."""
     import trimesh
 

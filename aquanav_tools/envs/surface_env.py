@@ -17,6 +17,7 @@ from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.reward import BOAT_PROXIMITY, TERMS, Decision, RewardWeights, load_weights, reward_terms
+from aquanav_tools.envs.sea_rendering import SeaCamera
 from aquanav_tools.envs.surface_observation import SurfaceObservation
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import PRESETS
@@ -89,7 +90,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     current but no waves.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
     decision_seconds = SUBSTEPS * DT
 
     def __init__(
@@ -101,6 +102,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         action: str = "multidiscrete",
         vehicle: str | Path | Boat | OriginalVehicle = "otter",
         max_decisions: int | None = None,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = (480, 360),
         **task: Any,
     ) -> None:
         """Prepare bays and physics.
@@ -113,6 +116,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name of a boat, path of its TOML file, or a boat; "boat" is the original's.
             max_decisions: Episode limit; None takes 2400.
+            render_mode: "rgb_array" for pictures by daylight from `render`, from behind the boat.
+            render_size: Their width and height, px.
             task: The fields of `aquanav_tools.task.TaskOptions`. `progress` can only be "panels": a bay's one panel is
                 its goal. `current` is the tide's: a speed or a preset, to another direction in each episode, or one
                 velocity X Y 0; the wind's drift comes on top, and `current_range` scales both.
@@ -132,6 +137,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._state, self._turns = (sea, False) if isinstance(sea, SeaState) else (sea_state(sea), True)
         self._tide = tide_of(self.task.current)
         self._prepare_interface(observation, action)
+        self._prepare_pictures(render_mode, render_size)
         self._episode = Episode(self._rules)
         self._current: Array = np.zeros(3)
 
@@ -147,6 +153,21 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._actions: Delay[Command] = Delay(self.task.action_delay)
         self._observations: Delay[Observation] = Delay(self.task.observation_delay)
 
+    def _prepare_pictures(self, render_mode: str | None, size: tuple[int, int]) -> None:
+        self.render_mode = render_mode
+        self._camera: SeaCamera | None = None
+        if render_mode is not None:
+            check_choice("render mode", render_mode, self.metadata["render_modes"])
+            pattern = boat_pattern()
+            self._camera = SeaCamera(self.vehicle, size, pattern.directions, pattern.lengths)
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the (H, W, 3) picture of boat, bay and sea, RGB; without a render mode, None and a warning."""
+        if self._camera is None:
+            gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
+            return None
+        return self._camera.picture(self._world.state, self._water, self._rays)
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""
         super().reset(seed=seed)
@@ -157,7 +178,9 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._sensor.look_at(self.sea_map)
         self._actions.fill(IDLE)
         self._length = self._remaining = distance_to(self.sea_map.goal, self._world.state)
-        rays = self._sensor.sense(self._world.state)
+        if self._camera is not None:
+            self._camera.look_at(self.sea_map)
+        self._rays = rays = self._sensor.sense(self._world.state)
         observation = self._observe(rays, IDLE)
         self._observations.fill(observation)
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
@@ -170,7 +193,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         touched = self._world.step(steer, thrust, self._water, self._current)
         self._water.advance(self.decision_seconds)
         self._current = self._current_share * self._water.current
-        rays = self._sensor.sense(self._world.state)
+        self._rays = rays = self._sensor.sense(self._world.state)
         before, self._remaining = self._remaining, distance_to(self.sea_map.goal, self._world.state)
         outcome = self._episode.advance(touched, self._remaining)
         cut_off = len(rays) - float(rays.dot(self._inverse_lengths)) if self._weights.proximity else 0.0

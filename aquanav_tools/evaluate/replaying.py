@@ -11,6 +11,7 @@ from typing import Any, get_args
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.envs.rendering import film_size
+from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -51,7 +52,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     policy = _policy(table, options)
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
-    start = None if table["protocol"]["starts"] == "anywhere" else episode.start
+    start = None if episode.start == NOWHERE_LISTED else episode.start
     flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
