@@ -41,7 +41,8 @@ class Bays:
         self._settings = bay if isinstance(bay, MapSettings) else usual
         self._room = self._settings.room
         self._is_anywhere = rule == "anywhere"
-        self._fixed = _fixed_bay(bay, usual)
+        self.fixed = _fixed_bay(bay, usual)
+        """The bay of all episodes; None where each has another."""
 
     def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[SeaMap, Berth, Way, int]:
         """Return a bay, the berth in it, the shortest way from there, and the berth's number, NOWHERE_LISTED if drawn.
@@ -54,12 +55,12 @@ class Bays:
             InputError: there is no such option or berth.
         """
         check_reset_options(options)
-        if self._fixed is None:
+        if self.fixed is None:
             if "start" in options:
                 raise InputError("Each episode has another bay, so that no start has a number. Choose a fixed bay.")
             sea = draw_map(rng, self._settings)
             return sea, sea.starts[0], sea.ways[0], NOWHERE_LISTED
-        sea = self._fixed
+        sea = self.fixed
         if self._is_anywhere and "start" not in options:
             return sea, *self._draw(rng, sea), NOWHERE_LISTED
         count = len(sea.starts)

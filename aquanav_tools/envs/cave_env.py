@@ -141,7 +141,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._water = _water_of(self.scenario, self.task.current)
         self._current: Array = np.zeros(3)
         """(3,) velocity of the water where the vehicle is, world frame, m/s."""
-        self._duration = settings.limits.substeps * settings.limits.dt
+        self.decision_seconds = settings.limits.substeps * settings.limits.dt
         self._measure = progress_measure(self.task.progress, self.scenario, self.vehicle.capsule)
         self._prepare_interface(observation, action)
         self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
@@ -159,9 +159,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         scenario, pattern = self.scenario, original_pattern()
         goal = np.array(scenario.settings.goal.position, dtype=np.float64)
         entrance = scenario.guide.centres[0]
-        self._action_model = ActionModel(action)
+        self.action_model = ActionModel(action)
         self._observation_model = ObservationModel(observation, pattern.lengths, goal, entrance)
-        self.action_space = self._action_model.space
+        self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
         self._lengths = pattern.lengths
         self._actions: Delay[Command] = Delay(self.task.action_delay)
@@ -179,6 +179,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         pose, self._start_index = self.starts.choose(self.np_random, options or {})
         self._current_share = self._draw_current_share()
         self._episode = Episode(self._rules)
+        self._beginning = pose.position
         self._world.reset(pose)
         self._actuators.reset()
         self._actions.fill(IDLE)
@@ -199,10 +200,10 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
-        command = self._action_model.command(action)
+        command = self.action_model.command(action)
         touched, before = self._advance(self._actions.through(command))
         state, num_contact_steps = self._world.state, sum(touched)
-        self._water.advance(self._duration)
+        self._water.advance(self.decision_seconds)
         self._current = self._current_share * self._water.velocity(state)
         rays = self._sensor.sense(state)
         gained = self._update_progress()
@@ -229,6 +230,16 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     def state(self) -> Array:
         """The vehicle's true (13,) state or more, as in `BulletWorld.state`: for controllers that know the map."""
         return self._world.state.copy()
+
+    @property
+    def num_starts(self) -> int:
+        """How many starts an episode can be told by number."""
+        return len(self.scenario.starts)
+
+    @property
+    def way(self) -> float:
+        """Length of the shortest way to the goal from where the episode began, m."""
+        return self.starts.way_to_goal(self._beginning, self._start_index)
 
     @property
     def water_velocity(self) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -138,8 +138,17 @@ def film_size(path: Path) -> tuple[int, int]:
     return size
 
 
+class Camera(Protocol):
+    """Takes the pictures of a film."""
+
+    size: tuple[int, int]
+
+    def picture(self, state: Array) -> npt.NDArray[np.uint8]:
+        """Return the (H, W, 3) picture, RGB, of a vehicle at a state."""
+
+
 def film(
-    camera: VehicleCamera, states: Array, path: Path, frames_per_second: float, progress: Progress = ignore_progress
+    camera: Camera, states: Array, path: Path, frames_per_second: float, progress: Progress = ignore_progress
 ) -> None:
     """Write an MP4 or a GIF of (T, 7 or more) states, each a position and a quaternion (w, x, y, z): a frame for each.
 

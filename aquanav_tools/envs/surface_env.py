@@ -17,6 +17,7 @@ from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.reward import BOAT_PROXIMITY, TERMS, Decision, RewardWeights, load_weights, reward_terms
+from aquanav_tools.envs.sea_rendering import SeaCamera
 from aquanav_tools.envs.surface_observation import SurfaceObservation
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import PRESETS
@@ -89,7 +90,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     current but no waves.
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012  # Gymnasium's own name and form
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
+    decision_seconds = SUBSTEPS * DT
 
     def __init__(
         self,
@@ -100,6 +102,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         action: str = "multidiscrete",
         vehicle: str | Path | Boat | OriginalVehicle = "otter",
         max_decisions: int | None = None,
+        render_mode: str | None = None,
+        render_size: tuple[int, int] = (480, 360),
         **task: Any,
     ) -> None:
         """Prepare bays and physics.
@@ -112,6 +116,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name of a boat, path of its TOML file, or a boat; "boat" is the original's.
             max_decisions: Episode limit; None takes 2400.
+            render_mode: "rgb_array" for pictures by daylight from `render`, from behind the boat.
+            render_size: Their width and height, px.
             task: The fields of `aquanav_tools.task.TaskOptions`. `progress` can only be "panels": a bay's one panel is
                 its goal. `current` is the tide's: a speed or a preset, to another direction in each episode, or one
                 velocity X Y 0; the wind's drift comes on top, and `current_range` scales both.
@@ -122,23 +128,24 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         """
         self.task = task_options(task)
         check_choice("measure of progress on the surface", self.task.progress, ("panels",))
-        self.vehicle = _load_boat(vehicle)
+        self.vehicle = boat_of(vehicle)
         self._weights = _weights_of(self.task)
         self._rules = _episode_rules(self.task, self._weights, max_decisions)
         self._world = SeaWorld(self.vehicle, DT, SUBSTEPS)
         self.footprint = self._world.footprint
-        self._bays = Bays(bay, self.footprint.width, self.task.starts)
+        self.bays = Bays(bay, self.footprint.width, self.task.starts)
         self._state, self._turns = (sea, False) if isinstance(sea, SeaState) else (sea_state(sea), True)
         self._tide = tide_of(self.task.current)
         self._prepare_interface(observation, action)
+        self._prepare_pictures(render_mode, render_size)
         self._episode = Episode(self._rules)
         self._current: Array = np.zeros(3)
 
     def _prepare_interface(self, observation: str, action: str) -> None:
         pattern = boat_pattern()
-        self._action_model = ActionModel(action, AFLOAT)
+        self.action_model = ActionModel(action, AFLOAT)
         self._observation_model = SurfaceObservation(observation, pattern.lengths)
-        self.action_space = self._action_model.space
+        self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
         self._sensor = SeaSensor(pattern, sees_goal=self._observation_model.is_original)
         self._lengths = pattern.lengths
@@ -146,18 +153,34 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._actions: Delay[Command] = Delay(self.task.action_delay)
         self._observations: Delay[Observation] = Delay(self.task.observation_delay)
 
+    def _prepare_pictures(self, render_mode: str | None, size: tuple[int, int]) -> None:
+        self.render_mode = render_mode
+        self._camera: SeaCamera | None = None
+        if render_mode is not None:
+            check_choice("render mode", render_mode, self.metadata["render_modes"])
+            pattern = boat_pattern()
+            self._camera = SeaCamera(self.vehicle, size, pattern.directions, pattern.lengths)
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return the (H, W, 3) picture of boat, bay and sea, RGB; without a render mode, None and a warning."""
+        if self._camera is None:
+            gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
+            return None
+        return self._camera.picture(self._world.state, self._water, self._rays)
+
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""
         super().reset(seed=seed)
-        self.sea_map, berth, way, self._start_index = self._bays.choose(self.np_random, options or {})
-        self._way = way.length
+        self.sea_map, berth, self.route, self._start_index = self.bays.choose(self.np_random, options or {})
         self._begin_water()
         self._episode = Episode(replace(self._rules, tolerance=self.sea_map.goal.tolerance))
         self._world.begin(self.sea_map, berth, self._water)
         self._sensor.look_at(self.sea_map)
         self._actions.fill(IDLE)
         self._length = self._remaining = distance_to(self.sea_map.goal, self._world.state)
-        rays = self._sensor.sense(self._world.state)
+        if self._camera is not None:
+            self._camera.look_at(self.sea_map)
+        self._rays = rays = self._sensor.sense(self._world.state)
         observation = self._observe(rays, IDLE)
         self._observations.fill(observation)
         terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
@@ -165,12 +188,12 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
-        command = self._action_model.command(action)
+        command = self.action_model.command(action)
         _, steer, thrust = self._actions.through(command)
         touched = self._world.step(steer, thrust, self._water, self._current)
-        self._water.advance(SUBSTEPS * DT)
+        self._water.advance(self.decision_seconds)
         self._current = self._current_share * self._water.current
-        rays = self._sensor.sense(self._world.state)
+        self._rays = rays = self._sensor.sense(self._world.state)
         before, self._remaining = self._remaining, distance_to(self.sea_map.goal, self._world.state)
         outcome = self._episode.advance(touched, self._remaining)
         cut_off = len(rays) - float(rays.dot(self._inverse_lengths)) if self._weights.proximity else 0.0
@@ -185,6 +208,16 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     def state(self) -> Array:
         """The boat's true (13,) state or more, as in `SeaWorld.state`: for controllers that know the map."""
         return self._world.state.copy()
+
+    @property
+    def num_starts(self) -> int:
+        """How many starts an episode can be told by number; 0 where each has another bay."""
+        return 0 if self.bays.fixed is None else len(self.bays.fixed.starts)
+
+    @property
+    def way(self) -> float:
+        """Length of the shortest way to the goal from where the episode began, m."""
+        return self.route.length
 
     @property
     def water_velocity(self) -> Array:
@@ -234,7 +267,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             "outcome": self._episode.outcome,
             "start_index": self._start_index,
             "gate": 0,
-            "way": self._way,
+            "way": self.way,
         }
         info.update(zip(TERM_KEYS, terms.values(), strict=True))
         return info
@@ -259,7 +292,12 @@ def tide_of(current: str | float | tuple[float, float, float] | None) -> float |
     return float(east), float(north)
 
 
-def _load_boat(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
+def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
+    """Return a boat by its name or the path of its TOML file; "boat" is the original's.
+
+    Raises:
+        InputError: there is no such boat.
+    """
     if isinstance(vehicle, Boat):
         return vehicle
     found = load_vehicle(vehicle) if vehicle == ORIGINAL_BOAT else vehicle

@@ -11,6 +11,7 @@ from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 
+from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
@@ -22,7 +23,6 @@ from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
 from aquanav_tools.evaluate.summary import Summary, group, summarise
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
@@ -93,7 +93,7 @@ def evaluate(
     return Evaluation(summary, episodes, output / RESULTS, report, tuple(output / name for name in recordings.values()))
 
 
-def _check_names(scenarios: Sequence[Scenario]) -> None:
+def _check_names(scenarios: Sequence[Place]) -> None:
     names = [scenario.name for scenario in scenarios]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -6,15 +6,14 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from aquanav_tools.envs.cave_env import CaveEnv, vehicle_of
+from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, run_episode
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
-from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.trial import try_out
 from aquanav_tools.task import TaskOptions, choices_of, task_options
 
 LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
@@ -27,7 +26,7 @@ class Flight:
 
     index: int
     """Place in the evaluation, from 0."""
-    scenario: Scenario
+    scenario: Place
     condition: Condition
     plan: EpisodePlan
 
@@ -37,16 +36,15 @@ class Hangar:
 
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
         self._policy, self._options, self._watch = policy, options, watch or Watch()
-        self._env: CaveEnv | None = None
+        self._env: PlaceEnv | None = None
         self._course: Course | None = None
-        self._place: tuple[Scenario, TaskOptions] | None = None
+        self._place: tuple[Place, TaskOptions] | None = None
 
     def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
         """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
         env, course = self._prepare(flight)
         track = run_episode(env, self._policy.policy, flight.plan, self._watch, reason)
-        way = env.starts.way_to_goal(track.positions[0], track.start_index)
-        return track, measure(track, way, course, flight.index)
+        return track, measure(track, env.way, course, flight.index)
 
     def close(self) -> None:
         """Free the environment."""
@@ -54,13 +52,13 @@ class Hangar:
             self._env.close()
         self._env = self._place = None
 
-    def _prepare(self, flight: Flight) -> tuple[CaveEnv, Course]:
+    def _prepare(self, flight: Flight) -> tuple[PlaceEnv, Course]:
         task = task_of(flight, self._options)
         place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
         if self._env is None or self._course is None or not is_here:
             self.close()
-            self._env = CaveEnv(
+            self._env = make_env(
                 flight.scenario,
                 observation=self._policy.observation,
                 action=self._policy.action,
@@ -90,15 +88,7 @@ def numbered(flights: Sequence[Flight]) -> tuple[Flight, ...]:
 
 def course_of(flight: Flight) -> Course:
     """Return what a flight is held against."""
-    scenario = flight.scenario
-    vehicle = vehicle_of(scenario)
-    return Course(
-        scenario=scenario.name,
-        condition=flight.condition.name,
-        vehicle=vehicle,
-        route_length=scenario.guide.length,
-        top_speed=try_out(vehicle, scenario.settings.water.density).ahead,
-    )
+    return replace(venue_of(flight.scenario).course, condition=flight.condition.name)
 
 
 def task_of(flight: Flight, options: ProtocolOptions) -> TaskOptions:

@@ -8,13 +8,13 @@ clearance: from the hull to the nearest wall. SPL: success weighted by path leng
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.evaluate.energy import drag_power, to_world, water_relative
+from aquanav_tools.evaluate.energy import to_world, water_relative
 from aquanav_tools.report.track import FAILED, Track
-from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
 
 OUTCOMES = ("success", "collision", "timeout", FAILED)
@@ -29,11 +29,14 @@ class Course:
     scenario: str
     condition: str
     """Name of the conditions it ran under."""
-    vehicle: Vehicle
-    route_length: float
-    """Of the guide, m."""
+    width: float
+    """Of the vehicle, m."""
+    route_length: float | None
+    """Of the guide, m; None where each episode has a way of its own."""
     top_speed: float
     """That the vehicle keeps ahead in still water, m/s."""
+    power: Callable[[Array], Array] | None
+    """Power that drag takes from the vehicle, W, at (N, 6) velocities through the water; None where it is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,8 +78,8 @@ class EpisodeMetrics:
     """Mean over decisions of the square of ballast, steer and thrust, each in [-1, 1], over 3: 0 idle to 1 full."""
     control_change: float
     """Mean over decisions of the change of ballast, steer and thrust from the last decision, in size, over 3."""
-    energy: float
-    """Work done against the water's drag."""
+    energy: float | None
+    """Work done against the water's drag; None for boats, whose drag is summed up over a hull among waves."""
     jerk: float
     """Root mean square of the rate of change of acceleration over ground, m/s^3: smaller is smoother."""
     interventions: int | None
@@ -113,14 +116,11 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
     """Return the metrics of one episode whose start is `geodesic` metres from the goal."""
     is_success = track.outcome == "success"
     time, steps = float(track.times[-1]), np.diff(track.times)
-    width = 2.0 * course.vehicle.capsule.radius
-    relative = water_relative(track.velocities, track.currents, track.orientations)
-    power = drag_power(course.vehicle, relative)
     return EpisodeMetrics(
         index=index,
         scenario=course.scenario,
         condition=course.condition,
-        region=region_of(geodesic, course.route_length),
+        region=region_of(geodesic, course.route_length or geodesic),
         seed=track.seed,
         start=track.start_index,
         outcome=track.outcome,
@@ -129,7 +129,7 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         min_clearance=float(track.clearances.min()),
         clearance_p5=float(np.percentile(track.clearances, 5.0)),
         mean_clearance=float(track.clearances.mean()),
-        time_close=float(steps[track.clearances[1:] < width].sum()),
+        time_close=float(steps[track.clearances[1:] < course.width].sum()),
         time=time,
         time_ratio=time * course.top_speed / max(geodesic, 1e-9) if is_success else None,
         path_length=track.path_length,
@@ -140,7 +140,7 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         cost=float(track.costs.sum()),
         control_effort=_mean(track.commands**2),
         control_change=_mean(np.abs(np.diff(track.commands, axis=0))),
-        energy=float((0.5 * (power[1:] + power[:-1]) * steps).sum()),
+        energy=_energy(track, course),
         jerk=_jerk(track),
         interventions=track.interventions,
         digest=digest_of(track),
@@ -153,6 +153,14 @@ def digest_of(track: Track) -> str:
     for values in (track.positions, track.orientations, track.velocities, track.actions, track.rewards):
         total.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
     return total.hexdigest()
+
+
+def _energy(track: Track, course: Course) -> float | None:
+    """Return the work done against drag, J: its power from state to state by the trapezoidal rule."""
+    if course.power is None:
+        return None
+    power = course.power(water_relative(track.velocities, track.currents, track.orientations))
+    return float((0.5 * (power[1:] + power[:-1]) * np.diff(track.times)).sum())
 
 
 def _jerk(track: Track) -> float:

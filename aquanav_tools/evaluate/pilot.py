@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
@@ -17,9 +18,8 @@ from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
 from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.rollout import Watch
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
-from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
 RecordRule = Literal["always", "failure", "never"]
@@ -47,7 +47,7 @@ class Plan:
     """What follows from the orders: the same in every process."""
 
     policy: LoadedPolicy
-    scenarios: tuple[Scenario, ...]
+    scenarios: tuple[Place, ...]
     conditions: tuple[Condition, ...]
     flights: tuple[Flight, ...]
     """All episodes in their order: by scenario, then by condition."""
@@ -76,7 +76,8 @@ def make_plan(orders: Orders) -> Plan:
     """
     options = orders.options
     policy = orders.load(orders.policy)
-    scenarios = tuple(read_scenario(path) for path in options.scenario)
+    scenarios = tuple(read_place(path) for path in options.scenario)
+    _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     flights = [
         Flight(0, scenario, condition, plan)
@@ -90,6 +91,16 @@ def make_plan(orders: Orders) -> Plan:
     plan = Plan(policy, scenarios, conditions, numbered(flights))
     _check_seal(plan, orders.seal)
     return plan
+
+
+def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
+    for scenario in scenarios:
+        task = venue_of(scenario).task
+        if policy.task not in (None, task):
+            raise InputError(
+                f"The policy {policy.name} was made for the {policy.task} task, and {scenario.name} is of the {task} "
+                "task. Name a scenario, or a policy, of the other."
+            )
 
 
 def seal_of(plan: Plan) -> dict[str, str | None]:
@@ -114,7 +125,7 @@ def file_names(index: int) -> set[str]:
     return {trail_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
 
 
-def case_flight(scenario: Scenario, case: Case, index: int = 0) -> Flight:
+def case_flight(scenario: Place, case: Case, index: int = 0) -> Flight:
     """Return the episode of a case in a scenario."""
     return Flight(index, scenario, case_condition(case), plan_case(scenario, case))
 

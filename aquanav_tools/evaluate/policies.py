@@ -8,15 +8,17 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
-from aquanav_tools.envs.action import NUM_CHOICES
-from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.action import DIVING, NUM_CHOICES
+from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.own_code import SPEC, OwnPolicy
-from aquanav_tools.evaluate.presets import fitting_presets
+from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
@@ -41,8 +43,16 @@ class Policy(Protocol):
 class Boarding(Protocol):
     """A policy that knows more than it observes: its vehicle, or the whole map."""
 
-    def board(self, env: CaveEnv) -> None:
+    def board(self, env: Any) -> None:
         """Look at the environment in which an episode has been reset and is about to begin."""
+
+
+@runtime_checkable
+class Adapting(Protocol):
+    """A policy for either task."""
+
+    def adapt(self, space: spaces.Space[Any]) -> None:
+        """Act in this space from now on."""
 
 
 @runtime_checkable
@@ -72,27 +82,59 @@ class LoadedPolicy:
     """Preset it observes."""
     action: str
     """Form in which it acts."""
+    task: str | None = None
+    """Which it was made for; None for any."""
 
 
 class RandomPolicy:
-    """Draws each of the three choices evenly: the floor that any policy must beat."""
+    """Draws each choice evenly: the floor that any policy must beat."""
 
     def __init__(self) -> None:
-        self._rng = np.random.default_rng(0)
+        self._rng, self._num = np.random.default_rng(0), len(DIVING)
+
+    def adapt(self, space: spaces.Space[Any]) -> None:
+        """Draw as many choices as a MultiDiscrete space has."""
+        assert isinstance(space, spaces.MultiDiscrete)
+        self._num = len(space.nvec)
 
     def reset(self, seed: int) -> None:
         """Begin the sequence that belongs to `seed`."""
         self._rng = np.random.default_rng(seed)
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-        """Return three choices from 0 to 2, whatever is observed."""
-        return self._rng.integers(NUM_CHOICES, size=3)
+        """Return choices from 0 to 2, whatever is observed."""
+        return self._rng.integers(NUM_CHOICES, size=self._num)
 
 
-BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[OraclePolicy]] = {
+class MapPolicy:
+    """Knows the map, under water or on it: the ceiling."""
+
+    def __init__(self) -> None:
+        self._diving, self._afloat = OraclePolicy(), BoatOracle()
+        self._pilot: OraclePolicy | BoatOracle = self._diving
+
+    def board(self, env: Any) -> None:
+        """Look at the map of an environment."""
+        if isinstance(env, SurfaceEnv):
+            self._pilot = self._afloat
+            self._afloat.board(env)
+        else:
+            self._pilot = self._diving
+            self._diving.board(env)
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode."""
+        self._pilot.reset(seed)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
+        """Return the choices of whoever knows this kind of map."""
+        return self._pilot.act(observation)
+
+
+BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]] = {
     "reactive": ReactivePolicy,
     "random": RandomPolicy,
-    "oracle": OraclePolicy,
+    "oracle": MapPolicy,
 }
 
 
@@ -115,14 +157,16 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         name = spec.removeprefix(PREFIX)
         if name not in BASELINES:
             raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, BASELINES)}")
-        return LoadedPolicy(BASELINES[name](), spec, None, "full", "multidiscrete")
+        policy = BASELINES[name]()
+        task = CAVE if isinstance(policy, ReactivePolicy) else None
+        return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
     if SPEC.fullmatch(spec):
         own = OwnPolicy(spec)
-        return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action)
+        return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action, None)
     path = Path(spec)
-    policy = _load_file(path, is_trusted)
-    observation, action = fitting_presets(policy.observation_space, policy.action_space, spec)
-    return LoadedPolicy(policy, path.name, file_hash(path), observation, action)
+    found = _load_file(path, is_trusted)
+    fit = fitting_presets(found.observation_space, found.action_space, spec)
+    return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task)
 
 
 def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:
@@ -150,5 +194,7 @@ def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
             f"The policy {inner.name} observes the preset 'original', which has no speed, so the shield cannot foresee "
             "where an action leads. Shield a policy that observes 'full' or 'paper'."
         )
+    if inner.task not in (None, CAVE):
+        raise InputError(f"The shield keeps off the walls of caves, and {inner.name} steers a boat. Leave out shield:.")
     policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
-    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action)
+    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE)

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.task import TaskOptions, choices_of
@@ -80,16 +81,17 @@ def case_condition(case: Case) -> Condition:
     return Condition(f"current x{case.current:g}, noise {case.sensor_noise:g} m", changes)
 
 
-def plan_case(scenario: Scenario, case: Case) -> EpisodePlan:
+def plan_case(scenario: Place, case: Case) -> EpisodePlan:
     """Return the episode of a case.
 
     Raises:
         InputError: the scenario has no such start.
     """
-    if case.start >= len(scenario.starts):
+    count = len(venue_of(scenario).ways)
+    if case.start >= count:
         raise InputError(
-            f"A case begins at start {case.start}, and {scenario.name} has the starts 0 to {len(scenario.starts) - 1}: "
-            "the cases are of another scenario, or it was built anew. Search there with aquanav-eval stress."
+            f"A case begins at start {case.start}, and {scenario.name} has {count} listed starts, counted from 0: the "
+            "cases are of another scenario, or it was built anew. Search there with aquanav-eval stress."
         )
     return EpisodePlan(case.seed, case.start)
 
@@ -120,23 +122,25 @@ def plan_episodes(num_starts: int, num_episodes: int, seed: int, is_anywhere: bo
     return tuple(EpisodePlan(seed + i, int(start)) for i, start in enumerate(order))
 
 
-def plan_condition(scenario: Scenario, options: ProtocolOptions, condition: Condition) -> tuple[EpisodePlan, ...]:
+def plan_condition(scenario: Place, options: ProtocolOptions, condition: Condition) -> tuple[EpisodePlan, ...]:
     """Return the episodes of one scenario under one condition.
 
     Raises:
         InputError: none of the scenario's starts lies in the condition's region.
     """
+    venue = venue_of(scenario)
+    is_drawn = options.starts == "anywhere" or not venue.ways
     starts = [
         index
-        for index, start in enumerate(scenario.starts)
-        if condition.region in (None, region_of(start.geodesic_to_goal, scenario.guide.length))
+        for index, way in enumerate(venue.ways)
+        if condition.region in (None, region_of(way, venue.course.route_length or way))
     ]
-    if not starts:
+    if not starts and (condition.region is not None or not is_drawn):
         raise InputError(
-            f"None of the {len(scenario.starts)} starts of {scenario.name} lies in the {condition.region} of its route."
-            " Leave out that region, or build the scenario with more starts."
+            f"None of the {len(venue.ways)} listed starts of {scenario.name} lies in the {condition.region} of its "
+            "route. Leave out that region, or build the scenario with more starts."
         )
-    plans = plan_episodes(len(starts), options.episodes, options.seed, options.starts == "anywhere")
+    plans = plan_episodes(len(starts), options.episodes, options.seed, is_drawn)
     return tuple(_mapped(plans, starts))
 
 

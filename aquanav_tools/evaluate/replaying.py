@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.envs.rendering import film_size
+from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -19,8 +21,6 @@ from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_conditi
 from aquanav_tools.evaluate.recorder import Recorder
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.report.track import FAILED, Track
-from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -52,7 +52,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     policy = _policy(table, options)
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
-    start = None if table["protocol"]["starts"] == "anywhere" else episode.start
+    start = None if episode.start == NOWHERE_LISTED else episode.start
     flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
@@ -110,9 +110,9 @@ def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
     return policy
 
 
-def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Scenario:
+def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place:
     expected = next(item for item in table["scenarios"] if item["name"] == name)
-    scenario = read_scenario(options.scenario or expected["path"])
+    scenario = read_place(options.scenario or expected["path"])
     if scenario.content_hash != expected["content_hash"]:
         raise InputError(
             f"The scenario {scenario.name} is another one than was evaluated: its content hash is "

@@ -5,24 +5,25 @@ from __future__ import annotations
 import shlex
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools import __version__
+from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
 from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
+from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
-from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import Trail
 from aquanav_tools.task import TaskOptions, choices_of
 
-if TYPE_CHECKING:
-    from aquanav_tools.scenario.schema import Scenario
+NUM_CHARTS = 6
+"""Episodes that are drawn each by itself, the worst first, where each had a place of its own."""
 
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
@@ -59,7 +60,7 @@ EPISODE_COLUMNS = (
 
 
 def write_report(
-    scenarios: Sequence[Scenario],
+    scenarios: Sequence[Place],
     journal: Journal,
     results: tuple[Summary, tuple[Group, ...]],
     provenance: Provenance,
@@ -71,7 +72,7 @@ def write_report(
     pictures.mkdir(exist_ok=True)
     summary, groups = results
     episodes = journal.episodes
-    sections = tuple(_cave_section(scenario, journal, episodes, pictures) for scenario in scenarios)
+    sections = tuple(_place_section(scenario, journal, episodes, pictures) for scenario in scenarios)
     page = Page(
         title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
         summary=sentence(summary),
@@ -96,8 +97,8 @@ def sentence(summary: Summary) -> str:
     free = round(summary.collision_free_success.rate * summary.distinct_episodes)
     clearance = summary.means["mean_clearance"].mean
     return (
-        f"It reached the goal without touching the wall in {free} of {summary.distinct_episodes} episodes, and kept "
-        f"{clearance:.2f} m from the walls on average. With 95 % confidence it fails in at most "
+        f"It reached the goal without a collision in {free} of {summary.distinct_episodes} episodes, and kept "
+        f"{clearance:.2f} m clear of everything on average. With 95 % confidence it fails in at most "
         f"{share(summary.failure_bound)} of such episodes."
     )
 
@@ -118,10 +119,17 @@ def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
     return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
 
 
-def _cave_section(scenario: Scenario, journal: Journal, episodes: Sequence[EpisodeMetrics], pictures: Path) -> Section:
+def _place_section(scenario: Place, journal: Journal, episodes: Sequence[EpisodeMetrics], pictures: Path) -> Section:
     own = [episode for episode in episodes if episode.scenario == scenario.name]
+    picture = venue_of(scenario).picture()
+    if not picture.is_shared:
+        charts = []
+        for episode in [own[place] for place in worst_first(own)[:NUM_CHARTS]]:
+            path = pictures / f"{scenario.name}-{episode.index:05d}.png"
+            picture.draw(path, [journal.trail(episode.index)])
+            charts.append(Figure(path, f"One of the worst: {_describe(episode)}."))
+        return Section(f"In {scenario.name}, where each episode has another place", figures=tuple(charts))
     worst = own[worst_first(own)[0]]
-    picture = CavePicture(scenario)
     paths = {kind: pictures / f"{scenario.name}-{kind}.png" for kind in ("worst", "trails", "collisions")}
     picture.draw(paths["worst"], [journal.trail(worst.index)])
     shown = [journal.trail(index) for index in _drawn([episode.index for episode in own])]
@@ -148,10 +156,10 @@ def _drawn(indices: Sequence[int]) -> list[int]:
     return [indices[n * len(indices) // count] for n in range(count)]
 
 
-def _plots(scenarios: Sequence[Scenario], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
+def _plots(scenarios: Sequence[Place], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
     trails: list[Trail] = [journal.trail(index) for index in _drawn(range(len(journal)))]
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
-    plot_progress(trails, max(scenario.guide.length for scenario in scenarios), pictures / "progress.png")
+    plot_progress(trails, _longest(scenarios, trails), pictures / "progress.png")
     plot_clearance(trails, pictures / "clearance.png")
     which = "episode" if len(trails) == summary.episodes else f"episode, {len(trails)} of {summary.episodes}"
     return (
@@ -159,6 +167,12 @@ def _plots(scenarios: Sequence[Scenario], journal: Journal, summary: Summary, pi
         Figure(pictures / "progress.png", f"A line per {which}; it ends where the episode ended.", columns=1),
         Figure(pictures / "clearance.png", f"From the hull to the nearest wall, {len(trails)} episodes.", columns=1),
     )
+
+
+def _longest(scenarios: Sequence[Place], trails: Sequence[Trail]) -> float:
+    """Return the length of the longest route, m; without routes, the most that was gained."""
+    lengths = [venue_of(scenario).course.route_length for scenario in scenarios]
+    return max([length for length in lengths if length] or [float(trail.progress.max()) for trail in trails] or [1.0])
 
 
 def _describe(episode: EpisodeMetrics) -> str:
@@ -286,7 +300,7 @@ def _group_tables(groups: Sequence[Group]) -> tuple[Table, ...]:
                 percent(group.summary.success), estimate_text(group.summary.means["spl"]),
                 estimate_text(group.summary.collisions_per_100m),
                 estimate_text(group.summary.means["clearance_p5"]),
-                estimate_text(group.summary.means["energy"], "0f"),
+                estimate_text(group.summary.means["energy"], "0f") if "energy" in group.summary.means else "",
             )
             for group in own
         )  # fmt: skip
@@ -300,7 +314,8 @@ def _episode_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, 
         (
             _link(episode, recordings), episode.scenario, episode.condition, str(episode.seed), str(episode.start),
             episode.outcome, str(episode.collisions), f"{episode.min_clearance:.2f}", f"{episode.clearance_p5:.2f}",
-            f"{episode.time:.1f}", f"{episode.path_length:.1f}", f"{episode.spl:.2f}", f"{episode.energy:.0f}",
+            f"{episode.time:.1f}", f"{episode.path_length:.1f}", f"{episode.spl:.2f}",
+            "" if episode.energy is None else f"{episode.energy:.0f}",
             episode.reason,
         )
         for episode in episodes[:MAX_ROWS]

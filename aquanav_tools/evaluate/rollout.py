@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.envs.action import ACTIONS, ActionModel
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.evaluate.policies import Boarding, Policy
+from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.places import PlaceEnv
+from aquanav_tools.evaluate.policies import Adapting, Boarding, Policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.track import FAILED, Track
 
@@ -93,7 +93,9 @@ class Watch:
             raise _HangError
 
 
-def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = "") -> Track:
+def run_episode(
+    env: PlaceEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = ""
+) -> Track:
     """Return the track of one episode, from the planned start to its end.
 
     A policy that raises an error, gives no action of its form, or takes too long for one ends its episode with the
@@ -101,15 +103,16 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
     """
     watch = watch or Watch()
     observation, info = env.reset(seed=plan.seed, options=_start(plan))
+    if isinstance(policy, Adapting):
+        policy.adapt(env.action_space)
     if isinstance(policy, Boarding):
         policy.board(env)
-    form = next(model for model in map(ActionModel, ACTIONS) if model.space == env.action_space)
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
     with watch.kept():
         reason = reason or watch.outcome(lambda: begin_episode(policy, plan.seed))[1]
         while not is_over and not reason:
-            chosen, reason = watch.outcome(lambda seen=observation: choose(policy.act, form, seen))
+            chosen, reason = watch.outcome(lambda seen=observation: choose(policy.act, env.action_model, seen))
             if reason:
                 break
             action, command = chosen
@@ -119,8 +122,7 @@ def run_episode(env: CaveEnv, policy: Policy, plan: EpisodePlan, watch: Watch | 
             actions.append(action)
             commands.append(command)
             rewards.append(reward)
-    limits = env.scenario.settings.limits
-    track = _collect(plan, infos, (actions, commands, rewards), limits.dt * limits.substeps, reason)
+    track = _collect(plan, infos, (actions, commands, rewards), env.decision_seconds, reason)
     return dataclasses.replace(track, interventions=getattr(policy, "interventions", None))
 
 

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch_task import BatchTask, check_batched
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.places import Place, cave_of
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, course_of, task_of
@@ -54,6 +55,7 @@ def check_plan(plan: Plan, options: ProtocolOptions) -> None:
             "have. Leave out --backend batch."
         )
     for flight in {(flight.scenario.name, flight.condition.name): flight for flight in plan.flights}.values():
+        cave_of(flight.scenario, "--backend batch")
         check_batched(task_of(flight, options), plan.policy.observation)
 
 
@@ -103,7 +105,7 @@ class Squadron:
         self._policies, self._options, self._watch = policies, options, watch or Watch()
         self._form = ActionModel(policies[0].action)
         self._task: BatchTask | None = None
-        self._place: tuple[Scenario, TaskOptions, int] | None = None
+        self._place: tuple[Place, TaskOptions, int] | None = None
 
     def fly(self, wave: Sequence[Flight]) -> list[tuple[Track, EpisodeMetrics]]:
         """Return the track of each episode of a wave, and its metrics."""
@@ -119,8 +121,9 @@ class Squadron:
         course = course_of(wave[0])
         flown = []
         for place, (flight, seat) in enumerate(zip(wave, seats, strict=True)):
-            track = _track(flight.scenario, seat, {name: values[:, place] for name, values in states.items()})
-            way = flight.scenario.starts[track.start_index].geodesic_to_goal
+            cave = cave_of(flight.scenario, "--backend batch")
+            track = _track(cave, seat, {name: values[:, place] for name, values in states.items()})
+            way = cave.starts[track.start_index].geodesic_to_goal
             flown.append((track, measure(track, way, course, flight.index)))
         return flown
 
@@ -136,7 +139,7 @@ class Squadron:
         if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
             self.close()
             self._task = BatchTask(
-                place[0],
+                cave_of(place[0], "--backend batch"),
                 len(wave),
                 next_step=True,
                 observation=self._policies[0].observation,

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from aquanav_tools.envs.places import cave_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.journal import Journal, clear_journal
@@ -43,7 +44,7 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
     load = load or partial(load_policy, is_trusted=options.trust)
     orders = Orders(_flying_options(options), options.policy, options.output, load)
     plan = make_plan(orders)
-    scenario = plan.scenarios[0]
+    scenario = cave_of(plan.scenarios[0], "aquanav-eval stress")
     journal = _open_journal(options, plan)
     campaign = _Campaign(options, scenario, journal)
     progress(len(journal), 2 * options.budget)

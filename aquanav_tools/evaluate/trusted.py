@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.presets import OBSERVATION_SIZES
+from aquanav_tools.evaluate.presets import OBSERVATION_SIZES, PARTS
 
 MAX_FILE_BYTES = 1 << 30
 """Far above any policy; a larger file is something else."""
@@ -61,7 +61,8 @@ class TorchScriptPolicy:
 
     It takes float32 (1, 44), (1, 31) or (1, 120): the presets "full", "paper" or "original", tried in this order. Of
     floats it gives 3 levels, or 9 logits (three for each of ballast, steer and thrust), or 27 logits of the discrete
-    form; of integers 3 choices, or 1. An exported method `reset()` is called before each episode.
+    form; of integers 3 choices, or 1. For a boat it takes 16, 9 or 36 values, and gives 2 levels, 6 logits or 9, or 2
+    choices or 1. An exported method `reset()` is called before each episode.
     """
 
     def __init__(self, path: Path) -> None:
@@ -79,8 +80,9 @@ class TorchScriptPolicy:
             self._module: Any = loaded.eval()
         except (RuntimeError, ValueError) as cause:
             raise InputError(f"{path} is no TorchScript: {_first_line(cause)} {EXPORT}") from cause
-        self.observation_space, output = self._try_sizes(path)
-        self.action_space = ActionModel(_form(output, path)).space
+        task, size, output = self._try_sizes(path)
+        self.observation_space = spaces.Box(-np.inf, np.inf, (size,), np.float32)
+        self.action_space = ActionModel(_form(output, PARTS[task], path), PARTS[task]).space
 
     def reset(self, seed: int) -> None:
         """Call the module's own reset, where it has one."""
@@ -90,8 +92,9 @@ class TorchScriptPolicy:
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Return the action for one observation."""
         output = self._run(observation)
-        if output.dtype.kind == "f" and output.size > NUM_CHOICES:
-            output = output.reshape(-1, NUM_CHOICES if output.size == 9 else output.size).argmax(axis=1)
+        if not isinstance(self.action_space, spaces.Box) and output.dtype.kind == "f":
+            is_branched = isinstance(self.action_space, spaces.MultiDiscrete)
+            output = output.reshape(-1, NUM_CHOICES if is_branched else output.size).argmax(axis=1)
         return output if isinstance(self.action_space, spaces.Box | spaces.MultiDiscrete) else int(output[0])
 
     def _run(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[Any]:
@@ -101,33 +104,35 @@ class TorchScriptPolicy:
             batch = torch.as_tensor(np.asarray(observation, dtype=np.float32)).reshape(1, -1)
             return np.asarray(self._module(batch).numpy()).reshape(-1)
 
-    def _try_sizes(self, path: Path) -> tuple[spaces.Box, npt.NDArray[Any]]:
+    def _try_sizes(self, path: Path) -> tuple[str, int, npt.NDArray[Any]]:
+        """Return the task and the number of values that the module takes, and what it gives."""
         import torch
 
         reasons = []
-        for size in OBSERVATION_SIZES.values():
+        for task, size in ((task, size) for task, sizes in OBSERVATION_SIZES.items() for size in sizes.values()):
             try:
                 output = self._run(np.zeros(size, dtype=np.float32))
             except (torch.jit.Error, RuntimeError, AttributeError, TypeError) as cause:  # wrong size, or no tensor
                 reasons.append(f"{size}: {_first_line(cause)}")
             else:
-                return spaces.Box(-np.inf, np.inf, (size,), np.float32), output
+                return task, size, output
         raise InputError(
-            f"The TorchScript module {path} takes no observation of the task: {'; '.join(reasons)[:600]}. It must take "
+            f"The TorchScript module {path} takes no observation of a task: {'; '.join(reasons)[:600]}. It must take "
             f"one float32 tensor (1, N) and give a tensor. {EXPORT}"
         )
 
 
-def _form(output: npt.NDArray[Any], path: Path) -> str:
+def _form(output: npt.NDArray[Any], parts: tuple[str, ...], path: Path) -> str:
     """Return the form of the actions that a module gives."""
-    forms = {("f", 3): "continuous", ("f", 9): "multidiscrete", ("f", 27): "discrete"}
-    forms |= {("i", 3): "multidiscrete", ("i", 1): "discrete"}
+    num, all_logits = len(parts), NUM_CHOICES ** len(parts)
+    forms = {("f", num): "continuous", ("f", NUM_CHOICES * num): "multidiscrete", ("f", all_logits): "discrete"}
+    forms |= {("i", num): "multidiscrete", ("i", 1): "discrete"}
     found = (output.dtype.kind, output.size)
     if found not in forms:
         raise InputError(
-            f"The TorchScript module {path} gives {output.size} values of type {output.dtype}. Known are 3 floats "
-            "(continuous), 9 or 3 integers (multidiscrete: logits, choices), 27 floats or 1 integer (discrete). "
-            f"{EXPORT}"
+            f"The TorchScript module {path} gives {output.size} values of type {output.dtype}. Known are "
+            f"{num} floats (continuous), {NUM_CHOICES * num} floats or {num} integers (multidiscrete), "
+            f"{all_logits} floats or 1 integer (discrete). {EXPORT}"
         )
     return forms[found]
 

@@ -11,6 +11,7 @@ import numpy as np
 from aquanav_tools.report.figures import INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
 from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trails import CRASH, draw_colour_bar, draw_crowds, draw_trails
 from aquanav_tools.types import Array, Mesh, rotation_matrix
 
 if TYPE_CHECKING:
@@ -26,16 +27,15 @@ SUPERSAMPLING = 1.25
 """Samples per pixel of the page along each side."""
 NAMES = ("Plan, seen from above", "Long section, seen from the side")
 
-FEW_CONTACTS = 20
-"""Beyond this number the crosses shrink, or they would hide the trails."""
-
 ROUTE = "#ffb703"
 GOAL = PORTAL
-CRASH = "#e5383b"
 
 
 class CavePicture:
     """A cave, cut open: plan above, long section below, on one scale. Shaded once, drawn as often as wanted."""
+
+    is_shared = True
+    """All episodes were in one place, so that they can be drawn together."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -61,16 +61,16 @@ class CavePicture:
             _draw_relief(axes, relief)
             _draw_route(axes, self._scenario, view, ROUTE if contacts is None and not tracks else "white")
             if contacts is not None:
-                scale = _draw_crowds(axes, view.project(contacts), 0.12 / self._inches), "collisions per spot"
+                scale = draw_crowds(axes, view.project(contacts), 0.12 / self._inches), "collisions per spot"
             elif tracks:
-                scale = _draw_trails(axes, tracks, view), "trail: clearance, m"
+                scale = draw_trails(axes, tracks, view), "trail: clearance, m"
             else:
                 _draw_starts(axes, self._scenario, view)
             _label_ends(axes, self._scenario, view)
         draw_scale_bar(figure, self._inches, MARGIN_IN, 0.28)
         _draw_key(figure, height, tracks, contacts is None)
         if scale is not None:
-            _draw_colour_bar(figure, height, *scale)
+            draw_colour_bar(figure, height, *scale)
         save_figure(figure, path, DPI)
 
 
@@ -125,43 +125,6 @@ def _draw_starts(axes: Any, scenario: Scenario, view: View) -> None:
     axes.scatter(*view.project(positions).T, s=16, color="white", edgecolors=INK, linewidths=0.7, zorder=6)
 
 
-def _draw_trails(axes: Any, tracks: Sequence[Trail], view: View) -> Any:
-    """Draw every track's trail and return the lines, whose colours the clearance bar explains."""
-    from matplotlib.collections import LineCollection
-
-    lines = [view.project(track.positions) for track in tracks]
-    is_alone = len(tracks) == 1
-    if is_alone:
-        axes.plot(*lines[0].T, color=INK, linewidth=3.6, alpha=0.6, zorder=5, solid_capstyle="round")
-    segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
-    clearances = np.concatenate([track.clearances[1:] for track in tracks])
-    trails = LineCollection(
-        list(segments), cmap="plasma", linewidths=2.2 if is_alone else 1.1, zorder=6, capstyle="round"
-    )
-    trails.set_array(clearances)
-    # No segment at all: the policies failed before they chose an action.
-    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1) if len(clearances) else 0.1)
-    axes.add_collection(trails)
-    contacts = np.concatenate([line[track.contact_states] for line, track in zip(lines, tracks, strict=True)])
-    size = float(np.clip(46.0 * FEW_CONTACTS / max(len(contacts), 1), 4.0, 46.0))
-    axes.scatter(*contacts.T, marker="x", s=size, color=CRASH, linewidths=0.26 * np.sqrt(size), zorder=8)
-    beginnings = np.array([line[0] for line in lines])
-    axes.scatter(*beginnings.T, s=34 if is_alone else 14, color="white", edgecolors=INK, linewidths=0.8, zorder=8)
-    return trails
-
-
-def _draw_crowds(axes: Any, contacts: Array, spot: float) -> Any:
-    """Draw how many (C, 2) contacts fall into each hexagonal spot, `spot` metres wide, and return the spots."""
-    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-    across = max(int((right - left) / spot), 1)
-    spots = axes.hexbin(
-        *contacts.T, gridsize=(across, max(int((top - bottom) / spot / np.sqrt(3.0)), 1)), mincnt=1, cmap="YlOrRd",
-        extent=(left, right, bottom, top), linewidths=0.3, edgecolors=INK, zorder=7,
-    )  # fmt: skip
-    spots.set_clim(0.0, max(float(spots.get_array().max()), 1.0))
-    return spots
-
-
 def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
     from matplotlib.patheffects import withStroke
 
@@ -199,11 +162,3 @@ def _draw_key(figure: Any, height: float, tracks: Sequence[Trail], has_starts: b
         handles=entries, loc="lower right", bbox_to_anchor=(1.0 - MARGIN_IN / WIDTH_IN, 0.12 / height),
         ncols=len(entries), frameon=False, fontsize=10, labelcolor=INK, handletextpad=0.5, columnspacing=1.6,
     )  # fmt: skip
-
-
-def _draw_colour_bar(figure: Any, height: float, coloured: Any, label: str) -> None:
-    axes = figure.add_axes((0.38, 0.42 / height, 0.2, 0.10 / height))
-    bar = figure.colorbar(coloured, cax=axes, orientation="horizontal")
-    bar.set_label(label, color=INK, fontsize=9, labelpad=1)
-    bar.outline.set_visible(False)
-    axes.tick_params(labelsize=8, colors=INK, length=2, pad=1)

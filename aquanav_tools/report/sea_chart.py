@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,9 @@ from aquanav_tools.report.figures import (
     new_figure,
     save_figure,
 )
+from aquanav_tools.report.relief import View
+from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trails import draw_colour_bar, draw_crowds, draw_trails
 from aquanav_tools.sea.sea_map import Rock, SeaMap
 from aquanav_tools.types import Array
 
@@ -29,10 +33,19 @@ ROCK = "#6b5b4d"
 REEF = "#8fc3cf"
 BOAT_LENGTHS = 3.0
 """The boat is drawn this many times as long as it is wide; the original's is 3.04."""
+SPOT_IN = 0.12
+"""Width of the spots in which collisions are counted."""
+FROM_ABOVE = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
-def draw_chart(sea: SeaMap, path: Path, boat_width: float) -> None:
-    """Write the chart of a bay as PNG, with a boat of a width (m) at each start."""
+def draw_chart(
+    sea: SeaMap, path: Path, boat_width: float, tracks: Sequence[Trail] = (), contacts: Array | None = None
+) -> None:
+    """Write the chart of a bay as PNG, with a boat of a width (m) at each start.
+
+    With tracks it shows their trails coloured by clearance and a cross wherever the hull touched something; with (C, 3)
+    contacts, where they crowd.
+    """
     from matplotlib.patches import Rectangle
 
     extent = sea.edge[2:] - sea.edge[:2]
@@ -53,9 +66,14 @@ def draw_chart(sea: SeaMap, path: Path, boat_width: float) -> None:
     for way, start in zip(sea.ways, sea.starts, strict=True):
         axes.plot(*way.points.T, color=BLUE, linewidth=1.6, zorder=3)
         axes.add_patch(_boat_patch(start.position, start.heading, boat_width))
+    if contacts is not None:
+        spots = draw_crowds(axes, FROM_ABOVE.project(contacts), SPOT_IN / scale)
+        draw_colour_bar(figure, height_in, spots, "collisions per spot", left=0.78)
+    elif tracks:
+        draw_colour_bar(figure, height_in, draw_trails(axes, tracks, FROM_ABOVE), "trail: clearance, m", left=0.78)
     figure.text(area[0], 1.0 - 0.6 * MARGIN_IN / height_in, _title(sea), color=INK, fontsize=11, va="center")
     legend = "brown: rock     pale, dashed: reef below the water     blue: shortest way     green: goal     red: boat"
-    figure.text(area[0] + 0.2, 0.8 * MARGIN_IN / height_in, legend, color=MUTED, fontsize=9, va="center")
+    figure.text(area[0], 1.65 * MARGIN_IN / height_in, legend, color=MUTED, fontsize=9, va="center")
     draw_scale_bar(figure, scale, MARGIN_IN, 0.5 * MARGIN_IN)
     save_figure(figure, path, DPI)
 

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.sea.sea_map import Berth, Goal, SeaMap
 from aquanav_tools.sim.actuators import actuator_model
+from aquanav_tools.sim.boat import Boat
 from aquanav_tools.sim.motion import advance
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.sea_state import SeaState
+from aquanav_tools.sim.sea_water import SeaWater
+from aquanav_tools.sim.sea_world import SeaWorld
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 
@@ -45,6 +51,18 @@ def try_out(vehicle: Vehicle, density: float = 1000.0) -> Trial:
         rise=float(rising.max()),
         sink=abs(float(sinking.min())),
     )
+
+
+def boat_speed(boat: Boat | OriginalVehicle) -> float:
+    """Return the speed that a boat reaches ahead on still, open water in 60 s, m/s."""
+    world, berth = SeaWorld(boat, DT, SUBSTEPS), Berth(np.zeros(2), 0.0)
+    far, depth = 1e4, 100.0
+    sea = SeaMap("open water", np.array([-far, -far, far, far]), depth, (), Goal(np.zeros((1, 2))), (berth,), ())
+    water = SeaWater(SeaState(), depth)
+    world.begin(sea, berth, water)
+    for _ in range(round(60.0 / (DT * SUBSTEPS))):
+        world.step(0.0, 1.0, water, np.zeros(3))
+    return float(world.state[7])
 
 
 def _swim(vehicle: Vehicle, density: float, command: tuple[float, float, float], duration: float) -> Array:

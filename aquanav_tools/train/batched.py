@@ -10,8 +10,8 @@ import torch
 from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.batch_task import Floats
+from aquanav_tools.envs.places import Place, cave_of
 from aquanav_tools.envs.sb3_env import CaveVecEnv
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.environments import shares
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary
@@ -21,10 +21,11 @@ from aquanav_tools.train.settings import TrainSettings
 class BatchedCave(CaveVecEnv):
     """All vehicles of a lesson in one cave. Where they are is a few arrays: coming back there takes no time."""
 
-    def __init__(self, scenario: Scenario, settings: TrainSettings, num: int) -> None:
+    def __init__(self, scenario: Place, settings: TrainSettings, num: int) -> None:
         """Make the batch of `num` vehicles; it begins with the seed that SB3 gives it."""
+        cave = cave_of(scenario, 'backend = "batch"')
         choices = choices_of(settings)
-        super().__init__(scenario, num, observation=settings.observation, action=settings.action, **choices)
+        super().__init__(cave, num, observation=settings.observation, action=settings.action, **choices)
 
     def state(self) -> dict[str, Any]:
         """Return all arrays of the batch."""
@@ -49,7 +50,7 @@ class BatchedCave(CaveVecEnv):
 class BatchedEnvs(VecEnv):
     """All vehicles of a lesson, a batch for each of its caves."""
 
-    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings) -> None:
+    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings) -> None:
         """Make the batches, and share out the vehicles."""
         self._shares = shares(settings.num_envs, len(scenarios))
         self._caves = [

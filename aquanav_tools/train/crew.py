@@ -9,8 +9,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.envs.places import Place, make_env
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SummaryWrapper
 from aquanav_tools.train.rewinding import Moment, Rewindable
@@ -33,9 +32,9 @@ class Stepped(NamedTuple):
 class Crew:
     """Environments of one lesson, in this process."""
 
-    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings) -> None:
+    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings) -> None:
         """Make an environment in each of the scenarios, of which some may be the same."""
-        self._envs = [make_env(scenario, settings) for scenario in scenarios]
+        self._envs = [training_env(scenario, settings) for scenario in scenarios]
 
     def __len__(self) -> int:
         return len(self._envs)
@@ -68,9 +67,9 @@ class Crew:
             env.close()
 
 
-def make_env(scenario: Scenario, settings: TrainSettings) -> Rewindable:
+def training_env(scenario: Place, settings: TrainSettings) -> Rewindable:
     """Return one environment of a lesson."""
-    env = CaveEnv(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
+    env = make_env(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
     return Rewindable(SummaryWrapper(env))
 
 

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.envs.places import Place
 from aquanav_tools.train.crew import Crew, Floats, Stepped
 from aquanav_tools.train.rewinding import Moment
 from aquanav_tools.train.settings import TrainSettings
@@ -40,7 +40,7 @@ class Resumable(Protocol):
 class TrainingEnvs(VecEnv):
     """All environments of a lesson, in PyBullet."""
 
-    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings, num_workers: int) -> None:
+    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, num_workers: int) -> None:
         """Make the environments, shared out over the lesson's scenarios; with no workers, in this process."""
         num = settings.num_envs
         places = [

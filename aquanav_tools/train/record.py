@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
+from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.provenance import code_digest
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
 from aquanav_tools.train.episodes import LearningCurve
@@ -44,8 +44,8 @@ class RunRecord:
         folder: Path,
         pipeline: Pipeline,
         seed: int,
-        scenarios: Sequence[Scenario],
-        validation: Sequence[Scenario],
+        scenarios: Sequence[Place],
+        validation: Sequence[Place],
     ) -> None:
         self.folder = folder
         self._identity = _identity(pipeline, seed, scenarios, validation)
@@ -121,9 +121,7 @@ def versions() -> dict[str, str]:
     }
 
 
-def _identity(
-    pipeline: Pipeline, seed: int, scenarios: Sequence[Scenario], validation: Sequence[Scenario]
-) -> dict[str, Any]:
+def _identity(pipeline: Pipeline, seed: int, scenarios: Sequence[Place], validation: Sequence[Place]) -> dict[str, Any]:
     """Return what makes a run this run, as JSON gives it back."""
     run = {name: value for name, value in dataclasses.asdict(pipeline.run).items() if name not in FREE}
     identity = {
@@ -137,7 +135,7 @@ def _identity(
     return plain
 
 
-def _named(scenario: Scenario) -> dict[str, str]:
+def _named(scenario: Place) -> dict[str, str]:
     return {"name": scenario.name, "content_hash": scenario.content_hash}
 
 

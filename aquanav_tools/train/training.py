@@ -15,9 +15,8 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 from aquanav_tools.envs.batch_task import check_batched
+from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
@@ -52,7 +51,7 @@ def train(
     seed: int,
     output_dir: Path,
     *,
-    scenario: Scenario | None = None,
+    scenario: Place | None = None,
     overwrite: bool = False,
     show_progress: bool = False,
 ) -> Trained:
@@ -77,9 +76,9 @@ def train(
             check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     scenarios = [
-        [scenario] if scenario else [read_scenario(name) for name in lesson.scenarios] for lesson in pipeline.lessons
+        [scenario] if scenario else [read_place(name) for name in lesson.scenarios] for lesson in pipeline.lessons
     ]
-    trials_in = [read_scenario(name) for name in pipeline.run.validation]
+    trials_in = [read_place(name) for name in pipeline.run.validation]
     record = RunRecord(output_dir, pipeline, seed, [one for group in scenarios for one in group], trials_in)
     with _writable(output_dir):
         if overwrite:
@@ -104,7 +103,7 @@ class _Run:
     seed: int
     record: RunRecord
     journal: RunJournal
-    validation: list[Scenario]
+    validation: list[Place]
     bar: Any
 
 
@@ -117,7 +116,7 @@ class _Learned:
     """Running mean, variance and count of the returns."""
 
 
-def _learn_all(run: _Run, scenarios: list[list[Scenario]], checkpoint: Checkpoint | None) -> None:
+def _learn_all(run: _Run, scenarios: list[list[Place]], checkpoint: Checkpoint | None) -> None:
     learned: _Learned | None = None
     first = 0
     if checkpoint is not None and checkpoint.is_lesson_over:
@@ -134,7 +133,7 @@ def _learn_all(run: _Run, scenarios: list[list[Scenario]], checkpoint: Checkpoin
 def _learn(
     run: _Run,
     number: int,
-    scenarios: list[Scenario],
+    scenarios: list[Place],
     learned: _Learned | None,
     checkpoint: Checkpoint | None,
 ) -> _Learned:
@@ -157,7 +156,7 @@ def _learn(
 
 
 def _environments(
-    run: RunSettings, settings: TrainSettings, scenarios: list[Scenario]
+    run: RunSettings, settings: TrainSettings, scenarios: list[Place]
 ) -> TrainingEnvs | BatchedEnvs | MirroredEnvs:
     envs: TrainingEnvs | BatchedEnvs
     if run.backend == "batch":

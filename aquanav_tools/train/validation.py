@@ -1,4 +1,4 @@
-"""Trying the policy while it learns, in caves it does not learn from."""
+"""Trying the policy while it learns, in places it does not learn from."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 
-from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.envs.places import Place, make_env
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary, SummaryWrapper
 from aquanav_tools.train.settings import TrainSettings
@@ -45,13 +44,13 @@ class Trial:
 class Validation:
     """The validation scenarios, ready to fly in."""
 
-    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings, num_episodes: int) -> None:
+    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, num_episodes: int) -> None:
         """Prepare environments under a lesson's rules, but each with the scenario's own water."""
         rules = {**choices_of(settings), "current": None, "current_range": (1.0, 1.0)}
         self._num_episodes = num_episodes
         self._groups = [
             [
-                SummaryWrapper(CaveEnv(scenario, observation=settings.observation, action=settings.action, **rules))
+                SummaryWrapper(make_env(scenario, observation=settings.observation, action=settings.action, **rules))
                 for _ in range(min(AT_ONCE, num_episodes))
             ]
             for scenario in scenarios
@@ -106,5 +105,5 @@ def _fly_side_by_side(
 
 
 def _begin(env: SummaryWrapper, episode: int) -> Any:
-    num_starts = len(env.unwrapped.scenario.starts)  # type: ignore[attr-defined]  # it is a CaveEnv
-    return env.reset(seed=episode, options={"start": episode % num_starts})[0]
+    num_starts = env.unwrapped.num_starts  # type: ignore[attr-defined]  # it is a PlaceEnv
+    return env.reset(seed=episode, options={"start": episode % num_starts} if num_starts else None)[0]

@@ -10,10 +10,10 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 from aquanav_tools.errors import AquanavError, ResourceError
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.train.settings import TrainSettings
 
 if TYPE_CHECKING:
+    from aquanav_tools.envs.places import Place
     from aquanav_tools.train.crew import Crew
 
 PATIENCE = 10.0
@@ -23,7 +23,7 @@ PATIENCE = 10.0
 class Worker:
     """Hands calls to a crew in another process. `ask`, then `answer`: workers that were asked work side by side."""
 
-    def __init__(self, scenarios: Sequence[Scenario], settings: TrainSettings, name: str) -> None:
+    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, name: str) -> None:
         # A forked child would share locks of threads (torch's, the ray tracer's) that do not live on in it.
         context = multiprocessing.get_context("spawn")
         self._connection, theirs = context.Pipe()
@@ -86,7 +86,7 @@ class Worker:
         )
 
 
-def _work(connection: Connection, scenarios: Sequence[Scenario], settings: TrainSettings) -> None:
+def _work(connection: Connection, scenarios: Sequence[Place], settings: TrainSettings) -> None:
     """Do what is asked until the other side hangs up."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the main process's to answer
     from aquanav_tools.train.crew import Crew

@@ -277,3 +277,37 @@ def test_the_originals_bay_has_its_starts_and_its_goal_is_seen_untagged(data_dir
 def test_a_senseless_option_is_refused_with_advice(options: dict[str, Any], advice: str) -> None:
     with pytest.raises(InputError, match=advice):
         SurfaceEnv(**options).reset(seed=0)
+
+
+def test_pictures_show_sea_sky_rock_and_boat() -> None:
+    env = SurfaceEnv(bay_with(block(-15.0, 2.0)), sea="calm", render_mode="rgb_array", render_size=(160, 120))
+    env.reset(seed=1)
+    picture = env.render()
+    assert picture is not None
+    assert (picture.shape, picture.dtype) == ((120, 160, 3), np.uint8)
+    red, _, blue = picture.astype(float).reshape(-1, 3).T
+    assert (blue[:1600] > red[:1600]).all()  # the sky above
+    assert (blue[-1600:] > red[-1600:]).mean() > 0.9  # the water in front of the camera
+    is_orange = (red > 150.0) & (blue < 0.5 * red)
+    assert 0.002 < is_orange.mean() < 0.2
+    bare = SurfaceEnv(bay_with(), sea="calm", render_mode="rgb_array", render_size=(160, 120))
+    bare.reset(seed=1)
+    without = bare.render()
+    assert without is not None
+    changed = (picture.astype(int) != without).any(axis=2)
+    rows, columns = np.nonzero(changed)
+    assert 0.02 < changed.mean() < 0.6 and 40 < columns.mean() < 120 and rows.min() < 60  # straight ahead
+    np.testing.assert_array_equal(picture, env.render())
+
+
+def test_a_picture_follows_the_boat_and_the_waves() -> None:
+    env = SurfaceEnv(7, sea="rough", render_mode="rgb_array", render_size=(96, 72))
+    env.reset(seed=1)
+    first = env.render()
+    env.step(IDLE)
+    assert (first != env.render()).any()
+
+
+def test_too_small_pictures_are_refused() -> None:
+    with pytest.raises(InputError, match="at least 64 px"):
+        SurfaceEnv(render_mode="rgb_array", render_size=(32, 32))

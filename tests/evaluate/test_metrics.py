@@ -1,16 +1,20 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 
+from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure, region_of, spl
 from aquanav_tools.evaluate.summary import group, summarise
 from aquanav_tools.sim.vehicle import load_vehicle
 from tests.report.tracks import straight_track
 
-COURSE = Course("tube", "as given", load_vehicle("bluerov2"), route_length=18.0, top_speed=1.0)
+POWER = partial(drag_power, load_vehicle("bluerov2"))
+WIDTH = 2.0 * load_vehicle("bluerov2").capsule.radius
+COURSE = Course("tube", "as given", WIDTH, route_length=18.0, top_speed=1.0, power=POWER)
 
 
 def episode(**overrides: object) -> EpisodeMetrics:

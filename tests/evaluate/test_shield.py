@@ -75,7 +75,7 @@ def test_interventions_are_counted_per_episode(tube: Scenario) -> None:
     policy = ShieldedPolicy(Stubborn([0, 1, 1]), "full", "multidiscrete")
     counts = [fly(tube, policy).interventions for _ in range(2)]
     assert counts[0] == counts[1] != 0
-    course = Course("tube", "as given", CaveEnv(tube).vehicle, tube.guide.length, 1.0)
+    course = Course("tube", "as given", 0.5, tube.guide.length, 1.0, None)
     assert measure(fly(tube, policy), 10.0, course).interventions == counts[0]
 
 

@@ -126,7 +126,7 @@ def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how
 
 
 def test_case_of_another_scenario_is_refused(tube: Scenario) -> None:
-    with pytest.raises(InputError, match=r"start 500, and .* has the starts 0 to"):
+    with pytest.raises(InputError, match=r"start 500, and .* has 20 listed starts"):
         plan_case(tube, Case(500, 0))
 
 

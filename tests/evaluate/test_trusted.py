@@ -121,7 +121,7 @@ def test_torchscript_with_a_reset_forgets_between_episodes(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     ("size", "numbers", "message"),
-    [(12, [0.0] * 3, "takes no observation of the task: 44: "), (44, [0.0] * 7, "gives 7 values of type float32")],
+    [(12, [0.0] * 3, "takes no observation of a task: 44: "), (44, [0.0] * 7, "gives 7 values of type float32")],
 )
 def test_torchscript_for_another_task_says_so(size: int, numbers: list[float], message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):

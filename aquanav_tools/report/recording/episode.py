@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -43,8 +43,26 @@ Z_TO_X = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
 """Quaternion (x, y, z, w) of the quarter turn that brings z to x."""
 
 
+class Scene(Protocol):
+    """Where an episode happened, and the vehicle in it."""
+
+    identity: str
+    """Of the place: recordings with the same one replace each other, where seed and start are the same too."""
+    template: Template
+    """The place, the hull, and the layout."""
+    ray_directions: Array
+    """(R, 3) unit vectors in the body frame, in the order of the tracks' rays."""
+    stroke: float
+    """How much thicker lines are, and how much farther from a wall is near, than for a vehicle in a cave."""
+
+    def log_sea(self, stream: Any, track: Track) -> None:
+        """Log the surface of the water over time, where there is one."""
+
+
 class DiveScene:
     """What all recordings of one vehicle's dives in one cave have in common."""
+
+    stroke = 1.0
 
     def __init__(self, cave: CaveModel, hull: Capsule, ray_directions: Array) -> None:
         """Prepare them.
@@ -57,6 +75,7 @@ class DiveScene:
         import rerun as rr
 
         self.scenario, self.ray_directions = cave.scenario, ray_directions
+        self.identity = f"{cave.scenario.name} {cave.scenario.content_hash}"
 
         def log_scene(stream: Any) -> None:
             log_cave(stream, cave)
@@ -67,8 +86,11 @@ class DiveScene:
 
         self.template = Template(log_scene, dive_blueprint(cave))
 
+    def log_sea(self, stream: Any, track: Track) -> None:
+        """Do nothing: a cave is full of water."""
 
-def record_episode(scene: DiveScene, track: Track, path: Path) -> None:
+
+def record_episode(scene: Scene, track: Track, path: Path) -> None:
     """Write a recording of one episode.
 
     Args:
@@ -76,17 +98,17 @@ def record_episode(scene: DiveScene, track: Track, path: Path) -> None:
         track: What happened.
         path: The .rrd file; replaced when it exists.
     """
-    scenario = scene.scenario
-    identity = f"episode {scenario.name} {scenario.content_hash} {track.seed} {track.start_index}"
+    identity = f"episode {scene.identity} {track.seed} {track.start_index}"
     with recording(path, identity, scene.template.layout) as stream:
         scene.template.send(stream)
         _log_properties(stream, track)
-        _log_motion(stream, track)
-        _log_contacts(stream, track)
+        scene.log_sea(stream, track)
+        _log_motion(stream, track, scene.stroke)
+        _log_contacts(stream, track, scene.stroke)
         _log_current(stream, track)
         _log_rays(stream, track, scene.ray_directions)
         _log_scalars(stream, track)
-        _log_states(stream, track)
+        _log_states(stream, track, scene.stroke)
 
 
 def _log_properties(stream: Any, track: Track) -> None:
@@ -99,7 +121,7 @@ def _log_properties(stream: Any, track: Track) -> None:
     )
 
 
-def _log_motion(stream: Any, track: Track) -> None:
+def _log_motion(stream: Any, track: Track, stroke: float) -> None:
     """Log the hull's motion, and the trail as one static line per decision, coloured by clearance."""
     import rerun as rr
 
@@ -107,17 +129,18 @@ def _log_motion(stream: Any, track: Track) -> None:
     motion = rr.Transform3D.columns(translation=track.positions, quaternion=quaternions)
     stream.send_columns("vehicle", [_time_column(track.times)], motion, strict=True)
     strips = _strips(np.stack([track.positions[:-1], track.positions[1:]], axis=1))
-    trail = rr.LineStrips3D(strips, colors=distance_colours(track.clearances[1:], NEAR_WALL * 4), radii=TRAIL_RADIUS)
+    colours = distance_colours(track.clearances[1:], NEAR_WALL * 4 * stroke)
+    trail = rr.LineStrips3D(strips, colors=colours, radii=TRAIL_RADIUS * stroke)
     stream.log("trail", trail, static=True, strict=True)
 
 
-def _log_contacts(stream: Any, track: Track) -> None:
+def _log_contacts(stream: Any, track: Track, stroke: float) -> None:
     """Log a ball wherever the hull came to touch the wall."""
     import rerun as rr
 
     places = track.positions[track.contact_states]
     if len(places):
-        balls = rr.Points3D(places, colors=STATE_COLOURS["collision"], radii=CONTACT_RADIUS)
+        balls = rr.Points3D(places, colors=STATE_COLOURS["collision"], radii=CONTACT_RADIUS * stroke)
         stream.log("contacts", balls, static=True, strict=True)
 
 
@@ -194,11 +217,11 @@ def _log_scalars(stream: Any, track: Track) -> None:
         stream.send_columns(f"plots/{name}", [_time_column(times)], rr.Scalars.columns(scalars=values), strict=True)
 
 
-def _log_states(stream: Any, track: Track) -> None:
+def _log_states(stream: Any, track: Track, stroke: float) -> None:
     """Log what the vehicle was at, wherever that changes."""
     import rerun as rr
 
-    states = np.append(states_of(track.collided, track.clearances)[:-1], track.outcome)
+    states = np.append(states_of(track.collided, track.clearances / stroke)[:-1], track.outcome)
     changes = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
     columns = rr.StateChange.columns(state=states[changes].tolist())
     stream.send_columns("state", [_time_column(track.times[changes])], columns, strict=True)
@@ -231,13 +254,18 @@ def dive_blueprint(cave: CaveModel, is_live: bool = False) -> Any:
         cave: Where the dive is.
         is_live: Whether the viewer shows what comes last.
     """
+    return layout(cave.scenario.name, eye(cave), _following_eye(cave), is_live)
+
+
+def layout(name: str, whole_eye: Any, following_eye: Any, is_live: bool = False) -> Any:
+    """Return a layout of two views, each with its camera, and the plots beside them."""
     import rerun.blueprint as rrb
 
     contents = ["+ /**", "- /plots/**", "- /state"]
     lasting = ["+ /plots/reward/**", *(f"- /plots/reward/{term}" for term in PAID_ONCE)]
     scenes = rrb.Vertical(
-        rrb.Spatial3DView(contents=contents, name=cave.scenario.name, eye_controls=eye(cave), line_grid=False),
-        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=_following_eye(cave), line_grid=False),
+        rrb.Spatial3DView(contents=contents, name=name, eye_controls=whole_eye, line_grid=False),
+        rrb.Spatial3DView(contents=contents, name="vehicle", eye_controls=following_eye, line_grid=False),
         row_shares=[2, 3],
     )
     plots = [
