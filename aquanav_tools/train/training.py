@@ -17,6 +17,7 @@ from tqdm import tqdm
 from aquanav_tools.envs.batch_task import check_batched
 from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
@@ -79,7 +80,9 @@ def train(
         [scenario] if scenario else [read_place(name) for name in lesson.scenarios] for lesson in pipeline.lessons
     ]
     trials_in = [read_place(name) for name in pipeline.run.validation]
-    record = RunRecord(output_dir, pipeline, seed, [one for group in scenarios for one in group], trials_in)
+    places = [one for group in scenarios for one in group]
+    _check_task(pipeline, [*places, *trials_in])
+    record = RunRecord(output_dir, pipeline, seed, places, trials_in)
     with _writable(output_dir):
         if overwrite:
             record.clear()
@@ -114,6 +117,15 @@ class _Learned:
     parameters: dict[str, Any]
     spread: list[float]
     """Running mean, variance and count of the returns."""
+
+
+def _check_task(pipeline: Pipeline, places: list[Place]) -> None:
+    bays = [place.name for place in places if isinstance(place, Bay)]
+    caves = [place.name for place in places if not isinstance(place, Bay)]
+    if bays and caves:
+        raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
+    if bays and any(lesson.mirrored or lesson.blind_to for lesson in pipeline.lessons):
+        raise InputError(f"mirrored and blind_to are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
 def _learn_all(run: _Run, scenarios: list[list[Place]], checkpoint: Checkpoint | None) -> None:

@@ -1,0 +1,59 @@
+"""Training in bays: a boat's network learns, is saved and scored as a vehicle's in a cave."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.settings import RunSettings, TrainSettings
+from aquanav_tools.train.training import train
+
+BAY = "format = 1\ndecisions = 60\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
+
+
+@pytest.fixture
+def bay(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(BAY)
+    return path
+
+
+def pipeline_in(*places: str, **settings: object) -> Pipeline:
+    lesson = TrainSettings(
+        scenario=places[0],
+        steps=128,
+        buffer=128,
+        batch=64,
+        epochs=1,
+        num_envs=2,
+        hidden=(8,),
+        **settings,  # type: ignore[arg-type]
+    )
+    lessons = tuple(replace(lesson, scenario=place) for place in places)
+    return Pipeline(lessons=lessons, run=RunSettings(workers=0, validation=(places[0],), validation_episodes=1))
+
+
+def test_a_boats_policy_is_one_for_bays(bay: Path, tmp_path: Path) -> None:
+    trained = train(pipeline_in(str(bay)), 0, tmp_path / "run")
+    assert trained.point.steps == 128
+    for name in ("policy.zip", "policy.onnx"):
+        loaded = load_policy(str(tmp_path / "run" / name))
+        assert (loaded.task, loaded.observation, loaded.action) == ("surface", "full", "multidiscrete")
+
+
+def test_bays_and_caves_do_not_mix(bay: Path, tube: Scenario, tmp_path: Path) -> None:
+    write_scenario(tube, tmp_path / "tube")
+    with pytest.raises(InputError, match="small is a bay and tube a cave"):
+        train(pipeline_in(str(bay), str(tmp_path / "tube")), 0, tmp_path / "run")
+
+
+def test_mirrors_are_for_caves(bay: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="mirrored and blind_to are for caves, and small is a bay"):
+        train(pipeline_in(str(bay), mirrored=True), 0, tmp_path / "run")
