@@ -57,7 +57,7 @@ def test_a_network_acts_the_same_whatever_it_is_blind_to(rng: np.random.Generato
     for _ in range(2):  # before anything was seen, and after
         seen = rng.uniform(-1.0, 1.0, (50, 44)).astype(np.float32)
         other = seen.copy()
-        other[:, [28, 37]] = rng.uniform(-1.0, 1.0, (50, 2))  # the goal's distance and the depth, by the table of "full"
+        other[:, [28, 37]] = rng.uniform(-1.0, 1.0, (50, 2))  # distance and depth in "full"
         shown = [
             learner.policy.extract_features(learner.policy.obs_to_tensor(part)[0]).numpy() for part in (seen, other)
         ]  # type: ignore[attr-defined]
