@@ -6,9 +6,11 @@ belongs to one photo set and one choice of options.
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -147,9 +149,12 @@ def _search(photos: PhotoSet, files: list[str], options: FeatureOptions, scratch
 def _bring_out(source: Path, files: list[str], target: Path) -> None:
     import cv2
 
-    for file in files:
+    def bring_out(file: str) -> None:
         grey = np.asarray(cv2.imread(str(source / file), cv2.IMREAD_GRAYSCALE), np.uint8)
         cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 100])
+
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        list(threads.map(bring_out, files))
 
 
 def _sift(
