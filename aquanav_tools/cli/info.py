@@ -40,6 +40,7 @@ PACKAGES = (
 
 CONTENT = {
     "scenario": "scenarios",
+    "bay": "scenarios/bays",
     "build recipe": "pipelines/build",
     "training recipe": "pipelines/train",
     "protocol": "eval/protocols",

@@ -59,7 +59,8 @@ class BoatOracle:
         wanted = self._aim(state[:2]) - state[:2]
         course = np.arctan2(wanted[1], wanted[0])
         speed = max(float(np.hypot(*(rotation @ state[7:10])[:2])), 0.5)
-        across = float(np.cross(wanted / np.hypot(*wanted), self._env.water_velocity[:2]))
+        drift = self._env.water_velocity
+        across = float(np.cos(course) * drift[1] - np.sin(course) * drift[0])
         heading = course - np.arcsin(np.clip(across / speed, -0.7, 0.7))
         error = float(np.angle(np.exp(1j * (heading - np.arctan2(rotation[1, 0], rotation[0, 0])))))
         steer = STRAIGHT

@@ -37,6 +37,8 @@ class Course:
     """That the vehicle keeps ahead in still water, m/s."""
     power: Callable[[Array], Array] | None
     """Power that drag takes from the vehicle, W, at (N, 6) velocities through the water; None where it is not known."""
+    num_controls: int = 3
+    """How many of ballast, steer and thrust it has: a boat the last two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +77,11 @@ class EpisodeMetrics:
     reward: float
     cost: float
     control_effort: float
-    """Mean over decisions of the square of ballast, steer and thrust, each in [-1, 1], over 3: 0 idle to 1 full."""
+    """Mean over decisions of the square of ballast, steer and thrust, each in [-1, 1], over their number: 0 idle to 1
+    full. A boat has no ballast."""
     control_change: float
-    """Mean over decisions of the change of ballast, steer and thrust from the last decision, in size, over 3."""
+    """Mean over decisions of the change of ballast, steer and thrust from the last decision, in size, over their
+    number."""
     energy: float | None
     """Work done against the water's drag; None for boats, whose drag is summed up over a hull among waves."""
     jerk: float
@@ -116,6 +120,7 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
     """Return the metrics of one episode whose start is `geodesic` metres from the goal."""
     is_success = track.outcome == "success"
     time, steps = float(track.times[-1]), np.diff(track.times)
+    commands = track.commands[:, -course.num_controls :]
     return EpisodeMetrics(
         index=index,
         scenario=course.scenario,
@@ -138,8 +143,8 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         spl=spl(is_success, geodesic, track.path_length),
         reward=float(track.rewards.sum()),
         cost=float(track.costs.sum()),
-        control_effort=_mean(track.commands**2),
-        control_change=_mean(np.abs(np.diff(track.commands, axis=0))),
+        control_effort=_mean(commands**2),
+        control_change=_mean(np.abs(np.diff(commands, axis=0))),
         energy=_energy(track, course),
         jerk=_jerk(track),
         interventions=track.interventions,

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from gymnasium.utils import seeding
 
+from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.places import Place
@@ -110,6 +111,7 @@ class BayVenue:
             route_length=max(self.ways, default=None),
             top_speed=boat_speed(self._boat),
             power=functools.partial(drag_power, self._boat) if isinstance(self._boat, OriginalVehicle) else None,
+            num_controls=len(AFLOAT),
         )
 
     def picture(self) -> Picture:

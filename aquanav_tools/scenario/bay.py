@@ -7,13 +7,12 @@ from pathlib import Path
 
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.provenance import digest, file_hash
+from aquanav_tools.scenario.shipped import BAYS
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.original import SUFFIX as ORIGINAL_SUFFIX
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.tables import from_table, read_toml
 
-CONTENT = "scenarios/bays"
-"""Folder of the bays that ship."""
 FORMAT = 1
 SETTINGS_SUFFIX, MAP_SUFFIX = ".toml", ".json"
 MAX_MAP_BYTES = 100_000_000
@@ -58,7 +57,7 @@ class Bay:
 
 def is_bay(spec: str | Path) -> bool:
     """Return whether a scenario's name or path means a bay: a shipped one's name, or a .toml or .json file."""
-    return str(spec) in shipped_names(CONTENT) or Path(spec).suffix in (SETTINGS_SUFFIX, MAP_SUFFIX)
+    return str(spec) in shipped_names(BAYS) or Path(spec).suffix in (SETTINGS_SUFFIX, MAP_SUFFIX)
 
 
 def read_bay(spec: str | Path) -> Bay:
@@ -69,7 +68,7 @@ def read_bay(spec: str | Path) -> Bay:
     Raises:
         ScenarioError: a file is missing, or a setting is unknown or senseless.
     """
-    path = shipped_path(CONTENT, str(spec)) if str(spec) in shipped_names(CONTENT) else Path(spec)
+    path = shipped_path(BAYS, str(spec)) if str(spec) in shipped_names(BAYS) else Path(spec)
     if path.suffix == MAP_SUFFIX:
         is_original = _rocks_of(path).exists()
         settings = BaySettings(map=path.name)

@@ -18,7 +18,8 @@ from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.flow_file import read_flow, write_flow
 from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
-from aquanav_tools.scenario.shipped import SETTINGS_FILE, scenario_folder, scenario_names
+from aquanav_tools.scenario.shipped import BAYS, SETTINGS_FILE, scenario_folder, scenario_names
+from aquanav_tools.shipped import shipped_names
 from aquanav_tools.tables import from_table, read_toml
 
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
@@ -67,7 +68,7 @@ def read_scenario(folder: str | Path) -> Scenario:
     if not (folder / SETTINGS_FILE).is_file():
         raise ScenarioError(
             f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished, "
-            f"or a shipped scenario.{did_you_mean(str(folder), scenario_names())}"
+            f"or a shipped scenario.{did_you_mean(str(folder), [*scenario_names(), *shipped_names(BAYS)])}"
         )
     table = read_toml(folder / SETTINGS_FILE, ScenarioError)
     if table.pop("format", None) != FORMAT:

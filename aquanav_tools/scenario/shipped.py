@@ -18,7 +18,8 @@ from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
 
-CONTENT = "scenarios"
+CONTENT, BAYS = "scenarios", "scenarios/bays"
+"""Folders of the caves, and of the bays for boats, which need no building."""
 CACHE_VARIABLE = "AQUANAV_CACHE"
 SETTINGS_FILE = "scenario.toml"
 SLOT_PREFIX = "cave-real-"

@@ -94,3 +94,8 @@ def test_groups_hold_the_episodes_of_their_name() -> None:
     groups = group([episode(condition="calm", seed=1), episode(condition="rough", outcome="timeout", seed=2)])
     rates = {part.name: part.summary.success.rate for part in groups if part.by == "condition"}
     assert rates == {"calm": 1.0, "rough": 0.0}
+
+
+def test_a_boats_effort_is_that_of_its_two_controls() -> None:
+    boat = dataclasses.replace(COURSE, num_controls=2)
+    assert measure(straight_track(100), 9.0, boat).control_effort == pytest.approx(1 / 2)  # full thrust, no steer

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools.errors import InputError, ScenarioError
-from aquanav_tools.scenario.bay import CONTENT, is_bay, read_bay
+from aquanav_tools.scenario.bay import is_bay, read_bay
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.shipped import BAYS
 from aquanav_tools.sea.generate import generate_map
 from aquanav_tools.sea.sea_map import write_map
 from aquanav_tools.shipped import shipped_names
@@ -20,7 +22,7 @@ def write_bay(folder: Path, text: str) -> Path:
 
 
 def test_shipped_bays_are_read_by_name() -> None:
-    bays = [read_bay(name) for name in shipped_names(CONTENT)]
+    bays = [read_bay(name) for name in shipped_names(BAYS)]
     assert [bay.settings.sea for bay in bays] == ["breeze", "calm", "rough"]
     assert len({bay.content_hash for bay in bays}) == len(bays)
 
@@ -29,6 +31,11 @@ def test_names_and_paths_of_caves_mean_no_bay() -> None:
     assert [is_bay(spec) for spec in ("cave-test-1", "out/han", "bay-calm", "reefs.toml", "bay.json")] == [
         False, False, True, True, True,
     ]  # fmt: skip
+
+
+def test_a_bays_name_with_a_slip_gets_the_right_one() -> None:
+    with pytest.raises(ScenarioError, match="bay-calm"):
+        read_scenario("bay-clam")
 
 
 def test_a_fixed_bay_is_named_by_its_map_and_hashed_with_it(tmp_path: Path) -> None:
