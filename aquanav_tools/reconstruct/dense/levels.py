@@ -96,7 +96,9 @@ def _solve(
     photo = Photo(picture.grey.astype(np.float32), picture.usable, focal_x, focal_y)
     lowest, highest = np.float32(1.0 / task.farthest), np.float32(1.0 / task.nearest)
     chosen = np.zeros((*size, MAX_CHOSEN), np.uint8)
-    planes = Planes(np.clip(start[0], lowest, highest), start[1], np.full(size, WORST_COST, np.float32), chosen)
+    # Arrays of one layout: numba compiles the search for each layout that it is given.
+    inverse = np.ascontiguousarray(np.clip(start[0], lowest, highest))
+    planes = Planes(inverse, np.array(start[1], order="C"), np.full(size, WORST_COST, np.float32), chosen)
     num_chosen = min(MAX_CHOSEN, len(sources.images))
     agreement = np.float32(level.agreement)
     search = Search(
