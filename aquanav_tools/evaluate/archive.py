@@ -31,7 +31,7 @@ def read_archive(path: Path) -> tuple[dict[str, Any], bytes]:
     if not path.is_file():
         raise InputError(
             f"There is no policy at {path}. Name an SB3 zip, an ONNX file, module:function, or one of "
-            "baseline:reactive, baseline:random and baseline:oracle."
+            "baseline:reference, baseline:reactive, baseline:random and baseline:oracle."
         )
     try:
         with zipfile.ZipFile(path) as archive:

@@ -94,9 +94,9 @@ class EvaluateOptions(ProtocolOptions):
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
     """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), an ONNX file of ML-Agents, TorchScript (.pt,
-    with --trust), module:function for code of your own in the working directory, or baseline:random, baseline:reactive
-    or baseline:oracle, which knows the map. "shield:" before any of them puts a safety shield around it. Several are
-    taken for training runs of one method."""
+    with --trust), module:function for code of your own in the working directory, or a baseline: baseline:random,
+    baseline:reactive, baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before
+    any of them puts a safety shield around it. Several are taken for training runs of one method."""
     scenario: tuple[Path, ...]
     """Scenario folders."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -23,9 +23,12 @@ from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.provenance import file_hash
+from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
+TRAINED = "eval/policies", ".zip"
+"""Where trained policies that ship lie in the content, and how their names end."""
 SHIELD = "shield:"
 
 
@@ -77,7 +80,7 @@ class LoadedPolicy:
     name: str
     """Name of the file, or of the baseline."""
     sha256: str | None
-    """Of the file; None for a baseline."""
+    """Of the file; None for a baseline that is a program."""
     observation: str
     """Preset it observes."""
     action: str
@@ -154,12 +157,7 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     if spec.startswith(SHIELD):
         return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted))
     if spec.startswith(PREFIX):
-        name = spec.removeprefix(PREFIX)
-        if name not in BASELINES:
-            raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, BASELINES)}")
-        policy = BASELINES[name]()
-        task = CAVE if isinstance(policy, ReactivePolicy) else None
-        return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
+        return _baseline(spec)
     if SPEC.fullmatch(spec):
         own = OwnPolicy(spec)
         return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action, None)
@@ -167,6 +165,22 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     found = _load_file(path, is_trusted)
     fit = fitting_presets(found.observation_space, found.action_space, spec)
     return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task)
+
+
+def baseline_names() -> list[str]:
+    """Return what may follow "baseline:": programs, then trained policies."""
+    return [*BASELINES, *shipped_names(*TRAINED)]
+
+
+def _baseline(spec: str) -> LoadedPolicy:
+    name, (folder, suffix) = spec.removeprefix(PREFIX), TRAINED
+    if name in shipped_names(*TRAINED):
+        return replace(load_policy(str(shipped_path(folder, name, suffix))), name=spec)
+    if name not in BASELINES:
+        raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, baseline_names())}")
+    policy = BASELINES[name]()
+    task = CAVE if isinstance(policy, ReactivePolicy) else None
+    return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
 
 
 def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:

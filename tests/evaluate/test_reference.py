@@ -17,8 +17,11 @@ MAX_BYTES = 2_000_000
 """Of a file in the repository."""
 
 
-def test_there_is_a_reference_policy() -> None:
+def test_there_is_a_reference_policy_that_is_known_by_its_name() -> None:
     assert POLICIES
+    for path in POLICIES:
+        named, read = load_policy(f"baseline:{path.stem}"), load_policy(str(path))
+        assert (named.name, named.sha256) == (f"baseline:{path.stem}", read.sha256)
 
 
 @pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
