@@ -1,14 +1,17 @@
 """PPO whose update does the sums of Stable-Baselines3's with less work around them.
 
-The result is that of `stable_baselines3.PPO` but for rounding, and what is saved is one of its zips. Observations are
-scaled once per update instead of once per minibatch, as their statistics stand still meanwhile; a pass over the buffer
-is shuffled at once; choices are scored without objects for their distributions; numbers for the log are read at the
-end; and Adam is torch's fused one.
+The result is that of `stable_baselines3.PPO` but for rounding, and what is saved is one of its zips. The actor and the
+critic are two networks that share nothing but the limit on their gradient: each learns in a thread of its own, with
+its gradients written by hand (`towers.py`), so that the result does not depend on the threads. Observations are scaled
+once per update instead of once per minibatch, as their statistics stand still meanwhile; a pass over the buffer is
+shuffled at once; choices are scored without objects for their distributions; numbers for the log are read at the end;
+and Adam is torch's fused one.
 """
 
 from __future__ import annotations
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,8 +19,12 @@ import torch
 from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import explained_variance
-from torch.nn import functional
+from stable_baselines3.common.vec_env import VecEnv
+
+from aquanav_tools.train.collecting import collect, features_of, towers_of
+from aquanav_tools.train.towers import Tower
 
 TINY = 1e-8
 """Added to the advantages' spread, as in SB3."""
@@ -39,7 +46,14 @@ class _Decisions(NamedTuple):
 
 
 class LeanPPO(PPO):
-    """Stable-Baselines3's PPO with a faster update, for networks whose feature extractor learns nothing."""
+    """Stable-Baselines3's PPO, faster, for swish networks whose feature extractor learns nothing."""
+
+    def collect_rollouts(
+        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+    ) -> bool:
+        """Fill the buffer; return whether the callback let it finish."""
+        with ThreadPoolExecutor(1) as helper:
+            return collect(self, callback, rollout_buffer, n_rollout_steps, helper)
 
     def train(self) -> None:
         """Learn from the decisions that were collected."""
@@ -49,59 +63,68 @@ class LeanPPO(PPO):
         for group in policy.optimizer.param_groups:
             group["fused"] = True
         clip = float(self.clip_range(self._current_progress_remaining))  # type: ignore[operator]  # made a schedule
-        decisions = self._decisions()
-        parameters = list(policy.parameters())
+        decisions, parameters = self._decisions(), list(policy.parameters())
+        actor, critic = towers_of(policy)
+        actor.prepare()
+        critic.prepare()
         told: list[torch.Tensor] = []
-        for _ in range(self.n_epochs):
-            shuffled = decisions.rows(torch.from_numpy(np.random.permutation(len(decisions.returns))))
-            for first in range(0, len(decisions.returns), self.batch_size):
-                loss, losses = self._loss(shuffled.rows(slice(first, first + self.batch_size)), clip)
-                policy.optimizer.zero_grad()
-                loss.backward()  # type: ignore[no-untyped-call]
-                torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
-                policy.optimizer.step()
-                told.append(losses)
-            self._n_updates += 1
+        with ThreadPoolExecutor(1) as helper:
+            for _ in range(self.n_epochs):
+                shuffled = decisions.rows(torch.from_numpy(np.random.permutation(len(decisions.returns))))
+                for first in range(0, len(decisions.returns), self.batch_size):
+                    part = shuffled.rows(slice(first, first + self.batch_size))
+                    valuing = helper.submit(self._judge, critic, part)
+                    losses = self._act(actor, part, clip)
+                    told.append(torch.stack([*losses, valuing.result()]))
+                    torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+                    policy.optimizer.step()
+                self._n_updates += 1
         self._tell(torch.stack(told), clip)
 
     def _decisions(self) -> _Decisions:
-        buffer, policy = self.rollout_buffer, self.policy
+        buffer = self.rollout_buffer
         flat = {
             name: torch.from_numpy(RolloutBuffer.swap_and_flatten(getattr(buffer, name)))
             for name in ("observations", "actions", "log_probs", "advantages", "returns")
         }
-        with torch.no_grad():
-            features = policy.extract_features(flat["observations"])
-        assert isinstance(features, torch.Tensor)
         numbers = (flat[name].flatten() for name in ("log_probs", "advantages", "returns"))
-        return _Decisions(features, flat["actions"], *numbers)
+        return _Decisions(features_of(self.policy, flat["observations"]), flat["actions"], *numbers)
 
-    def _loss(self, part: _Decisions, clip: float) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the loss of a minibatch, and (6,) numbers for the log without gradients."""
+    def _act(self, actor: Tower, part: _Decisions, clip: float) -> list[torch.Tensor]:
+        """Write the actor's gradients for a minibatch; return entropy loss, policy loss, divergence, share clipped."""
         policy: Any = self.policy
-        for_policy, for_value = policy.mlp_extractor(part.features)
-        log_probs, entropy = score(policy, self.action_space, for_policy, part.actions)
+        raw = actor.ahead(part.features).requires_grad_()
+        log_probs, entropy = score(policy, self.action_space, raw, part.actions)
         advantages = (part.advantages - part.advantages.mean()) / (part.advantages.std() + TINY)
         log_ratio = log_probs - part.old_log_probs
         ratio = log_ratio.exp()
         policy_loss = -torch.min(advantages * ratio, advantages * ratio.clamp(1.0 - clip, 1.0 + clip)).mean()
-        value_loss = functional.mse_loss(part.returns, policy.value_net(for_value).flatten())
         entropy_loss = -entropy.mean()
-        loss = policy_loss + self.ent_coef * entropy_loss + self.vf_coef * value_loss
+        learning = [raw, policy.log_std] if isinstance(self.action_space, spaces.Box) else [raw]
+        gradient, *others = torch.autograd.grad(policy_loss + self.ent_coef * entropy_loss, learning)
+        actor.back(gradient)
+        if others:
+            policy.log_std.grad = others[0]
         with torch.no_grad():
             divergence = (ratio - 1.0 - log_ratio).mean()
             clipped = ((ratio - 1.0).abs() > clip).float().mean()
-        numbers = [entropy_loss, policy_loss, value_loss, divergence, clipped, loss]
-        return loss, torch.stack([number.detach() for number in numbers])
+        return [entropy_loss.detach(), policy_loss.detach(), divergence, clipped]
+
+    def _judge(self, critic: Tower, part: _Decisions) -> torch.Tensor:
+        """Write the critic's gradients for a minibatch; return the mean square of its error."""
+        error = critic.ahead(part.features) - part.returns[:, None]
+        critic.back(error * (2.0 * self.vf_coef / len(error)))
+        return error.square().mean()
 
     def _tell(self, told: torch.Tensor, clip: float) -> None:
-        """Log what SB3 logs, by its names."""
-        means = told.double().mean(dim=0).tolist()
-        names = ("entropy_loss", "policy_gradient_loss", "value_loss", "approx_kl", "clip_fraction")
-        for name, mean in zip(names, means[:-1], strict=True):
+        """Log what SB3 logs, by its names, of (M, 5) numbers of M minibatches."""
+        names = ("entropy_loss", "policy_gradient_loss", "approx_kl", "clip_fraction", "value_loss")
+        for name, mean in zip(names, told.double().mean(dim=0).tolist(), strict=True):
             self.logger.record(f"train/{name}", mean)
         buffer = self.rollout_buffer
-        self.logger.record("train/loss", float(told[-1, -1]))
+        last = dict(zip(names, told[-1].tolist(), strict=True))
+        loss = last["policy_gradient_loss"] + self.ent_coef * last["entropy_loss"] + self.vf_coef * last["value_loss"]
+        self.logger.record("train/loss", loss)
         self.logger.record(
             "train/explained_variance", explained_variance(buffer.values.flatten(), buffer.returns.flatten())
         )
@@ -112,17 +135,16 @@ class LeanPPO(PPO):
 
 
 def score(
-    policy: Any, space: spaces.Space[Any], latent: torch.Tensor, actions: torch.Tensor
+    policy: Any, space: spaces.Space[Any], raw: torch.Tensor, actions: torch.Tensor
 ) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the (N,) log probabilities of actions, and the (N,) entropies of the distributions they came from.
 
     Args:
         policy: SB3's.
         space: Of the actions: choices of equal number, or a box.
-        latent: (N, L) what the policy's last layer takes.
+        raw: (N, K) output of the actor.
         actions: (N, A) as floats.
     """
-    raw = policy.action_net(latent)
     if isinstance(space, spaces.Box):
         log_std = policy.log_std
         error = (actions - raw) * (-log_std).exp()

@@ -125,7 +125,7 @@ def parts(scenario: Scenario, num: int, rays: str) -> None:
 
 
 def main() -> None:
-    from env_speed import fine_tube
+    from env import fine_tube
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenario", type=Path, nargs="?")

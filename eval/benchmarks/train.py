@@ -6,8 +6,7 @@ Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480
 "here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
 --workers 2), "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train
 --backend batch). Learning, from one buffer: "sb3" is Stable-Baselines3's own update, "lean" ours (train/update.py),
-"lean-2" on two torch threads, "lean-bf16" with its networks in bfloat16, "lean-compiled" with them compiled (for which
-a C++ compiler is needed), "sb3-4096" and "lean-4096" with minibatches of 4096.
+"sb3-4096" and "lean-4096" with minibatches of 4096.
 
 All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
 are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where
@@ -42,7 +41,7 @@ from aquanav_tools.train.update import LeanPPO
 
 Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
-LEARNERS = ("sb3", "lean", "lean-2", "lean-bf16", "lean-compiled", "sb3-4096", "lean-4096")
+LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096")
 PYBULLET_ENVS = 16
 
 
@@ -51,14 +50,6 @@ class Watch(BaseCallback):
 
     def _on_step(self) -> bool:
         return True
-
-
-class HalfPrecisionPPO(LeanPPO):
-    """The lean update with its networks in bfloat16."""
-
-    def _loss(self, part: Any, clip: float) -> Any:
-        with torch.autocast("cpu", torch.bfloat16):
-            return super()._loss(part, clip)
 
 
 def cpu_seconds() -> float:
@@ -87,17 +78,14 @@ def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple
 
 def learning(name: str, full: Any) -> Action:
     """Return what learns once from a full buffer, which is kept as it is."""
-    kinds = {"sb3": PPO, "lean-bf16": HalfPrecisionPPO, "sb3-4096": PPO}
     learner: Any = copy.copy(full)
-    learner.__class__ = kinds.get(name, LeanPPO)
+    learner.__class__ = PPO if name.startswith("sb3") else LeanPPO
     learner.policy = copy.deepcopy(full.policy)
     learner.policy.optimizer = torch.optim.Adam(learner.policy.parameters(), lr=3e-4, eps=1e-5)
     learner.batch_size = 4096 if name.endswith("4096") else full.batch_size
-    if name == "lean-compiled":
-        learner.policy.mlp_extractor.forward = torch.compile(learner.policy.mlp_extractor.forward)
 
     def learn() -> None:
-        torch.set_num_threads(2 if name == "lean-2" else 1)
+        torch.set_num_threads(1)
         learner.rollout_buffer = copy.deepcopy(full.rollout_buffer)  # SB3's update turns the arrays around
         learner.train()
 

@@ -74,7 +74,10 @@ def test_update_is_that_of_stable_baselines(action: str) -> None:
 
 
 def test_saved_policy_is_read_by_stable_baselines(tmp_path: Any) -> None:
-    model = LeanPPO("MlpPolicy", Chance("multidiscrete"), n_steps=64, batch_size=64, seed=1, device="cpu").learn(64)
+    model = LeanPPO(
+        "MlpPolicy", Chance("multidiscrete"), n_steps=64, batch_size=64, seed=1, device="cpu",
+        policy_kwargs={"activation_fn": torch.nn.SiLU},
+    ).learn(64)  # fmt: skip
     model.save(tmp_path / "policy.zip")
     again = PPO.load(tmp_path / "policy.zip", device="cpu")
     looks = np.random.default_rng(0).uniform(-1, 1, (50, 31)).astype(np.float32)
