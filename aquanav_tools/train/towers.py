@@ -1,7 +1,7 @@
 """A chain of linear layers with swish between them, whose values and gradients are written into buffers kept for it.
 
-Torch's own graph makes each of these arrays anew, and computes the exponential of swish twice, ahead and back. Here it is
-computed once, as a quotient of polynomials that the compiler puts into vector instructions.
+Torch's own graph makes each of these arrays anew, and computes the exponential of swish twice, ahead and back. Here it
+is computed once, as a quotient of polynomials that the compiler puts into vector instructions.
 """
 
 from __future__ import annotations
@@ -60,12 +60,6 @@ class Tower:
         self._slopes: list[torch.Tensor] = []
         self._changes: list[torch.Tensor] = []
 
-    def prepare(self) -> None:
-        """Give each parameter a gradient to write to."""
-        for layer in self._linear:
-            for parameter in (layer.weight, layer.bias):
-                parameter.grad = torch.empty_like(parameter)
-
     def ahead(self, features: torch.Tensor) -> torch.Tensor:
         """Return the (N, K) output for (N, F) features, in a buffer that the next call writes to."""
         self._make_room(len(features))
@@ -80,7 +74,11 @@ class Tower:
             return torch.addmm(head.bias, values, head.weight.t())
 
     def back(self, gradient: torch.Tensor) -> None:
-        """Write the parameters' gradients, for a (N, K) gradient of the output that `ahead` returned last."""
+        """Write to the parameters' gradients, which must be there already.
+
+        Args:
+            gradient: (N, K) of the output that `ahead` returned last.
+        """
         with torch.no_grad():
             for n in range(len(self._linear) - 1, -1, -1):
                 layer = self._linear[n]

@@ -22,6 +22,7 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
 
 from aquanav_tools.train.collecting import collect, features_of, towers_of
 from aquanav_tools.train.towers import Tower
@@ -63,10 +64,8 @@ class LeanPPO(PPO):
         for group in policy.optimizer.param_groups:
             group["fused"] = True
         clip = float(self.clip_range(self._current_progress_remaining))  # type: ignore[operator]  # made a schedule
-        decisions, parameters = self._decisions(), list(policy.parameters())
+        decisions, gradient = self._decisions(), _joint_gradient(policy)
         actor, critic = towers_of(policy)
-        actor.prepare()
-        critic.prepare()
         told: list[torch.Tensor] = []
         with ThreadPoolExecutor(1) as helper:
             for _ in range(self.n_epochs):
@@ -76,7 +75,7 @@ class LeanPPO(PPO):
                     valuing = helper.submit(self._judge, critic, part)
                     losses = self._act(actor, part, clip)
                     told.append(torch.stack([*losses, valuing.result()]))
-                    torch.nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
+                    gradient.mul_((self.max_grad_norm / (gradient.norm() + 1e-6)).clamp(max=1.0))
                     policy.optimizer.step()
                 self._n_updates += 1
         self._tell(torch.stack(told), clip)
@@ -104,7 +103,7 @@ class LeanPPO(PPO):
         gradient, *others = torch.autograd.grad(policy_loss + self.ent_coef * entropy_loss, learning)
         actor.back(gradient)
         if others:
-            policy.log_std.grad = others[0]
+            policy.log_std.grad.copy_(others[0])
         with torch.no_grad():
             divergence = (ratio - 1.0 - log_ratio).mean()
             clipped = ((ratio - 1.0).abs() > clip).float().mean()
@@ -132,6 +131,15 @@ class LeanPPO(PPO):
             self.logger.record("train/std", float(self.policy.log_std.detach().exp().mean()))
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/clip_range", clip)
+
+
+def _joint_gradient(policy: nn.Module) -> torch.Tensor:
+    """Return one tensor of which the gradient of each parameter is a part."""
+    parameters = list(policy.parameters())
+    joint = torch.zeros(sum(one.numel() for one in parameters))
+    for one, part in zip(parameters, joint.split([one.numel() for one in parameters]), strict=True):
+        one.grad = part.view_as(one)
+    return joint
 
 
 def score(
