@@ -130,8 +130,12 @@ def find_contacts(state: State, hull: Hull, mesh: wp.uint64, middle: wp.vec3d):
         face = int(0)
         while wp.mesh_query_aabb_next(near, face):
             for side in range(3):
-                a = points[indices[3 * face + side]]
-                b = points[indices[3 * face + (side + 1) % 3]]
+                tail = indices[3 * face + side]
+                tip = indices[3 * face + (side + 1) % 3]
+                if tail > tip:
+                    continue  # the face on the other side has this edge the other way round
+                a = points[tail]
+                b = points[tip]
                 if is_beyond(0.5 * (a + b) - centre, nose, nearest + 0.5 * wp.length(b - a)):
                     continue
                 apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)

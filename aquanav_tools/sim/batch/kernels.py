@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
-from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, traced
+from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
 from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
@@ -90,7 +90,7 @@ def glide(
     level = fleet.levels[i]
     touched = int(0)
     zero = f64(0.0)
-    room = axis_clearance(grid, state, craft.hull) - craft.hull.reach
+    room = f64(surely_at(grid, on_grid(grid, state.position))) * grid.spacing - craft.hull.half_axis - craft.hull.reach
     for _ in range(rules.substeps):
         level = wp.clamp(level + ballast * controls.level_step, controls.lowest, controls.highest)
         command = vec6(surge, zero, controls.heave_per_level * level, zero, zero, yaw)
