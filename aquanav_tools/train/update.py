@@ -136,8 +136,9 @@ class LeanPPO(PPO):
 def _joint_gradient(policy: nn.Module) -> torch.Tensor:
     """Return one tensor of which the gradient of each parameter is a part."""
     parameters = list(policy.parameters())
-    joint = torch.zeros(sum(one.numel() for one in parameters))
-    for one, part in zip(parameters, joint.split([one.numel() for one in parameters]), strict=True):
+    sizes = [one.numel() for one in parameters]
+    joint = torch.zeros(sum(sizes))
+    for one, part in zip(parameters, torch.split(joint, sizes), strict=True):  # type: ignore[no-untyped-call]
         one.grad = part.view_as(one)
     return joint
 
