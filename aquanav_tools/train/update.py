@@ -138,7 +138,7 @@ def _joint_gradient(policy: nn.Module) -> torch.Tensor:
     parameters = list(policy.parameters())
     sizes = [one.numel() for one in parameters]
     joint = torch.zeros(sum(sizes))
-    for one, part in zip(parameters, torch.split(joint, sizes), strict=True):  # type: ignore[no-untyped-call]
+    for one, part in zip(parameters, torch.split(joint, sizes), strict=True):
         one.grad = part.view_as(one)
     return joint
 
