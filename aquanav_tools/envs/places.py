@@ -5,6 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from aquanav_tools.envs.batch import Batch
+from aquanav_tools.envs.boat_batch import BoatBatch
+from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError
@@ -38,6 +41,29 @@ def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) 
     settings = place.settings
     return SurfaceEnv(
         place.map_path or settings.rocks,
+        sea=settings.sea,
+        vehicle=settings.vehicle,
+        max_decisions=max_decisions or settings.decisions,
+        **choices,
+    )
+
+
+def make_batch(place: str | Path | Place, num: int, *, max_decisions: int | None = None, **choices: Any) -> Batch:
+    """Return a batch of `num` vehicles in a scenario: in a cave Warp's, in bays compiled loops.
+
+    Args:
+        place: The scenario, its name or path.
+        num: Vehicles.
+        max_decisions: Episode limit; None takes the scenario's.
+        choices: The other options of `CaveBatch` or `BoatBatch`.
+    """
+    found = read_place(place) if isinstance(place, str | Path) else place
+    if isinstance(found, Scenario):
+        return CaveBatch(found, num, max_decisions=max_decisions, **choices)
+    settings = found.settings
+    return BoatBatch(
+        found.map_path or settings.rocks,
+        num,
         sea=settings.sea,
         vehicle=settings.vehicle,
         max_decisions=max_decisions or settings.decisions,

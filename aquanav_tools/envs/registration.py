@@ -9,7 +9,7 @@ SURFACE_ID = "aquanav/Surface-v0"
 
 
 def register_envs() -> None:
-    """Register aquanav/Cave-v0, one vehicle or a batch, and aquanav/Surface-v0. They truncate episodes themselves."""
+    """Register aquanav/Cave-v0 and aquanav/Surface-v0, one vehicle or a batch. They truncate episodes themselves."""
     if ENV_ID not in registry:
         register(
             ENV_ID,
@@ -17,4 +17,8 @@ def register_envs() -> None:
             vector_entry_point="aquanav_tools.envs.vector_env:CaveVectorEnv",
         )
     if SURFACE_ID not in registry:
-        register(SURFACE_ID, entry_point="aquanav_tools.envs.surface_env:SurfaceEnv")
+        register(
+            SURFACE_ID,
+            entry_point="aquanav_tools.envs.surface_env:SurfaceEnv",
+            vector_entry_point="aquanav_tools.envs.vector_env:SurfaceVectorEnv",
+        )

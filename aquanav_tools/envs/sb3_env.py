@@ -10,26 +10,26 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.batch_task import BatchTask, Floats
+from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.envs.places import Place, make_batch
 
 
-class CaveVecEnv(VecEnv):
-    """N vehicles in one cave, each at the task of `CaveEnv`; an ended episode's successor begins in the same step.
+class PlaceVecEnv(VecEnv):
+    """N vehicles in one cave, or N boats in bays, each at the task of its kind; an ended episode's successor begins in the same step.
 
     The info of an episode's last step has "terminal_observation", "TimeLimit.truncated", "episode" (r, l, t, as SB3's
     Monitor), outcome and num_collisions; that of every other step is empty.
     """
 
-    def __init__(self, scenario: str | Path | Scenario, num_envs: int, *, seed: int = 0, **options: Any) -> None:
-        """Load a scenario; `options` are those of `BatchTask`.
+    def __init__(self, scenario: str | Path | Place, num_envs: int, *, seed: int = 0, **options: Any) -> None:
+        """Load a scenario; `options` are those of `make_batch`.
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
             InputError: an option is unknown, senseless or not batched.
         """
-        self._task = BatchTask(scenario, num_envs, next_step=False, **options)
+        self._task = make_batch(scenario, num_envs, next_step=False, **options)
         self._first_seed, self._num_resets = seed, 0
         self._began = time.time()
         self.render_mode = None
@@ -38,7 +38,7 @@ class CaveVecEnv(VecEnv):
     def reset(self) -> Floats:
         """Begin all episodes; each call draws other starts, in an order that the seed gives."""
         seed = self._first_seed if self._seeds[0] is None else self._seeds[0]
-        self._task.world.reset((seed + self._num_resets) % (1 << 32))
+        self._task.reset((seed + self._num_resets) % (1 << 32))
         self._num_resets += 1
         self._reset_seeds()
         self._reset_options()
@@ -51,9 +51,9 @@ class CaveVecEnv(VecEnv):
     def step_wait(self) -> tuple[Floats, Floats, Any, list[dict[str, Any]]]:
         """Carry out the decision."""
         task = self._task
-        task.world.step()
+        task.step()
         truncated = task.copy_of("truncated")
-        dones = task.world.as_numpy("terminated") | truncated
+        dones = task.view_of("terminated") | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if dones.any():
             self._describe_ends(infos, np.flatnonzero(dones), truncated)
@@ -61,12 +61,12 @@ class CaveVecEnv(VecEnv):
 
     def close(self) -> None:
         """End the threads."""
-        self._task.world.close()
+        self._task.close()
 
     def _describe_ends(self, infos: list[dict[str, Any]], ended: Any, truncated: Any) -> None:
-        as_numpy = self._task.world.as_numpy
-        finals, outcomes = as_numpy("final_observations"), as_numpy("last_outcomes")
-        returns, lengths, collisions = as_numpy("last_returns"), as_numpy("last_lengths"), as_numpy("last_collisions")
+        view_of = self._task.view_of
+        finals, outcomes = view_of("final_observations"), view_of("last_outcomes")
+        returns, lengths, collisions = view_of("last_returns"), view_of("last_lengths"), view_of("last_collisions")
         elapsed = round(time.time() - self._began, 6)
         for n in ended:
             infos[n] = {

@@ -18,15 +18,15 @@ from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.reward import BOAT_PROXIMITY, TERMS, Decision, RewardWeights, load_weights, reward_terms
 from aquanav_tools.envs.sea_rendering import SeaCamera
+from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_observation import SurfaceObservation
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.schema import PRESETS
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.boat import Boat, load_boat
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_sensor import SeaSensor
-from aquanav_tools.sim.sea_state import SeaState, sea_state
+from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.sim.sea_world import SeaWorld
 from aquanav_tools.sim.sensors import boat_pattern
@@ -129,13 +129,12 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self.task = task_options(task)
         check_choice("measure of progress on the surface", self.task.progress, ("panels",))
         self.vehicle = boat_of(vehicle)
-        self._weights = _weights_of(self.task)
-        self._rules = _episode_rules(self.task, self._weights, max_decisions)
+        self._weights = weights_of(self.task)
+        self._rules = episode_rules(self.task, self._weights, max_decisions)
         self._world = SeaWorld(self.vehicle, DT, SUBSTEPS)
         self.footprint = self._world.footprint
         self.bays = Bays(bay, self.footprint.width, self.task.starts)
-        self._state, self._turns = (sea, False) if isinstance(sea, SeaState) else (sea_state(sea), True)
-        self._tide = tide_of(self.task.current)
+        self._seas = Seas(sea, self.task.current)
         self._prepare_interface(observation, action)
         self._prepare_pictures(render_mode, render_size)
         self._episode = Episode(self._rules)
@@ -230,17 +229,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return self._water
 
     def _begin_water(self) -> None:
-        """Draw the directions of wind and tide, the waves, and the first gusts."""
-        rng, (low, high) = self.np_random, self.task.current_range
-        wind, tide = rng.uniform(-180.0, 180.0), rng.uniform(-np.pi, np.pi)
-        state = replace(self._state, direction_deg=wind) if self._turns else self._state
-        if isinstance(self._tide, float):
-            state = replace(state, current=(self._tide * np.cos(tide), self._tide * np.sin(tide)))
-        elif self._tide is not None:
-            state = replace(state, current=self._tide)
-        self._water = SeaWater(state, self.sea_map.depth)
-        self._water.reset(rng)
-        self._current_share = low if low == high else float(rng.uniform(low, high))
+        self._water, self._current_share = self._seas.draw(self.np_random, self.sea_map.depth, self.task.current_range)
         self._current = self._current_share * self._water.current
 
     def _observe(self, rays: Observation, command: Command) -> Observation:
@@ -273,25 +262,6 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return info
 
 
-def tide_of(current: str | float | tuple[float, float, float] | None) -> float | tuple[float, float] | None:
-    """Return the tide that a task asks for: a speed (m/s), a velocity over x and y, or None for the sea's own.
-
-    Raises:
-        InputError: the current is no preset, is too fast for a sea, or flows up or down.
-    """
-    if current is None:
-        return None
-    if isinstance(current, str):
-        check_choice("current", current, PRESETS)
-        return PRESETS[current]
-    if isinstance(current, int | float):
-        return float(current)
-    east, north, up = current
-    if up != 0.0:
-        raise InputError(f"The current {tuple(current)} flows up or down; on the surface its third number is 0.")
-    return float(east), float(north)
-
-
 def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
     """Return a boat by its name or the path of its TOML file; "boat" is the original's.
 
@@ -309,12 +279,12 @@ def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehi
     return found
 
 
-def _weights_of(task: TaskOptions) -> RewardWeights:
+def weights_of(task: TaskOptions) -> RewardWeights:
     weights = load_weights(task.reward)
     return replace(weights, proximity=BOAT_PROXIMITY * weights.proximity)
 
 
-def _episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int | None) -> EpisodeRules:
+def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int | None) -> EpisodeRules:
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if max_decisions is None else max_decisions
     if limit < 1:

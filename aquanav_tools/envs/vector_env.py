@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,20 +12,22 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquanav_tools.envs.batch_task import BatchTask, Floats
+from aquanav_tools.envs.batch import Batch, Floats
+from aquanav_tools.envs.boat_batch import BoatBatch
+from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import RESET_OPTIONS
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sea.generate import MapSettings
+from aquanav_tools.sea.sea_map import SeaMap
 
 Flags = npt.NDArray[np.bool_]
 
 
-class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
-    """N vehicles in one cave, each at the task of `CaveEnv`: same action, observation, reward and episode.
-
-    `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`
+class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
+    """N vehicles, each at the task of the environment with one: same action, observation, reward and episode.
 
     ## Autoreset
     `autoreset_mode`: NEXT_STEP, Gymnasium's default, begins the next episode in the step after an episode's end, whose
@@ -32,32 +36,19 @@ class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
 
     ## Info
     One array each, (N,) unless noted: position (N, 3), velocity (N, 6), clearance, collision, num_collisions,
-    progress, remaining, cost, start_index, outcome, and the reward's terms ("reward/<name>"). Units are those of
-    `CaveEnv`. Starts are drawn from the seed, the vehicle's number and its count of episodes, so that one vehicle's
-    episodes do not depend on the others'.
+    progress, remaining, cost, start_index, outcome, and the reward's terms ("reward/<name>"). Units are those of the
+    environment with one vehicle. Starts are drawn from the seed, the vehicle's number and its count of episodes, so
+    that one vehicle's episodes do not depend on the others'.
     """
 
-    def __init__(
-        self,
-        num_envs: int,
-        scenario: str | Path | Scenario,
-        *,
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        **options: Any,
-    ) -> None:
-        """Load a scenario; `options` are those of `BatchTask`.
-
-        Raises:
-            ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown, senseless or not batched.
-        """
-        mode = AutoresetMode(autoreset_mode)
+    def __init__(self, num_envs: int, mode: AutoresetMode | str, make: Callable[..., Batch]) -> None:
+        """Wrap the batch that `make` returns of a number of vehicles and `next_step`."""
+        mode = AutoresetMode(mode)
         if mode is AutoresetMode.DISABLED:
             raise InputError("A batch begins the next episodes itself. Choose NEXT_STEP or SAME_STEP.")
-        self._task = BatchTask(scenario, num_envs, next_step=mode is AutoresetMode.NEXT_STEP, **options)
+        self._task = make(num_envs, next_step=mode is AutoresetMode.NEXT_STEP)
         self._is_same_step = mode is AutoresetMode.SAME_STEP
         self.num_envs = num_envs
-        self.scenario, self.world = self._task.scenario, self._task.world
         self.single_action_space = self._task.action_space
         self.single_observation_space = self._task.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
@@ -81,15 +72,15 @@ class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
                 raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
         starts = (options or {}).get("start")
         if starts is not None:
-            starts = np.broadcast_to(np.asarray(starts, dtype=np.int32), (self.num_envs,))
-        self.world.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
+            starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
+        self._task.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
         return self._task.copy_of("observations"), self._infos()
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Flags, Flags, dict[str, Any]]:
         """Hold each vehicle's action for one decision."""
         task = self._task
         task.command(actions)
-        self.world.step()
+        task.step()
         terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
         infos = self._infos()
         if self._is_same_step and (ended := terminated | truncated).any():
@@ -98,7 +89,7 @@ class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
-        self.world.close()
+        self._task.close()
 
     def _infos(self) -> dict[str, Any]:
         copy_of = self._task.copy_of
@@ -112,9 +103,9 @@ class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
             "remaining": copy_of("remaining"),
             "cost": is_touched.astype(np.float64),
             "start_index": copy_of("start_indices"),
-            "outcome": np.array(OUTCOMES)[self.world.as_numpy("outcomes")],
+            "outcome": np.array(OUTCOMES)[self._task.view_of("outcomes")],
         }
-        infos["progress"] = self.scenario.guide.length - infos["remaining"]
+        infos["progress"] = self._task.route_lengths - infos["remaining"]
         terms = copy_of("terms")
         infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
@@ -126,10 +117,58 @@ class CaveVectorEnv(VectorEnv[Floats, Any, Any]):
         for vehicle in np.flatnonzero(ended):
             observations[vehicle] = finals[vehicle]
         final_info = {
-            "outcome": np.array(OUTCOMES)[self.world.as_numpy("last_outcomes")],
+            "outcome": np.array(OUTCOMES)[self._task.view_of("last_outcomes")],
             "num_collisions": self._task.copy_of("last_collisions"),
             "return": self._task.copy_of("last_returns"),
             "length": self._task.copy_of("last_lengths"),
         }
         final_info |= {f"_{name}": ended for name in final_info}
         return {"final_obs": observations, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
+
+
+class CaveVectorEnv(BatchVectorEnv):
+    """N vehicles in one cave, each at the task of `CaveEnv`.
+
+    `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        scenario: str | Path | Scenario,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        """Load a scenario; `options` are those of `CaveBatch`.
+
+        Raises:
+            ScenarioError: the scenario cannot be read, or has no start.
+            InputError: an option is unknown, senseless or not batched.
+        """
+        self._task: CaveBatch
+        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
+        self.scenario, self.world = self._task.scenario, self._task.world
+
+
+class SurfaceVectorEnv(BatchVectorEnv):
+    """N boats, each in bays of its own, at the task of `SurfaceEnv`.
+
+    `gymnasium.make_vec("aquanav/Surface-v0", num_envs=256, vectorization_mode="vector_entry_point", sea="breeze")`
+    """
+
+    def __init__(
+        self,
+        num_envs: int,
+        bay: SeaMap | MapSettings | int | str | Path | None = None,
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **options: Any,
+    ) -> None:
+        """Prepare bays as `SurfaceEnv` does; `options` are those of `BoatBatch`.
+
+        Raises:
+            ScenarioError: the bay cannot be read, or has no start.
+            InputError: an option is unknown, senseless or not batched.
+        """
+        super().__init__(num_envs, autoreset_mode, partial(BoatBatch, bay, **options))

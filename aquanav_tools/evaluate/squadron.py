@@ -1,7 +1,7 @@
 """Flying the episodes of an evaluation side by side, on the batched backend.
 
-The episodes of one scenario and condition fly in waves, in the order of the plan. What an episode draws (gusts, eddies,
-its share of the current) follows from the seed of its wave's first episode and its place in the wave. A wave always
+The episodes of one scenario and condition fly in waves, in the order of the plan. What an episode in a cave draws
+(gusts, eddies, its share of the current) follows from the seed of its wave's first episode and its place in the wave. A wave always
 flies whole, also where only some of its episodes are asked for, so that an episode repeats to the bit.
 """
 
@@ -17,21 +17,19 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch_task import BatchTask, check_batched
+from aquanav_tools.envs.batch import Batch, check_batched
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.places import Place, cave_of
+from aquanav_tools.envs.places import Place, make_batch
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.flight import Flight, course_of, task_of
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Scribe, Task
-from aquanav_tools.evaluate.policies import Boarding, LoadedPolicy, Policy, Vectorised
+from aquanav_tools.evaluate.policies import Adapting, Boarding, LoadedPolicy, Policy, Vectorised
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, begin_episode, choose
 from aquanav_tools.report.track import FAILED, Track
-from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.task import TaskOptions, choices_of
 
 WAVE = 256
@@ -55,7 +53,6 @@ def check_plan(plan: Plan, options: ProtocolOptions) -> None:
             "have. Leave out --backend batch."
         )
     for flight in {(flight.scenario.name, flight.condition.name): flight for flight in plan.flights}.values():
-        cave_of(flight.scenario, "--backend batch")
         check_batched(task_of(flight, options), plan.policy.observation)
 
 
@@ -103,16 +100,15 @@ class Squadron:
     def __init__(self, policies: Sequence[LoadedPolicy], options: ProtocolOptions, watch: Watch | None = None) -> None:
         """Take over policies that were loaded one by one: `num_policies` of them."""
         self._policies, self._options, self._watch = policies, options, watch or Watch()
-        self._form = ActionModel(policies[0].action)
-        self._task: BatchTask | None = None
+        self._task: Batch | None = None
         self._place: tuple[Place, TaskOptions, int] | None = None
 
     def fly(self, wave: Sequence[Flight]) -> list[tuple[Track, EpisodeMetrics]]:
         """Return the track of each episode of a wave, and its metrics."""
         task = self._prepare(wave)
         plans = [flight.plan for flight in wave]
-        starts = np.array([plan.start_index for plan in plans], dtype=np.int32)
-        task.world.reset(plans[0].seed % (1 << 32), starts)
+        task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
+        ways, lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
         seats = [
             Seat(loaded.policy, plan) for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
         ]
@@ -121,25 +117,24 @@ class Squadron:
         course = course_of(wave[0])
         flown = []
         for place, (flight, seat) in enumerate(zip(wave, seats, strict=True)):
-            cave = cave_of(flight.scenario, "--backend batch")
-            track = _track(cave, seat, {name: values[:, place] for name, values in states.items()})
-            way = cave.starts[track.start_index].geodesic_to_goal
-            flown.append((track, measure(track, way, course, flight.index)))
+            rows = {name: values[:, place] for name, values in states.items()}
+            track = _track(task, seat, rows, int(starts[place]), float(lengths[place]))
+            flown.append((track, measure(track, float(ways[place]), course, flight.index)))
         return flown
 
     def close(self) -> None:
         """Free the batch."""
         if self._task is not None:
-            self._task.world.close()
+            self._task.close()
         self._task = self._place = None
 
-    def _prepare(self, wave: Sequence[Flight]) -> BatchTask:
+    def _prepare(self, wave: Sequence[Flight]) -> Batch:
         """Return a batch for the wave: the last one where all but the starts is the same."""
         place = (wave[0].scenario, task_of(wave[0], self._options), len(wave))
         if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
             self.close()
-            self._task = BatchTask(
-                cave_of(place[0], "--backend batch"),
+            self._task = make_batch(
+                place[0],
                 len(wave),
                 next_step=True,
                 observation=self._policies[0].observation,
@@ -150,11 +145,13 @@ class Squadron:
             self._place = place
         return self._task
 
-    def _fly(self, task: BatchTask, seats: Sequence[Seat]) -> dict[str, npt.NDArray[Any]]:
+    def _fly(self, task: Batch, seats: Sequence[Seat]) -> dict[str, npt.NDArray[Any]]:
         """Fly until the last episode has ended; return the fleet's arrays, (D + 1, N, ...), at each decision."""
-        world, watch = task.world, self._watch
+        watch, form = self._watch, ActionModel(self._policies[0].action, task.parts)
         mind = seats[0].policy if isinstance(seats[0].policy, Vectorised) else None
         for seat in seats:
+            if isinstance(seat.policy, Adapting):
+                seat.policy.adapt(task.action_space)
             seat.reason = watch.outcome(partial(begin_episode, seat.policy, seat.plan.seed))[1]
         commands = np.zeros((len(seats), 3), dtype=np.float32)
         rows = [{name: task.copy_of(name) for name in KEPT}]
@@ -165,13 +162,13 @@ class Squadron:
                 seen = self._thoughts(mind, seats, seen, flying)
             for place in [place for place in flying if not seats[place].reason]:
                 seat, act = seats[place], seats[place].policy.act if mind is None else mind.decide
-                chosen, seat.reason = watch.outcome(partial(choose, act, self._form, seen[place].copy()))
+                chosen, seat.reason = watch.outcome(partial(choose, act, form, seen[place].copy()))
                 if not seat.reason:
                     seat.actions.append(chosen[0])
                     seat.commands.append(chosen[1])
                     commands[place] = chosen[1]
-            world.fleet.commands.assign(commands)
-            world.step()
+            task.hold(commands)
+            task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
             flying = [place for place in flying if not seats[place].reason and rows[-1]["outcomes"][place] == 0]
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
@@ -213,27 +210,27 @@ class Seat:
     """Why it failed; empty unless it did."""
 
 
-def _track(scenario: Scenario, seat: Seat, states: dict[str, npt.NDArray[Any]]) -> Track:
+def _track(task: Batch, seat: Seat, states: dict[str, npt.NDArray[Any]], start: int, length: float) -> Track:
     """Return the track of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
     count = len(seat.actions)
     rows = {name: values[: count + 1] for name, values in states.items()}
-    lengths, limits = original_pattern().lengths, scenario.settings.limits
+    rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
     touched = rows["touched"] > 0
     # The fleet keeps the current of where a decision began, with its end.
     currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
     return Track(
         seed=seat.plan.seed,
-        start_index=int(seat.plan.start_index or 0),
+        start_index=start,
         outcome=FAILED if seat.reason else OUTCOMES[int(rows["outcomes"][-1])],
-        times=limits.dt * limits.substeps * np.arange(count + 1, dtype=np.float64),
+        times=task.decision_seconds * np.arange(count + 1, dtype=np.float64),
         positions=rows["positions"].astype(np.float64),
         orientations=rows["orientations"].astype(np.float64),
         velocities=rows["velocities"].astype(np.float64),
         currents=currents,
-        rays=rows["observations"][:, : len(lengths)] * lengths,
+        rays=rays,
         clearances=rows["clearances"].astype(np.float64),
         collided=touched,
-        progress=scenario.guide.length - rows["remaining"],
+        progress=length - rows["remaining"],
         costs=touched.astype(np.float64),
         actions=np.array(seat.actions, dtype=np.float64).reshape(count, -1 if count else 0),
         commands=np.array(seat.commands, dtype=np.float64).reshape(-1, 3),

@@ -49,12 +49,12 @@ class SeaSensor:
         assert self._outlines is not None, "look_at comes first"
         distances = np.empty(len(self.tags), dtype=np.float32)
         beams = (self._directions, self._lengths, self._radii)
-        _cast_all(state, *beams, *self._outlines, self._goal, distances, self.tags)
+        cast_beams(state, *beams, *self._outlines, self._goal, distances, self.tags)
         return distances
 
 
 @numba.njit(cache=True)
-def _cast_all(state, directions, lengths, radii, corners, first, discs, edge, goal, distances, tags):  # type: ignore[no-untyped-def]
+def cast_beams(state, directions, lengths, radii, corners, first, discs, edge, goal, distances, tags):  # type: ignore[no-untyped-def]
     rotation = rotation_rows(state)
     size = np.hypot(rotation[0][0], rotation[1][0])
     cosine, sine = rotation[0][0] / size, rotation[1][0] / size

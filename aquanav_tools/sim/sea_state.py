@@ -6,6 +6,7 @@ Sources: Hasselmann et al., Measurements of wind-wave growth and swell decay dur
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -123,12 +124,10 @@ def draw_sea(state: SeaState, depth: float, rng: np.random.Generator) -> tuple[A
     num = state.num_waves if state.wind_speed > 0.0 else 0
     if num == 0:
         return np.zeros((0, 7)), np.zeros(0)
-    grid = state.peak_rate * np.linspace(LOWEST, HIGHEST, DENSITY_STEPS)
-    rates = _one_of_each_part(grid, _shape(grid / state.peak_rate), num, rng)
-    angles = np.linspace(-np.pi, np.pi, DENSITY_STEPS)
+    rates = state.peak_rate * _one_of_each_part(*_frequencies(), num, rng)
     turns = np.zeros(num)
     if math.isfinite(state.spread):
-        turns = rng.permutation(_one_of_each_part(angles, np.cos(0.5 * angles) ** (2.0 * state.spread), num, rng))
+        turns = rng.permutation(_one_of_each_part(*_directions(state.spread), num, rng))
     towards = math.radians(state.direction_deg) + turns
     numbers = np.array([wave_number(2.0 * math.pi / rate, depth) for rate in rates])
     amplitude = state.significant_height / 4.0 * math.sqrt(2.0 / num)
@@ -152,9 +151,26 @@ def _shape(ratio: Array) -> Array:
     return shape
 
 
-def _one_of_each_part(values: Array, density: Array, num: int, rng: np.random.Generator) -> Array:
+@functools.cache
+def _frequencies() -> tuple[Array, Array]:
+    """Return frequencies over the peak's, rising, and the weight of the spectrum below each."""
+    ratios = np.linspace(LOWEST, HIGHEST, DENSITY_STEPS)
+    return ratios, _weight_below(ratios, _shape(ratios))
+
+
+@functools.lru_cache(maxsize=8)
+def _directions(spread: float) -> tuple[Array, Array]:
+    """Return directions from the wind's, rising, and the weight of those below each."""
+    angles = np.linspace(-np.pi, np.pi, DENSITY_STEPS)
+    return angles, _weight_below(angles, np.cos(0.5 * angles) ** (2.0 * spread))
+
+
+def _weight_below(values: Array, density: Array) -> Array:
+    return np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(values))])
+
+
+def _one_of_each_part(values: Array, weight: Array, num: int, rng: np.random.Generator) -> Array:
     """Return one value from each of `num` parts of equal weight, rising."""
-    weight = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1]) * np.diff(values))])
     shares = (np.arange(num) + rng.random(num)) / num
     drawn: Array = np.interp(shares * weight[-1], weight, values)
     return drawn

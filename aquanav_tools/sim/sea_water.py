@@ -27,8 +27,8 @@ DRIFT = 0.03
 class SeaWater:
     """Wind, waves and current over time."""
 
-    def __init__(self, state: SeaState, depth: float) -> None:
-        """Prepare a sea of a state over a bed of a depth, m."""
+    def __init__(self, state: SeaState, depth: float, rng: np.random.Generator | None = None) -> None:
+        """Begin with a sea of a state over a bed of a depth (m), drawn as `reset` does."""
         self._state, self._depth = state, depth
         towards = math.radians(state.direction_deg)
         self._along = np.array([math.cos(towards), math.sin(towards)])
@@ -37,8 +37,7 @@ class SeaWater:
         self._times = np.array([gust_time, gust_time, GUST_TIME, GUST_TIME])
         self._gusts = np.zeros(4)
         """Along and across the wind, along and across the current, in standard deviations."""
-        self._rng = np.random.default_rng(0)
-        self._waves, self._phases = draw_sea(state, depth, self._rng)
+        self.reset(np.random.default_rng(0) if rng is None else rng)
 
     def reset(self, rng: np.random.Generator) -> None:
         """Begin an episode: draw other waves, and gusts from their stationary distribution."""
@@ -51,6 +50,17 @@ class SeaWater:
         kept = np.exp(-dt / self._times)
         self._gusts = kept * self._gusts + np.sqrt(1.0 - kept**2) * self._rng.standard_normal(4)
         self._phases += self._waves[:, 3] * dt
+
+    def draw_ahead(self, dt: float, count: int) -> Array:
+        """Let gusts go on by `count` times `advance(dt)`; return the (count, 3) currents before each, m/s.
+
+        The waves stay: this is for who moves them by themselves.
+        """
+        kept = np.exp(-dt / self._times)
+        gusts = np.concatenate([self._gusts[None], np.sqrt(1.0 - kept**2) * self._rng.standard_normal((count, 4))])
+        _add_up(gusts, kept)
+        self._gusts = gusts[-1]
+        return self._currents(gusts[:-1])
 
     @property
     def waves(self) -> tuple[Array, Array]:
@@ -67,10 +77,7 @@ class SeaWater:
     @property
     def current(self) -> Array:
         """(3,) velocity of the water at the surface without its waves, m/s."""
-        east, north = self._state.current
-        along, across = 1.0 + GUST_SIZE * self._gusts[2], GUST_SIZE * self._gusts[3]
-        drift = DRIFT * self._state.wind_speed * self._along
-        return np.array([along * east - across * north + drift[0], along * north + across * east + drift[1], 0.0])
+        return self._currents(self._gusts)
 
     def rise(self, positions: Array) -> Array:
         """Return how far the surface stands above still water at (N, 2) or (N, 3) places, (N,) m."""
@@ -83,6 +90,21 @@ class SeaWater:
         found = np.tile(self.current, (len(positions), 1))
         _add_velocities(np.ascontiguousarray(positions), self._waves, self._phases, found)
         return found
+
+    def _currents(self, gusts: Array) -> Array:
+        """Return the (..., 3) currents of (..., 4) gusts, m/s."""
+        east, north = self._state.current
+        along, across = 1.0 + GUST_SIZE * gusts[..., 2], GUST_SIZE * gusts[..., 3]
+        drift = DRIFT * self._state.wind_speed * self._along
+        flows = along * east - across * north + drift[0], along * north + across * east + drift[1]
+        return np.stack([*flows, np.zeros_like(along)], axis=-1)
+
+
+@numba.njit(cache=True)
+def _add_up(gusts, kept):  # type: ignore[no-untyped-def]
+    """Add to each row what is kept of the row before."""
+    for n in range(1, len(gusts)):
+        gusts[n] += kept * gusts[n - 1]
 
 
 @numba.njit(cache=True)

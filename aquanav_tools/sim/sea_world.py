@@ -23,7 +23,7 @@ from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.original_motion import ORIGINAL
 from aquanav_tools.sim.sea_water import SeaWater
-from aquanav_tools.types import Array, Pose, yaw_quaternion
+from aquanav_tools.types import Array, IntArray, Pose, yaw_quaternion
 
 DENSITY = 1025.0
 """Of seawater, kg/m^3."""
@@ -68,6 +68,26 @@ def footprint_of(boat: Boat | OriginalVehicle) -> Footprint:
     return Footprint(np.ascontiguousarray(corners[ConvexHull(corners).vertices]), 0.0, bottom)
 
 
+def body_of(boat: Boat | OriginalVehicle) -> tuple[tuple[Array, IntArray, Array, Array], Array]:
+    """Return a boat as `sail` takes it: its surface with its coefficients and parameters, and its (6,) masses."""
+    if isinstance(boat, Boat):
+        mass = np.array([boat.mass] * 3 + list(boat.inertia)) + np.array([*boat.added_mass, *boat.added_inertia])
+        return (*boat.surface, boat.coefficients(DENSITY), boat.motion_parameters()), mass
+    # it stays level at its height
+    mass = np.array([boat.body.mass, boat.body.mass, np.inf, np.inf, np.inf, boat.body.inertia[2]])
+    body = (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(4), boat.motion_parameters(DENSITY))
+    return body, mass
+
+
+def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) -> Array:
+    """Return the state of a boat at rest afloat at a berth, as `SeaWorld.state` has it."""
+    if isinstance(boat, OriginalVehicle):
+        return boat.state_at(Pose(np.array([*berth.position, 0.0]), yaw_quaternion(berth.heading)))
+    state = boat.state_at(berth.position, berth.heading, DENSITY)
+    state[2] += water.rise(state[None, :3])[0]
+    return state
+
+
 class SeaWorld:
     """One boat in one bay after another. `begin`, then `step` once per decision."""
 
@@ -83,22 +103,12 @@ class SeaWorld:
         self._sea: SeaMap | None = None
         self._tops: Array = np.zeros(0)
         self._actuators = None if isinstance(boat, Boat) else actuator_model(boat, dt, substeps)
-        if isinstance(boat, Boat):
-            mass = np.array([boat.mass] * 3 + list(boat.inertia)) + np.array([*boat.added_mass, *boat.added_inertia])
-            body = (*boat.surface, boat.coefficients(DENSITY), boat.motion_parameters())
-        else:  # it stays level at its height
-            mass = np.array([boat.body.mass, boat.body.mass, np.inf, np.inf, np.inf, boat.body.inertia[2]])
-            body = (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(4), boat.motion_parameters(DENSITY))
-        self._body, self._mass = body, mass
+        self._body, self._mass = body_of(boat)
 
     def begin(self, sea: SeaMap, berth: Berth, water: SeaWater) -> None:
         """Put the boat at rest afloat at a berth of a bay."""
         self._sea, self._tops = sea, np.array([rock.top for rock in sea.rocks])
-        if isinstance(self._boat, Boat):
-            self.state = self._boat.state_at(berth.position, berth.heading, DENSITY)
-            self.state[2] += water.rise(self.state[None, :3])[0]
-        else:
-            self.state = self._boat.state_at(Pose(np.array([*berth.position, 0.0]), yaw_quaternion(berth.heading)))
+        self.state = state_at_berth(self._boat, berth, water)
         self.before = self.state.copy()
 
     def step(self, steer: float, thrust: float, water: SeaWater, current: Array) -> list[bool]:
@@ -116,7 +126,7 @@ class SeaWorld:
         touched = np.zeros(self._substeps, dtype=np.bool_)
         shape = (self.footprint.outline, self.footprint.radius, self.footprint.bottom)
         command = self._command(steer, thrust)
-        _sail(self.state, self.before, command, current, water.waves, self._body, self._mass, shape,
+        sail(self.state, self.before, command, current, water.waves, self._body, self._mass, shape,
               self._sea.outlines, self._tops, self._dt, touched)  # fmt: skip
         found: list[bool] = touched.tolist()
         return found
@@ -125,7 +135,7 @@ class SeaWorld:
         """Return the distance from the hull to the nearest rock, reef or edge from above, m; below 0 over a reef."""
         assert self._sea is not None, "begin comes first"
         hull = np.empty((len(self.footprint.outline), 3))
-        _place(self.state, self.footprint.outline, self.footprint.bottom, hull)
+        place_hull(self.state, self.footprint.outline, self.footprint.bottom, hull)
         return float(hull_clearance(hull, self.footprint.radius, *self._sea.outlines))
 
     def _command(self, steer: float, thrust: float) -> Array:
@@ -136,8 +146,23 @@ class SeaWorld:
 
 
 @numba.njit(cache=True)
-def _sail(state, before, command, current, sea, body, mass, shape, outlines, tops, dt, touched):  # type: ignore[no-untyped-def]
-    """Move a state through the steps of a decision, in place."""
+def sail(state, before, command, current, sea, body, mass, shape, outlines, tops, dt, touched):  # type: ignore[no-untyped-def]
+    """Move a state through the steps of a decision, in place.
+
+    Args:
+        state: As `SeaWorld.state`.
+        before: Receives the state one step before the last.
+        command: (6,) of the drives, body frame, N and N m.
+        current: (3,) velocity of the water without waves, world frame, m/s.
+        sea: (N, 7) waves and their (N,) phases now, rad.
+        body: First of `body_of`.
+        mass: Second of `body_of`.
+        shape: A `Footprint`.
+        outlines: `Outlines` of the bay's rocks.
+        tops: Of the rocks, m.
+        dt: Step, s.
+        touched: (S,) receives for each step whether the hull touched.
+    """
     (waves, phases), (vertices, faces, coefficients, parameters) = sea, body
     outline, radius, bottom = shape
     corners, first, discs, edge = outlines
@@ -152,7 +177,7 @@ def _sail(state, before, command, current, sea, body, mass, shape, outlines, top
                 state, command, current, waves, now, vertices, faces, coefficients, parameters, dt
             )
         for _ in range(MAX_CONTACTS):
-            _place(state, outline, bottom, hull)
+            place_hull(state, outline, bottom, hull)
             deepest_contact(hull, radius, corners, first, discs, edge, tops, contact)
             if contact[0] <= 0.0:
                 break
@@ -161,7 +186,7 @@ def _sail(state, before, command, current, sea, body, mass, shape, outlines, top
 
 
 @numba.njit(cache=True)
-def _place(state, outline, bottom, hull):  # type: ignore[no-untyped-def]
+def place_hull(state, outline, bottom, hull):  # type: ignore[no-untyped-def]
     """Write the (C, 3) corners of the hull's bottom in the world."""
     rotation = rotation_rows(state)
     for axis in range(3):

@@ -19,6 +19,7 @@ DEEP = 20.0
 """Wave number times depth from which the bottom is not felt: its cosh and sinh are equal to 1e-17."""
 
 
+@numba.njit(cache=True)
 def wave_number(period: float, depth: float) -> float:
     """Return the wave number k, rad/m, that solves w^2 = g k tanh(k h) for a period, s, in water of a depth, m."""
     deep = (2.0 * math.pi / period) ** 2 / GRAVITY

@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
-from aquanav_tools.envs.batch_task import check_batched
+from aquanav_tools.envs.batch import check_batched
 from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay

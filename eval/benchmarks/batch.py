@@ -30,7 +30,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.sb3_env import CaveVecEnv
+from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 
@@ -108,7 +108,7 @@ def pybullet_env(kind: str, num: int, scenario: Scenario) -> Any:
 
 def parts(scenario: Scenario, num: int, rays: str) -> None:
     """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
-    env = CaveVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
+    env = PlaceVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
     obs = env.reset()
     spent: dict[str, float] = {}
     for decision in range(40):
@@ -147,7 +147,7 @@ def main() -> None:
     sources = [rays for rays in ("mesh", "field") if rays in options.only]
     for rays in sources:
         for num in options.sizes:
-            env = CaveVecEnv(scenario, num, rays=rays, num_threads=options.threads, **OPTIONS)
+            env = PlaceVecEnv(scenario, num, rays=rays, num_threads=options.threads, **OPTIONS)
             for suffix, act in acts.items():
                 measure(f"Warp {rays}{suffix}", env, act, options.seconds)
             env.close()

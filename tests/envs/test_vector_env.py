@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.sb3_env import CaveVecEnv
+from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
@@ -183,7 +183,7 @@ def test_stable_baselines_learns_from_a_batch_and_is_told_of_ends() -> None:
     from stable_baselines3 import PPO
 
     scenario = tube_scenario(limits=LimitSettings(decisions=40))
-    env = CaveVecEnv(scenario, 32, observation="paper", reward="safe")
+    env = PlaceVecEnv(scenario, 32, observation="paper", reward="safe")
     model = PPO("MlpPolicy", env, n_steps=64, batch_size=512, n_epochs=1, device="cpu", seed=0).learn(4096)
     assert len(model.ep_info_buffer or []) >= 32
     env.reset()

@@ -1,8 +1,8 @@
-"""The benchmark's task for a batch of vehicles: what the two vectorised environments have in common."""
+"""The benchmark's task for a batch of vehicles in a cave."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,32 +10,31 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
+from aquanav_tools.envs.action import DIVING
+from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
 from aquanav_tools.envs.cave_env import _episode_rules, _water_of, vehicle_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, load_weights
-from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.task import TaskOptions, choices_of, task_options
+from aquanav_tools.task import task_options
+from aquanav_tools.types import Array
 
 if TYPE_CHECKING:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
-Floats = npt.NDArray[np.float32]
 RAY_SOURCES = ("field", "mesh")
-BATCHED_OBSERVATIONS = ("paper", "full")
-BATCHED_OPTIONS = ("reward", "on_collision", "current", "current_range")
 
 
-class BatchTask:
+class CaveBatch:
     """N vehicles at the task of `CaveEnv`, with the same options and definitions.
 
-    Not batched yet, and refused: the observation "original", and every field of TaskOptions but BATCHED_OPTIONS.
+    Not batched yet, and refused: the observation "original", and every field of TaskOptions but `envs.batch.BATCHED_OPTIONS`.
     """
 
     def __init__(
@@ -85,10 +84,13 @@ class BatchTask:
         weights, settings = load_weights(options.reward), self.scenario.settings
         rules = _episode_rules(self.scenario, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
-        self.action_space = ActionModel(action).space
-        lengths = original_pattern().lengths
-        self.observation_space = ObservationModel(observation, lengths, goal, entrance).space
-        self._commands_of = _CONVERTERS[action]
+        self.parts: tuple[str, ...] = DIVING
+        self._actions = BatchActions(action, num)
+        self.action_space = self._actions.space
+        self.ray_lengths = original_pattern().lengths
+        self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
+        self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
+        self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
             self.scenario,
             vehicle_of(self.scenario, vehicle),
@@ -102,20 +104,53 @@ class BatchTask:
             num_threads=num_threads,
         )
 
-    def command(self, actions: Any) -> None:
-        """Hand the actions of all vehicles to the next step.
+    @property
+    def route_lengths(self) -> Array:
+        """(N,) length of the guide, m."""
+        return np.full(self.num, self.scenario.guide.length)
 
-        Raises:
-            InputError: one is not in the action space.
-        """
-        commands = self._commands_of(np.asarray(actions))
-        if commands.shape != (self.world.num, 3):
-            raise InputError(f"Actions must be one for each of the {self.world.num} vehicles, got {np.shape(actions)}.")
+    @property
+    def ways(self) -> Array:
+        """(N,) length of the shortest way to the goal from where each episode began, m."""
+        return self._ways[self.view_of("start_indices")]
+
+    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+        """Begin all episodes; of several seeds the first counts for all."""
+        seed = seeds if isinstance(seeds, int) else seeds[0]
+        first = None if starts is None else [-1 if start is None else start for start in starts]
+        self.world.reset(seed % (1 << 32), None if first is None else np.array(first, dtype=np.int32))
+
+    def command(self, actions: Any) -> None:
+        """Hand the actions of all vehicles to the next step."""
+        self.hold(self._actions.commands(actions))
+
+    def hold(self, commands: Floats) -> None:
+        """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
         self.world.fleet.commands.assign(commands)
+
+    def step(self) -> None:
+        """Carry out a decision of every vehicle."""
+        self.world.step()
+
+    def view_of(self, name: str) -> Any:
+        """Return an array of `sim.batch.fleet_arrays.Fleet`, which later steps change."""
+        return self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
         """Return a copy of an array of `sim.batch.fleet_arrays.Fleet` that later steps leave alone."""
         return np.array(self.world.as_numpy(name))
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all arrays."""
+        return self.world.state()
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken."""
+        self.world.restore(state)
+
+    def close(self) -> None:
+        """End the threads."""
+        self.world.close()
 
 
 def _numbers(
@@ -137,44 +172,3 @@ def _numbers(
         entrance_height=entrance_height,
         size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
     )
-
-
-def check_batched(options: TaskOptions, observation: str) -> None:
-    """Refuse what only `CaveEnv` does, rather than leave it out in silence.
-
-    Raises:
-        InputError: an option, or the observation, is not batched; the message names it.
-    """
-    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
-    for name, value in choices_of(options).items():
-        if name not in BATCHED_OPTIONS and value != getattr(TaskOptions(), name):
-            raise InputError(
-                f"The batched environment has no {name} = {value!r}; of the task's options it has only "
-                f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take PyBullet: aquanav/Cave-v0 "
-                "without vectorization_mode='vector_entry_point', or --backend pybullet of the commands."
-            )
-
-
-def _from_choices(actions: npt.NDArray[Any]) -> Floats:
-    if actions.size and not (0 <= actions.min() and actions.max() < NUM_CHOICES):
-        raise InputError(f"Actions must be choices from 0 to 2, got {actions.min()} to {actions.max()}.")
-    return (actions - 1.0).astype(np.float32) * np.array([-1.0, -1.0, 1.0], dtype=np.float32)
-
-
-def _from_numbers(actions: npt.NDArray[Any]) -> Floats:
-    if actions.size and not (0 <= actions.min() and actions.max() < NUM_CHOICES**3):
-        raise InputError(f"Actions must be numbers from 0 to 26, got {actions.min()} to {actions.max()}.")
-    return _from_choices(np.stack([actions // 9, actions // 3 % 3, actions % 3], axis=-1))
-
-
-def _from_levels(actions: npt.NDArray[Any]) -> Floats:
-    if not np.isfinite(actions).all():
-        raise InputError("An action is not finite. Did the policy diverge?")
-    return np.clip(actions, -1.0, 1.0).astype(np.float32)
-
-
-_CONVERTERS: dict[str, Callable[[npt.NDArray[Any]], Floats]] = {
-    "multidiscrete": _from_choices,
-    "discrete": _from_numbers,
-    "continuous": _from_levels,
-}

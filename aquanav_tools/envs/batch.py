@@ -1,0 +1,134 @@
+"""What batches of vehicles in caves and of boats in bays have in common: training and evaluation see no more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
+from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.errors import InputError
+from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.types import Array
+
+Floats = npt.NDArray[np.float32]
+BATCHED_OBSERVATIONS = ("paper", "full")
+BATCHED_OPTIONS = ("reward", "on_collision", "current", "current_range")
+DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
+"""What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
+
+
+class Batch(Protocol):
+    """N vehicles at the task of one scenario. `reset`, then `command` or `hold`, and `step`, once per decision.
+
+    Arrays go by name, a row for each vehicle: positions, orientations, velocities, currents (where the last decision
+    began), clearances, touched (steps), collisions, remaining, start_indices, observations, final_observations, terms,
+    rewards, terminated, truncated, outcomes; and last_outcomes, last_returns, last_lengths, last_collisions, of the
+    last episode. Units are those of the environment with one vehicle.
+    """
+
+    num: int
+    parts: tuple[str, ...]
+    """Of an action: DIVING or AFLOAT."""
+    action_space: spaces.Space[Any]
+    observation_space: spaces.Space[Any]
+    decision_seconds: float
+    ray_lengths: Array
+    """(R,) m."""
+
+    @property
+    def route_lengths(self) -> Array:
+        """(N,) from which progress is counted: progress is this less what remains, m."""
+
+    @property
+    def ways(self) -> Array:
+        """(N,) length of the shortest way to the goal from where each episode began, m."""
+
+    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+        """Begin all episodes.
+
+        Args:
+            seeds: One number for all, or one for each; caves, whose water is drawn by the vehicle, take the first.
+            starts: The first episode's; None draws them.
+        """
+
+    def command(self, actions: Any) -> None:
+        """Hand the (N, ...) actions of all vehicles to the next step; raises InputError where one is none."""
+
+    def hold(self, commands: Floats) -> None:
+        """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
+
+    def step(self) -> None:
+        """Carry out a decision of every vehicle."""
+
+    def view_of(self, name: str) -> Any:
+        """Return an array, which later steps may change."""
+
+    def copy_of(self, name: str) -> Any:
+        """Return a copy of an array."""
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all that the future depends on beside the commands."""
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
+
+    def close(self) -> None:
+        """End the threads. Closing twice does nothing."""
+
+
+class BatchActions:
+    """One of the forms of `ActionModel` for N vehicles at once."""
+
+    def __init__(self, form: str, num: int, parts: Sequence[str] = DIVING) -> None:
+        """Prepare a form for `num` vehicles; `parts` is DIVING or AFLOAT."""
+        self.space = ActionModel(form, parts).space
+        self._form, self._num, self._parts = form, num, len(parts)
+
+    def commands(self, actions: Any) -> Floats:
+        """Return the (N, 3) commands of actions.
+
+        Raises:
+            InputError: one is not in the action space.
+        """
+        given = np.asarray(actions)
+        shape = (self._num,) if self._form == "discrete" else (self._num, self._parts)
+        if given.shape != shape:
+            raise InputError(f"Actions must be one for each of the {self._num} vehicles, got {given.shape}.")
+        commands = np.zeros((self._num, len(DIVING)), dtype=np.float32)
+        commands[:, -self._parts :] = self._levels(given)
+        return commands
+
+    def _levels(self, actions: npt.NDArray[Any]) -> Floats:
+        if self._form == "continuous":
+            if not np.isfinite(actions).all():
+                raise InputError("An action is not finite. Did the policy diverge?")
+            return np.clip(actions, -1.0, 1.0).astype(np.float32)
+        most = (NUM_CHOICES if self._form == "multidiscrete" else NUM_CHOICES**self._parts) - 1
+        if actions.size and not (0 <= actions.min() and actions.max() <= most):
+            form = "choices" if self._form == "multidiscrete" else "numbers"
+            raise InputError(f"Actions must be {form} from 0 to {most}, got {actions.min()} to {actions.max()}.")
+        if self._form == "discrete":
+            actions = np.stack(np.unravel_index(actions, (NUM_CHOICES,) * self._parts), axis=-1)
+        levels: Floats = (actions - 1.0).astype(np.float32) * DOWN_AND_RIGHT[-self._parts :]
+        return levels
+
+
+def check_batched(options: TaskOptions, observation: str) -> None:
+    """Refuse what only an environment with one vehicle does, rather than leave it out in silence.
+
+    Raises:
+        InputError: an option, or the observation, is not batched; the message names it.
+    """
+    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
+    for name, value in choices_of(options).items():
+        if name not in BATCHED_OPTIONS and value != getattr(TaskOptions(), name):
+            raise InputError(
+                f"The batched environment has no {name} = {value!r}; of the task's options it has only "
+                f"{', '.join(BATCHED_OPTIONS)}. Leave it out, or take PyBullet: the environment "
+                "without vectorization_mode='vector_entry_point', or --backend pybullet of the commands."
+            )
