@@ -9,6 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from aquanav_tools.envs.action import AFLOAT, DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
@@ -94,19 +95,22 @@ class BoatBatch:
         self.action_space = self._actions.space
         self._next_step = next_step
         num_corners = 1 if self._bays.fixed is None else len(self._bays.fixed.goal.corners)
-        self._arrays = _blank_arrays(num, num_corners, self.observation_space.shape[0])  # type: ignore[index]
+        size = spaces.flatdim(self.observation_space)
+        self._arrays = _blank_arrays(num, num_corners, size)
         self._waters: list[SeaWater | None] = [None] * num
         self._ahead = np.zeros((num, AHEAD, 3))
 
     @property
     def route_lengths(self) -> Array:
         """(N,) how far the goal was at the episodes' beginnings, m."""
-        return self.copy_of("lengths")  # type: ignore[no-any-return]
+        lengths: Array = self.copy_of("lengths")
+        return lengths
 
     @property
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        return self.copy_of("ways")  # type: ignore[no-any-return]
+        ways: Array = self.copy_of("ways")
+        return ways
 
     def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
         """Begin all episodes; one seed gives each boat another."""
@@ -197,11 +201,8 @@ class BoatBatch:
             self._waters[i] = water
             self._draw_ahead(int(i))
             arrays["goals"][i], arrays["centres"][i] = sea.goal.corners, sea.goal.centre
-            arrays["tolerances"][i], arrays["ways"][i], arrays["start_indices"][i] = (
-                sea.goal.tolerance,
-                way.length,
-                number,
-            )
+            arrays["tolerances"][i], arrays["ways"][i] = sea.goal.tolerance, way.length
+            arrays["start_indices"][i] = number
         arrays["episodes"][chosen] += 1
         for name in ("commands", "decisions", "is_touching", "collisions", "outcomes", "returns", "currents"):
             arrays[name][chosen] = 0

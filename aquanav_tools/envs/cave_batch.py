@@ -34,7 +34,7 @@ RAY_SOURCES = ("field", "mesh")
 class CaveBatch:
     """N vehicles at the task of `CaveEnv`, with the same options and definitions.
 
-    Not batched yet, and refused: the observation "original", and every field of TaskOptions but `envs.batch.BATCHED_OPTIONS`.
+    Not batched yet, and refused: what `envs.batch.check_batched` says.
     """
 
     def __init__(

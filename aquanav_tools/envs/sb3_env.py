@@ -16,7 +16,7 @@ from aquanav_tools.envs.places import Place, make_batch
 
 
 class PlaceVecEnv(VecEnv):
-    """N vehicles in one cave, or N boats in bays, each at the task of its kind; an ended episode's successor begins in the same step.
+    """N vehicles in one cave, or N boats in bays; an ended episode's successor begins in the same step.
 
     The info of an episode's last step has "terminal_observation", "TimeLimit.truncated", "episode" (r, l, t, as SB3's
     Monitor), outcome and num_collisions; that of every other step is empty.

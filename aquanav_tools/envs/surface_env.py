@@ -280,11 +280,17 @@ def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehi
 
 
 def weights_of(task: TaskOptions) -> RewardWeights:
+    """Return the weights of a task's reward for boats."""
     weights = load_weights(task.reward)
     return replace(weights, proximity=BOAT_PROXIMITY * weights.proximity)
 
 
 def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int | None) -> EpisodeRules:
+    """Return the rules of a task's episodes but for the goal's tolerance, which is the bay's.
+
+    Raises:
+        InputError: there is no such rule for collisions, or no decision is allowed.
+    """
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if max_decisions is None else max_decisions
     if limit < 1:

@@ -46,11 +46,11 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         mode = AutoresetMode(mode)
         if mode is AutoresetMode.DISABLED:
             raise InputError("A batch begins the next episodes itself. Choose NEXT_STEP or SAME_STEP.")
-        self._task = make(num_envs, next_step=mode is AutoresetMode.NEXT_STEP)
+        self.batch = make(num_envs, next_step=mode is AutoresetMode.NEXT_STEP)
         self._is_same_step = mode is AutoresetMode.SAME_STEP
         self.num_envs = num_envs
-        self.single_action_space = self._task.action_space
-        self.single_observation_space = self._task.observation_space
+        self.single_action_space = self.batch.action_space
+        self.single_observation_space = self.batch.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.metadata = {"autoreset_mode": mode, "render_modes": []}
@@ -73,12 +73,12 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         starts = (options or {}).get("start")
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
-        self._task.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
-        return self._task.copy_of("observations"), self._infos()
+        self.batch.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
+        return self.batch.copy_of("observations"), self._infos()
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Flags, Flags, dict[str, Any]]:
         """Hold each vehicle's action for one decision."""
-        task = self._task
+        task = self.batch
         task.command(actions)
         task.step()
         terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
@@ -89,10 +89,10 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the threads."""
-        self._task.close()
+        self.batch.close()
 
     def _infos(self) -> dict[str, Any]:
-        copy_of = self._task.copy_of
+        copy_of = self.batch.copy_of
         is_touched = copy_of("touched") > 0
         infos = {
             "position": copy_of("positions"),
@@ -103,9 +103,9 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
             "remaining": copy_of("remaining"),
             "cost": is_touched.astype(np.float64),
             "start_index": copy_of("start_indices"),
-            "outcome": np.array(OUTCOMES)[self._task.view_of("outcomes")],
+            "outcome": np.array(OUTCOMES)[self.batch.view_of("outcomes")],
         }
-        infos["progress"] = self._task.route_lengths - infos["remaining"]
+        infos["progress"] = self.batch.route_lengths - infos["remaining"]
         terms = copy_of("terms")
         infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
@@ -113,14 +113,14 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
     def _final_infos(self, ended: Flags) -> dict[str, Any]:
         """Return what Gymnasium asks for of episodes that ended in this step, whose successors have begun."""
         observations = np.full(self.num_envs, None, dtype=object)
-        finals = self._task.copy_of("final_observations")
+        finals = self.batch.copy_of("final_observations")
         for vehicle in np.flatnonzero(ended):
             observations[vehicle] = finals[vehicle]
         final_info = {
-            "outcome": np.array(OUTCOMES)[self._task.view_of("last_outcomes")],
-            "num_collisions": self._task.copy_of("last_collisions"),
-            "return": self._task.copy_of("last_returns"),
-            "length": self._task.copy_of("last_lengths"),
+            "outcome": np.array(OUTCOMES)[self.batch.view_of("last_outcomes")],
+            "num_collisions": self.batch.copy_of("last_collisions"),
+            "return": self.batch.copy_of("last_returns"),
+            "length": self.batch.copy_of("last_lengths"),
         }
         final_info |= {f"_{name}": ended for name in final_info}
         return {"final_obs": observations, "_final_obs": ended, "final_info": final_info, "_final_info": ended}
@@ -146,9 +146,7 @@ class CaveVectorEnv(BatchVectorEnv):
             ScenarioError: the scenario cannot be read, or has no start.
             InputError: an option is unknown, senseless or not batched.
         """
-        self._task: CaveBatch
         super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
-        self.scenario, self.world = self._task.scenario, self._task.world
 
 
 class SurfaceVectorEnv(BatchVectorEnv):

@@ -1,8 +1,9 @@
 """Flying the episodes of an evaluation side by side, on the batched backend.
 
 The episodes of one scenario and condition fly in waves, in the order of the plan. What an episode in a cave draws
-(gusts, eddies, its share of the current) follows from the seed of its wave's first episode and its place in the wave. A wave always
-flies whole, also where only some of its episodes are asked for, so that an episode repeats to the bit.
+(gusts, eddies, its share of the current) follows from the seed of its wave's first episode and its place in the wave;
+in bays, each from its own seed. A wave always flies whole, also where only some of its episodes are asked for, so that
+an episode repeats to the bit.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import NamedTuple
 
 import numba
@@ -99,7 +100,7 @@ class SeaFleet:
         """(N, B) m."""
         self._charts = _blank_charts(num, 0, 0)
         bounds = np.linspace(0, num, max(1, min(available, num // MIN_SLICE)) + 1).astype(int).tolist()
-        self._slices = list(zip(bounds[:-1], bounds[1:], strict=True))
+        self._slices = list(pairwise(bounds))
         self._threads = ThreadPoolExecutor(len(self._slices)) if len(self._slices) > 1 else None
 
     def begin(self, i: int, sea: SeaMap, berth: Berth, water: SeaWater) -> None:
@@ -122,8 +123,8 @@ class SeaFleet:
         wrenches[:, 5] = drive.steer_moment * (steer if drive.steers_at_rest else steer * thrust)
         self._share_out(
             lambda first, last: _sail_each(
-                first, last, self.states, wrenches, currents, self.waves, self.phases, is_moving, self._body,
-                self._mass, tuple(self.footprint), self._charts, *self._time, self.touched
+                first, last, self.states, wrenches, currents, (self.waves, self.phases), is_moving, self._body,
+                self._mass, tuple(self.footprint), self._charts, self._time, self.touched
             )
         )  # fmt: skip
 
@@ -145,7 +146,7 @@ class SeaFleet:
             self._threads.shutdown()
 
     def _share_out(self, work: Callable[[int, int], None]) -> None:
-        """Do what is to be done for boats [first, last), each slice of them in a thread: compiled loops let go of it."""
+        """Do the work for boats [first, last), each slice in a thread: compiled loops let go of Python."""
         if self._threads is None:
             work(0, len(self.states))
         else:
@@ -186,8 +187,9 @@ def _charted(charts: Charts, i: int, rocks: list[Rock], edge: Array, num_seen: i
 
 
 @numba.njit(cache=True, nogil=True)
-def _sail_each(first, last, states, wrenches, currents, waves, phases, is_moving, body, mass, shape, charts, dt,
-               substeps, touched):  # type: ignore[no-untyped-def]  # fmt: skip
+def _sail_each(first, last, states, wrenches, currents, sea, is_moving, body, mass, shape, charts, time, touched):  # type: ignore[no-untyped-def]
+    waves, phases = sea
+    dt, substeps = time
     before, steps = np.empty(states.shape[1]), np.empty(substeps, dtype=np.bool_)
     for i in range(first, last):
         if is_moving[i]:

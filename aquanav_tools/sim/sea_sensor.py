@@ -55,6 +55,7 @@ class SeaSensor:
 
 @numba.njit(cache=True)
 def cast_beams(state, directions, lengths, radii, corners, first, discs, edge, goal, distances, tags):  # type: ignore[no-untyped-def]
+    """Write how far the middle of each beam comes from a state, m, and what it meets; arguments as of `SeaSensor`."""
     rotation = rotation_rows(state)
     size = np.hypot(rotation[0][0], rotation[1][0])
     cosine, sine = rotation[0][0] / size, rotation[1][0] / size

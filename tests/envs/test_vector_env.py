@@ -155,14 +155,14 @@ def test_next_step_mode_shows_the_last_observation_then_begins_anew() -> None:
     assert rewards[0] == 0.0
     assert not terminated[0]
     assert infos["outcome"].tolist() == ["running", "running"]
-    start = env.scenario.starts[infos["start_index"][0]].pose.position
+    start = env.batch.scenario.starts[infos["start_index"][0]].pose.position
     assert np.array_equal(infos["position"][0], start)
     assert rewards[1] != 0.0
 
 
 def test_same_step_mode_begins_anew_and_keeps_the_end() -> None:
     kept, steps = ends_of(AutoresetMode.NEXT_STEP)
-    last = kept._task.copy_of("observations")[0]
+    last = kept.batch.copy_of("observations")[0]
     env = CaveVectorEnv(2, tube_scenario(), autoreset_mode=AutoresetMode.SAME_STEP, observation="paper")
     env.reset(seed=0, options={"start": [18, 0]})
     for _ in range(steps):
@@ -174,7 +174,7 @@ def test_same_step_mode_begins_anew_and_keeps_the_end() -> None:
     assert infos["final_info"]["outcome"][0] == "success"
     assert infos["final_info"]["length"][0] == steps
     assert infos["outcome"].tolist() == ["running", "running"]
-    start = env.scenario.starts[infos["start_index"][0]].pose.position
+    start = env.batch.scenario.starts[infos["start_index"][0]].pose.position
     assert np.array_equal(infos["position"][0], start)
     assert not np.array_equal(obs[0], last)
 
