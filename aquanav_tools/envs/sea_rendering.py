@@ -265,7 +265,7 @@ def hull_of(boat: Boat | OriginalVehicle) -> Mesh:
     import trimesh
 
     if isinstance(boat, Boat):
-        return Mesh(*boat.surface)
+        return Mesh(boat.surface.vertices, boat.surface.faces)
     hull = boat.capsule
     solid = trimesh.creation.capsule(height=hull.axis_length, radius=hull.radius)
     solid.apply_transform(trimesh.geometry.align_vectors([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]))

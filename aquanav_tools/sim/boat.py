@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +26,24 @@ from aquanav_tools.types import Array, IntArray, Mesh, Pose
 BOAT_DIR = Path(__file__).parent / "boats"
 PANEL = 0.35
 """Longest side of a hull's triangles over its length: waves of twice that follow the hull; chosen."""
+ROUNDING = 9
+"""Digits behind the point at which coordinates are the same, m."""
+
+
+class Skin(NamedTuple):
+    """The surface of a boat's hulls in the body frame, as `afloat` takes it.
+
+    Hulls are prisms, so that many vertices share a value along an axis: waves are looked up for these few values.
+    """
+
+    vertices: Array
+    """(V, 3) sorted by x, then y, then z, m."""
+    faces: IntArray
+    """(F, 3) normals outwards."""
+    ticks: Array
+    """(T, 2) axis and value of the different coordinates, m."""
+    numbers: IntArray
+    """(V, 3) tick of each of a vertex's coordinates."""
 
 
 @dataclass(frozen=True)
@@ -115,12 +134,19 @@ class Boat:
             raise ValueError("hulls must be at least one.")
 
     @cached_property
-    def surface(self) -> tuple[Array, IntArray]:
-        """(V, 3) vertices in the body frame, m, and (F, 3) triangles of all hulls."""
+    def surface(self) -> Skin:
+        """All hulls' triangles."""
         meshes = [hull.triangles for hull in self.hulls]
         first = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-        faces = [mesh.faces + start for mesh, start in zip(meshes, first, strict=False)]
-        return np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces)
+        faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
+        vertices = np.concatenate([mesh.vertices for mesh in meshes]).round(ROUNDING)
+        order = np.lexsort(vertices.T[::-1])
+        ticks, numbers = [], []
+        for axis in range(3):
+            values, number = np.unique(vertices[order, axis], return_inverse=True)
+            numbers.append(number + sum(map(len, ticks)))
+            ticks.append(np.column_stack([np.full(len(values), float(axis)), values]))
+        return Skin(vertices[order], np.argsort(order)[faces], np.concatenate(ticks), np.stack(numbers, axis=1))
 
     def motion_parameters(self) -> Array:
         """Return the parameters of `hydrodynamics.advance`, to which weight and panels are handed as a wrench."""

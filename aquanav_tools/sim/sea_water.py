@@ -13,7 +13,7 @@ import numpy as np
 
 from aquanav_tools.sim.sea_state import SeaState, draw_sea
 from aquanav_tools.sim.water import GUST_SIZE, GUST_TIME
-from aquanav_tools.sim.waves import DEEP, add_waves, wave_rise
+from aquanav_tools.sim.waves import add_waves, wave_rise
 from aquanav_tools.types import Array
 
 GUST_LENGTH = 100.0
@@ -122,47 +122,6 @@ def add_sea(waves, phases, x, y, z, velocity):  # type: ignore[no-untyped-def]
     level = z - sea_rise(waves, phases, x, y)
     for n in range(len(waves)):
         add_waves(waves[n], phases[n], x, y, level, velocity)
-
-
-@numba.njit(cache=True)
-def turn_sea(waves, phases, x, y, cosines, sines):  # type: ignore[no-untyped-def]
-    """Return the surface at a place as `sea_rise` does, and write the cosine and sine of each wave's angle there."""
-    rise = 0.0
-    for n in range(len(waves)):
-        angle = waves[n, 0] * x + waves[n, 1] * y - phases[n]
-        cosines[n], sines[n] = np.cos(angle), np.sin(angle)
-        rise += waves[n, 4] * cosines[n]
-    return rise
-
-
-@numba.njit(cache=True)
-def echoes(waves):  # type: ignore[no-untyped-def]
-    """Return the share of each wave that comes back to the surface from the bed, (N,); 0 in deep water."""
-    beds = np.zeros(len(waves))
-    for n in range(len(waves)):
-        if waves[n, 2] * waves[n, 6] < DEEP:
-            beds[n] = np.exp(-2.0 * waves[n, 2] * waves[n, 6])
-    return beds
-
-
-@numba.njit(cache=True)
-def add_turned_sea(waves, beds, cosines, sines, below, velocity):  # type: ignore[no-untyped-def]
-    """Add the water's velocity so far below its surface to a (3,) velocity: `add_sea` where `turn_sea` has been, m/s.
-
-    The depth's hyperbolic functions are written as the wave's decay downwards and that of its echo from the bed, of
-    which `beds` from `echoes` holds the share that comes back.
-    """
-    below = max(below, 0.0)
-    for n in range(len(waves)):
-        k, bed = waves[n, 2], beds[n]
-        down = np.exp(-k * below) if below > 0.0 else 1.0
-        level = upright = waves[n, 3] * waves[n, 4] * down
-        if bed > 0.0:
-            echo = min(bed / (down * down), 1.0)
-            level, upright = level * (1.0 + echo) / (1.0 - bed), level * (1.0 - echo) / (1.0 - bed)
-        velocity[0] += level * cosines[n] * waves[n, 0] / k
-        velocity[1] += level * cosines[n] * waves[n, 1] / k
-        velocity[2] += upright * sines[n]
 
 
 @numba.njit(cache=True)

@@ -18,12 +18,12 @@ from aquanav_tools.sea.sea_map import Berth, SeaMap
 from aquanav_tools.sim import original_motion
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.afloat import advance_afloat
-from aquanav_tools.sim.boat import Boat
+from aquanav_tools.sim.boat import Boat, Skin
 from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.original_motion import ORIGINAL
 from aquanav_tools.sim.sea_water import SeaWater
-from aquanav_tools.types import Array, IntArray, Pose, yaw_quaternion
+from aquanav_tools.types import Array, Pose, yaw_quaternion
 
 DENSITY = 1025.0
 """Of seawater, kg/m^3."""
@@ -31,6 +31,7 @@ FRICTION = 0.09
 """Of a hull on rock: Bullet's between vehicle and wall, the square of 0.3."""
 ORIGINAL_DRAUGHT = 0.59
 """How deep the original's boat is taken to lie, m: half of its hull's 1.18 m, since its water is not known."""
+NO_SKIN = Skin(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64))
 MAX_CONTACTS = 4
 """Contacts that are solved in one step, the deepest first: two rocks and a corner of the bay."""
 
@@ -68,15 +69,14 @@ def footprint_of(boat: Boat | OriginalVehicle) -> Footprint:
     return Footprint(np.ascontiguousarray(corners[ConvexHull(corners).vertices]), 0.0, bottom)
 
 
-def body_of(boat: Boat | OriginalVehicle) -> tuple[tuple[Array, IntArray, Array, Array], Array]:
+def body_of(boat: Boat | OriginalVehicle) -> tuple[tuple[Skin, Array, Array], Array]:
     """Return a boat as `sail` takes it: its surface with its coefficients and parameters, and its (6,) masses."""
     if isinstance(boat, Boat):
         mass = np.array([boat.mass] * 3 + list(boat.inertia)) + np.array([*boat.added_mass, *boat.added_inertia])
-        return (*boat.surface, boat.coefficients(DENSITY), boat.motion_parameters()), mass
+        return (boat.surface, boat.coefficients(DENSITY), boat.motion_parameters()), mass
     # it stays level at its height
     mass = np.array([boat.body.mass, boat.body.mass, np.inf, np.inf, np.inf, boat.body.inertia[2]])
-    body = (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(4), boat.motion_parameters(DENSITY))
-    return body, mass
+    return (NO_SKIN, np.zeros(4), boat.motion_parameters(DENSITY)), mass
 
 
 def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) -> Array:
@@ -163,7 +163,8 @@ def sail(state, before, command, current, sea, body, mass, shape, outlines, tops
         dt: Step, s.
         touched: (S,) receives for each step whether the hull touched.
     """
-    (waves, phases), (vertices, faces, coefficients, parameters) = sea, body
+    (waves, phases), (skin, coefficients, parameters) = sea, body
+    vertices, faces, ticks, numbers = skin
     outline, radius, bottom = shape
     corners, first, discs, edge = outlines
     rates, hull, contact = waves[:, 3], np.empty((len(outline), 3)), np.empty(7)
@@ -174,7 +175,7 @@ def sail(state, before, command, current, sea, body, mass, shape, outlines, tops
         else:
             now = phases + (n + 0.5) * dt * rates
             state[:] = advance_afloat(
-                state, command, current, waves, now, vertices, faces, coefficients, parameters, dt
+                state, command, current, waves, now, vertices, faces, ticks, numbers, coefficients, parameters, dt
             )
         for _ in range(MAX_CONTACTS):
             place_hull(state, outline, bottom, hull)

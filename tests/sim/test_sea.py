@@ -10,8 +10,9 @@ from scipy.integrate import trapezoid
 from scipy.stats import kurtosis
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.sea_motion import add_turned_sea, sea_table, turn_sea, turned_rise
 from aquanav_tools.sim.sea_state import BREEZE, CALM, ROUGH, SeaState, draw_sea, jonswap, sea_state
-from aquanav_tools.sim.sea_water import ACROSS, DRIFT, GUST_LENGTH, SeaWater, add_turned_sea, echoes, turn_sea
+from aquanav_tools.sim.sea_water import ACROSS, DRIFT, GUST_LENGTH, SeaWater
 from aquanav_tools.sim.vehicle_base import GRAVITY
 from aquanav_tools.sim.water import GUST_SIZE
 
@@ -171,8 +172,10 @@ def test_the_hulls_short_way_to_the_waters_motion_leads_to_the_same(
     water = SeaWater(state, DEPTH)
     water.reset(rng)
     place, (waves, phases) = np.array([[3.0, -2.0, height]]), water.waves
-    cosines, sines, velocity = np.empty(len(waves)), np.empty(len(waves)), water.current
-    rise = turn_sea(waves, phases, 3.0, -2.0, cosines, sines)
-    add_turned_sea(waves, echoes(waves), cosines, sines, rise - height, velocity)
+    turned, table, velocity = np.empty((2, 1, len(waves))), np.empty((8, len(waves))), water.current[None]
+    sea_table(waves, table)
+    turn_sea(table, phases, 3.0, -2.0, turned, 0)
+    rise = turned_rise(table, turned, 0)
+    add_turned_sea(table, turned, 0, rise - height, velocity)
     assert rise == pytest.approx(water.rise(place)[0], abs=1e-12)
-    np.testing.assert_allclose(velocity, water.velocities(place)[0], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(velocity[0], water.velocities(place)[0], rtol=1e-9, atol=1e-12)
