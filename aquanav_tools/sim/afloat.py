@@ -21,9 +21,7 @@ _MASS, _DENSITY, _NORMAL, _FRICTION = range(4)
 
 
 @compiled
-def advance_afloat(
-    state, command, current, waves, phases, vertices, faces, ticks, numbers, coefficients, parameters, dt
-):  # type: ignore[no-untyped-def]
+def advance_afloat(state, command, current, waves, phases, skin, coefficients, parameters, dt):  # type: ignore[no-untyped-def]
     """Return the (13,) state one step later.
 
     Args:
@@ -32,16 +30,13 @@ def advance_afloat(
         current: (3,) velocity of the water without waves, world frame, m/s.
         waves: (N, 7) of `SeaWater.waves`.
         phases: (N,) in the middle of the step, rad.
-        vertices: (V, 3) of the hulls, body frame, m.
-        faces: (F, 3) of the hulls, normals outwards.
-        ticks: Of a `Skin`.
-        numbers: Of a `Skin`.
+        skin: `Boat.surface`.
         coefficients: (4,) from `Boat.coefficients`.
         parameters: From `Boat.motion_parameters`.
         dt: Step, s.
     """
     middle = _drifted(state, 0.5 * dt)
-    wrench = water_wrench(middle, current, waves, phases, vertices, faces, ticks, numbers, coefficients)
+    wrench = water_wrench(middle, current, waves, phases, skin, coefficients)
     up = rotation_rows(middle)[2]
     for axis in range(3):
         wrench[axis] -= coefficients[_MASS] * GRAVITY * up[axis]
@@ -49,9 +44,9 @@ def advance_afloat(
 
 
 @compiled
-def water_wrench(state, current, waves, phases, vertices, faces, ticks, numbers, coefficients):  # type: ignore[no-untyped-def]
+def water_wrench(state, current, waves, phases, skin, coefficients):  # type: ignore[no-untyped-def]
     """Return the (6,) force and moment of pressure and drag about the centre of mass, body frame, N and N m."""
-    rotation = rotation_rows(state)
+    rotation, vertices, faces = rotation_rows(state), skin.vertices, skin.faces
     velocity = (*_turned(rotation, state[7], state[8], state[9]), *_turned(rotation, state[10], state[11], state[12]))
     places, depths = np.empty((len(vertices), 3)), np.empty(len(vertices))
     for n in range(len(vertices)):
@@ -60,7 +55,7 @@ def water_wrench(state, current, waves, phases, vertices, faces, ticks, numbers,
     waters, is_dragged = np.empty((len(vertices), 3)), coefficients[_NORMAL] > 0.0 or coefficients[_FRICTION] > 0.0
     table, angles = np.empty((8, len(waves))), np.empty((2, len(vertices), len(waves)))
     sea_table(waves, table)
-    _turn_hull(state, rotation, table, phases, ticks, numbers, angles)
+    _turn_hull(state, rotation, table, phases, skin.ticks, skin.numbers, angles)
     for n in range(len(vertices)):
         depths[n] = turned_rise(table, angles, n) - state[2] - places[n, 2]
     if is_dragged:

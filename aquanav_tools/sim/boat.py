@@ -141,10 +141,11 @@ class Boat:
         faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, first, strict=False)])
         vertices = np.concatenate([mesh.vertices for mesh in meshes]).round(ROUNDING)
         order = np.lexsort(vertices.T[::-1])
-        ticks, numbers = [], []
+        ticks: list[Array] = []
+        numbers: list[IntArray] = []
         for axis in range(3):
             values, number = np.unique(vertices[order, axis], return_inverse=True)
-            numbers.append(number + sum(map(len, ticks)))
+            numbers.append(number + sum(len(one) for one in ticks))
             ticks.append(np.column_stack([np.full(len(values), float(axis)), values]))
         return Skin(vertices[order], np.argsort(order)[faces], np.concatenate(ticks), np.stack(numbers, axis=1))
 

@@ -14,8 +14,8 @@ import numpy as np
 from aquanav_tools.sim.waves import DEEP
 
 KX, KY, K, AMPLITUDE, EAST, NORTH, UP, BED = range(8)
-"""Rows of a sea's table: wave number along x, along y and whole, rad/m; amplitude, m; its orbit's speeds at the surface,
-m/s; and the share of it that comes back from the bed."""
+"""Rows of a sea's table: wave number along x, along y and whole, rad/m; amplitude, m; speeds of the orbit at the
+surface, m/s; and the share of the wave that comes back from the bed."""
 QUARTER = 2.0 / np.pi
 HIGH, MIDDLE, LOW = 2.0 * 7.85398125648498535156e-1, 2.0 * 3.77489470793079817668e-8, 2.0 * 2.69515142907905952645e-15
 """Half of pi in three parts, the first two of few digits, so that multiples of them are exact."""

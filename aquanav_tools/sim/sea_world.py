@@ -164,7 +164,6 @@ def sail(state, before, command, current, sea, body, mass, shape, outlines, tops
         touched: (S,) receives for each step whether the hull touched.
     """
     (waves, phases), (skin, coefficients, parameters) = sea, body
-    vertices, faces, ticks, numbers = skin
     outline, radius, bottom = shape
     corners, first, discs, edge = outlines
     rates, hull, contact = waves[:, 3], np.empty((len(outline), 3)), np.empty(7)
@@ -174,9 +173,7 @@ def sail(state, before, command, current, sea, body, mass, shape, outlines, tops
             state[:] = original_motion.advance(state, command, current, parameters, dt)
         else:
             now = phases + (n + 0.5) * dt * rates
-            state[:] = advance_afloat(
-                state, command, current, waves, now, vertices, faces, ticks, numbers, coefficients, parameters, dt
-            )
+            state[:] = advance_afloat(state, command, current, waves, now, skin, coefficients, parameters, dt)
         for _ in range(MAX_CONTACTS):
             place_hull(state, outline, bottom, hull)
             deepest_contact(hull, radius, corners, first, discs, edge, tops, contact)

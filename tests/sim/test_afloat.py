@@ -50,7 +50,7 @@ def sail(
                 current,
                 wave,
                 phases,
-                *boat.surface,
+                boat.surface,
                 coefficients,
                 parameters,
                 DT,
@@ -78,7 +78,7 @@ def test_a_boat_at_its_static_draught_stays_where_it_is(boat: Boat) -> None:
     start = boat.state_at(np.zeros(2), 0.3, DENSITY)
     moved = sail(boat, start, 2.0)[-1]
     assert abs(moved[2] - start[2]) < 1e-9
-    wrench = water_wrench(start, STILL, FLAT, NO_PHASES, *boat.surface, boat.coefficients(DENSITY))
+    wrench = water_wrench(start, STILL, FLAT, NO_PHASES, boat.surface, boat.coefficients(DENSITY))
     np.testing.assert_allclose(wrench[:3], [0.0, 0.0, boat.mass * GRAVITY], atol=1e-6)
 
 
@@ -154,7 +154,7 @@ def test_the_world_turned_turns_the_way() -> None:
 def test_the_water_is_left_alone_by_a_boat_in_the_air() -> None:
     start = BOX.state_at(np.zeros(2), 0.0, DENSITY)
     start[2] += 1.0
-    assert not water_wrench(start, STILL, FLAT, NO_PHASES, *BOX.surface, BOX.coefficients(DENSITY)).any()
+    assert not water_wrench(start, STILL, FLAT, NO_PHASES, BOX.surface, BOX.coefficients(DENSITY)).any()
 
 
 def test_boats_that_make_no_sense_are_refused() -> None:
