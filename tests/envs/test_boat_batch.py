@@ -1,0 +1,167 @@
+"""Boats in a batch are the boats of the environment with one: held against it, episode by episode."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+import aquanav_tools.envs
+from aquanav_tools.envs.boat_batch import AHEAD, BoatBatch
+from aquanav_tools.envs.places import make_batch
+from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.vector_env import SurfaceVectorEnv
+from aquanav_tools.errors import InputError
+from aquanav_tools.sea.generate import MapSettings
+from aquanav_tools.sea.sea_map import Rock
+from tests.envs.test_surface_env import bay_with, block
+
+SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
+SEEDS = [11, 12, 13, 14]
+ROUNDING = 1e-6
+"""Of observations and rays, which are in float32; motion is to be the same to the bit."""
+HARD = {"sea": "breeze", "reward": "safe", "current": 0.3, "current_range": (0.5, 1.5)}
+
+
+def actions_of(rng: np.random.Generator, num: int) -> Any:
+    """Return actions that mostly go ahead."""
+    return np.stack([rng.integers(0, 3, num), np.minimum(rng.integers(0, 5, num), 2)], axis=1)
+
+
+def fly_both(bay: Any, decisions: int, rng: np.random.Generator, seeds: list[int], **options: Any) -> list[list[str]]:
+    """Fly the same episodes in a batch and one by one, compare all that both tell; return the outcomes of each."""
+    batch = BoatBatch(bay, len(seeds), next_step=True, **options)
+    envs = [SurfaceEnv(bay, **options) for _ in seeds]
+    batch.reset(seeds)
+    infos = [env.reset(seed=seed)[1] for env, seed in zip(envs, seeds, strict=True)]
+    assert batch.ways == pytest.approx([info["way"] for info in infos])
+    assert batch.route_lengths == pytest.approx([info["remaining"] for info in infos])
+    outcomes = [["running"] * 2 for _ in seeds]
+    for _ in range(decisions):
+        actions = actions_of(rng, len(seeds))
+        batch.command(actions)
+        batch.step()
+        seen = {name: batch.copy_of(name) for name in (*SAME, *NEAR, "terminated", "truncated", "outcomes")}
+        for i, env in enumerate(envs):
+            if outcomes[i][0] != "running":
+                continue
+            observation, reward, terminated, truncated, info = env.step(actions[i])
+            for name, key in SAME.items():
+                assert np.array_equal(seen[name][i], info[key]), name
+            truth = {"observations": observation, "rewards": reward, "remaining": info["remaining"]}
+            for name in NEAR:
+                np.testing.assert_allclose(seen[name][i], truth[name], rtol=ROUNDING, atol=ROUNDING, err_msg=name)
+            assert (seen["terminated"][i], seen["truncated"][i]) == (terminated, truncated)
+            outcomes[i] = [info["outcome"], ("running", "success", "collision", "timeout")[seen["outcomes"][i]]]
+    batch.close()
+    return outcomes
+
+
+SAME = {
+    "positions": "position",
+    "orientations": "orientation",
+    "velocities": "velocity",
+    "clearances": "clearance",
+    "collisions": "num_collisions",
+}
+NEAR = ("observations", "rewards", "remaining")
+
+
+@pytest.mark.parametrize("vehicle", ["otter", "boat"])
+@pytest.mark.parametrize("rule", ["continue", "end"])
+def test_boats_fly_as_alone(vehicle: str, rule: str, rng: np.random.Generator) -> None:
+    found = fly_both(SMALL, AHEAD + 20, rng, SEEDS, vehicle=vehicle, on_collision=rule, max_decisions=140, **HARD)
+    assert all(alone == batched != "running" for alone, batched in found)
+
+
+def test_boats_fly_as_alone_past_a_sunken_rock_that_beams_do_not_see(rng: np.random.Generator) -> None:
+    deep = Rock(block(10.0, -3.0).outline, -3.0)
+    fly_both(bay_with(deep, block(25.0, 1.0)), 60, rng, SEEDS[:2], observation="paper")
+
+
+@pytest.mark.slow
+def test_500_episodes_end_as_alone(rng: np.random.Generator) -> None:
+    found = fly_both(SMALL, 400, rng, list(range(500)), on_collision="end", max_decisions=400)
+    assert np.mean([alone == batched for alone, batched in found]) >= 0.98
+    assert len({alone for alone, _ in found}) == 3
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_ended_episodes_are_followed_by_others(mode: AutoresetMode) -> None:
+    env = SurfaceVectorEnv(3, SMALL, autoreset_mode=mode, max_decisions=4, sea="still")
+    env.reset(seed=0)
+    first = env.batch.route_lengths
+    for n in range(4):
+        last = env.step(np.full((3, 2), [1, 2]))
+        assert last[3].all() == (n == 3)
+    if mode is AutoresetMode.SAME_STEP:
+        assert last[4]["final_info"]["length"].tolist() == [4, 4, 4]
+        assert not np.array_equal(np.stack(last[4]["final_obs"]), last[0])
+    else:
+        observations, rewards, _, truncated, _ = env.step(np.full((3, 2), [1, 2]))
+        assert not rewards.any() and not truncated.any()
+        assert not observations[:, 9:12].any()  # at rest again
+    assert not np.isclose(env.batch.route_lengths, first).any()
+    env.close()
+
+
+def test_a_batch_goes_back_to_where_it_was(rng: np.random.Generator) -> None:
+    def batch() -> BoatBatch:
+        return BoatBatch(SMALL, 3, next_step=False, max_decisions=AHEAD + 15, on_collision="end", **HARD)
+
+    one, other = batch(), batch()
+    one.reset(5)
+    for _ in range(AHEAD + 5):
+        one.command(actions_of(rng, 3))
+        one.step()
+    other.restore(one.state())
+    for _ in range(20):  # beyond the ends of episodes
+        actions = actions_of(rng, 3)
+        for each in (one, other):
+            each.command(actions)
+            each.step()
+        for name in ("observations", "rewards", "positions", "currents", "last_outcomes"):
+            assert np.array_equal(one.copy_of(name), other.copy_of(name)), name
+
+
+def test_gymnasium_and_stable_baselines_find_it() -> None:
+    assert aquanav_tools.envs.__doc__
+    env = gymnasium.make_vec("aquanav/Surface-v0", num_envs=2, vectorization_mode="vector_entry_point", bay=SMALL)
+    observations, infos = env.reset(seed=1)
+    assert observations in env.observation_space
+    assert infos["start_index"].tolist() == [-1, -1]
+    batch = PlaceVecEnv("bay-calm", 2, observation="paper")
+    assert batch.reset().shape == (2, 9)
+
+
+def test_one_seed_gives_each_boat_its_own_bay_and_the_same_ones_again() -> None:
+    ways = []
+    for _ in range(2):
+        batch = make_batch("bay-calm", 3, next_step=True)
+        batch.reset(7)
+        ways.append(batch.ways.tolist())
+    assert ways[0] == ways[1]
+    assert len(set(ways[0])) == 3
+
+
+def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
+    batch = BoatBatch(data_dir / "saferlauv" / "surface" / "train.json", 3, next_step=True, vehicle="boat", sea="still")
+    batch.reset(0, [2, 0, None])
+    assert batch.copy_of("start_indices")[:2].tolist() == [2, 0]
+
+
+def test_what_no_batch_does_is_refused() -> None:
+    with pytest.raises(InputError, match="no sensor_noise = 0.1"):
+        BoatBatch(SMALL, 2, next_step=True, sensor_noise=0.1)
+    with pytest.raises(InputError, match="device for boats"):
+        BoatBatch(SMALL, 2, next_step=True, device="cuda")
+    batch = BoatBatch(SMALL, 2, next_step=True)
+    with pytest.raises(InputError, match="choices from 0 to 2, got 0 to 3"):
+        batch.command([[0, 3], [1, 1]])
+    with pytest.raises(InputError, match="one for each of the 2 vehicles"):
+        batch.command([[0, 1, 1], [1, 1, 1]])
