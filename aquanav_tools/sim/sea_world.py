@@ -127,7 +127,7 @@ class SeaWorld:
         shape = (self.footprint.outline, self.footprint.radius, self.footprint.bottom)
         command = self._command(steer, thrust)
         sail(self.state, self.before, command, current, water.waves, self._body, self._mass, shape,
-              self._sea.outlines, self._tops, self._dt, touched)  # fmt: skip
+              tuple(self._sea.outlines), self._tops, self._dt, touched)  # fmt: skip
         found: list[bool] = touched.tolist()
         return found
 

@@ -25,7 +25,7 @@ SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
 SEEDS = [11, 12, 13, 14]
 ROUNDING = 1e-6
 """Of observations and rays, which are in float32; motion is to be the same to the bit."""
-HARD = {"sea": "breeze", "reward": "safe", "current": 0.3, "current_range": (0.5, 1.5)}
+HARD: dict[str, Any] = {"sea": "breeze", "reward": "safe", "current": 0.3, "current_range": (0.5, 1.5)}
 
 
 def actions_of(rng: np.random.Generator, num: int) -> Any:
@@ -156,7 +156,7 @@ def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
 
 
 def test_what_no_batch_does_is_refused() -> None:
-    with pytest.raises(InputError, match="no sensor_noise = 0.1"):
+    with pytest.raises(InputError, match=r"no sensor_noise = 0\.1"):
         BoatBatch(SMALL, 2, next_step=True, sensor_noise=0.1)
     with pytest.raises(InputError, match="device for boats"):
         BoatBatch(SMALL, 2, next_step=True, device="cuda")

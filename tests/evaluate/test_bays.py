@@ -12,9 +12,10 @@ from aquanav_tools.cli.evaluate import main
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.evaluation import Evaluation, evaluate
-from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.options import EvaluateOptions, StressOptions
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.results import read_results
+from aquanav_tools.evaluate.stress import stress
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sim.boat import load_boat
 from aquanav_tools.sim.trial import boat_speed, try_out
@@ -24,6 +25,7 @@ from aquanav_tools.types import Progress, ignore_progress
 SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
 BAY = "format = 1\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
 NUM_EPISODES = 6
+Capture = pytest.CaptureFixture[str]
 
 
 def evaluated(policy: str, place: Path | str, output: Path, **options: object) -> Evaluation:
@@ -83,9 +85,25 @@ def test_policies_of_the_other_task_are_refused(bay: Path, tmp_path: Path) -> No
         evaluated("baseline:reactive", bay, tmp_path)
 
 
+def test_a_batch_comes_to_the_results_of_boats_alone(bay: Path, tmp_path: Path) -> None:
+    options = {"on_collision": "end", "max_decisions": 200, "current": 0.2, "current_range": (0.5, 1.0)}
+    alone = evaluated("baseline:random", bay, tmp_path / "alone", **options)
+    batch = evaluated("baseline:random", bay, tmp_path / "batch", backend="batch", workers=None, **options)
+    for ours, theirs in zip(batch.episodes, alone.episodes, strict=True):
+        assert (ours.outcome, ours.collisions, ours.start) == (theirs.outcome, theirs.collisions, theirs.start)
+        for name in ("time", "path_length", "geodesic", "progress", "min_clearance", "reward"):
+            assert getattr(ours, name) == pytest.approx(getattr(theirs, name), rel=1e-5, abs=1e-5), name
+
+
+def test_an_episode_of_a_batch_repeats_to_the_bit(bay: Path, tmp_path: Path, capsys: Capture) -> None:
+    evaluated("baseline:random", bay, tmp_path / "eval", backend="batch", workers=None, max_decisions=20)
+    main(["replay", str(tmp_path / "eval"), "--episode", "2", "-o", str(tmp_path / "again.rrd")])
+    assert "repeats to the bit" in capsys.readouterr().out
+
+
 def test_what_takes_only_caves_says_so(bay: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--backend batch takes caves only, and small is a bay"):
-        evaluated("baseline:random", bay, tmp_path, backend="batch", workers=None)
+    with pytest.raises(InputError, match="aquanav-eval stress takes caves only, and small is a bay"):
+        stress(StressOptions(policy="baseline:random", scenario=bay, output=tmp_path), ignore_progress)
 
 
 def test_starts_of_drawn_bays_have_no_regions(bay: Path, tmp_path: Path) -> None:

@@ -179,3 +179,12 @@ def test_the_hulls_short_way_to_the_waters_motion_leads_to_the_same(
     add_turned_sea(table, turned, 0, rise - height, velocity)
     assert rise == pytest.approx(water.rise(place)[0], abs=1e-12)
     np.testing.assert_allclose(velocity[0], water.velocities(place)[0], rtol=1e-9, atol=1e-12)
+
+
+def test_currents_drawn_ahead_are_those_that_come(rng: np.random.Generator) -> None:
+    state, seed = replace(BREEZE, current=(0.4, -0.1)), int(rng.integers(1 << 32))
+    one, other = (SeaWater(state, DEPTH, np.random.default_rng(seed)) for _ in range(2))
+    ahead = np.concatenate([one.draw_ahead(0.1, 7), one.draw_ahead(0.1, 5)])
+    for current in ahead:
+        assert np.array_equal(other.current, current)
+        other.advance(0.1)

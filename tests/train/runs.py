@@ -6,12 +6,14 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+import pytest
 import torch
 
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from tests.caves import tube_scenario
 
@@ -32,6 +34,19 @@ def tiny_pipeline(tube: Path, num_lessons: int = 1, run: RunSettings | None = No
     """Lessons in the tube, with a checkpoint after every update unless `run` says otherwise."""
     lesson = dataclasses.replace(TINY, **{"scenario": str(tube), **changes})
     return Pipeline((lesson,) * num_lessons, run or RunSettings(checkpoint_every=128))
+
+
+def stop_after(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """Stop the run right after the checkpoint of a number, from 1."""
+    write, written = RunRecord.write, []
+
+    def write_and_stop(*args: object, **kwargs: object) -> None:
+        write(*args, **kwargs)  # type: ignore[arg-type]
+        written.append(None)
+        if len(written) == number:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunRecord, "write", write_and_stop)
 
 
 def learned(folder: Path) -> dict[str, bytes]:

@@ -14,11 +14,10 @@ from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.train.batched import BatchedEnvs, BatchedPlace
 from aquanav_tools.train.episodes import SUMMARY
 from aquanav_tools.train.pipeline import read_pipeline
-from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
 from tests.sim.test_water import flowing
-from tests.train.runs import TINY, learned, tiny_pipeline, tiny_tube
+from tests.train.runs import TINY, learned, stop_after, tiny_pipeline, tiny_tube
 
 ON_BATCH = RunSettings(backend="batch", checkpoint_every=128)
 
@@ -42,19 +41,6 @@ def still_tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
     monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
-
-
-def stop_after(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
-    """Stop the run right after the checkpoint of a number, from 1."""
-    write, written = RunRecord.write, []
-
-    def write_and_stop(*args: object, **kwargs: object) -> None:
-        write(*args, **kwargs)  # type: ignore[arg-type]
-        written.append(None)
-        if len(written) == number:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(RunRecord, "write", write_and_stop)
 
 
 @pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1)])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -11,9 +12,12 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.pipeline import Pipeline, read_pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
+from tests.train.runs import learned, stop_after
+
+Backend = Literal["pybullet", "batch"]
 
 BAY = "format = 1\ndecisions = 60\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
 
@@ -25,27 +29,48 @@ def bay(tmp_path: Path) -> Path:
     return path
 
 
-def pipeline_in(*places: str, **settings: object) -> Pipeline:
+def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object) -> Pipeline:
     lesson = TrainSettings(
         scenario=places[0],
-        steps=128,
         buffer=128,
         batch=64,
         epochs=1,
         num_envs=2,
         hidden=(8,),
-        **settings,  # type: ignore[arg-type]
+        **({"steps": 128} | settings),  # type: ignore[arg-type]
     )
+    run = RunSettings(workers=0, validation=(places[0],), validation_episodes=1, backend=backend, checkpoint_every=64)
     lessons = tuple(replace(lesson, scenario=place) for place in places)
-    return Pipeline(lessons=lessons, run=RunSettings(workers=0, validation=(places[0],), validation_episodes=1))
+    return Pipeline(lessons=lessons, run=run)
 
 
-def test_a_boats_policy_is_one_for_bays(bay: Path, tmp_path: Path) -> None:
-    trained = train(pipeline_in(str(bay)), 0, tmp_path / "run")
+@pytest.mark.parametrize("backend", ["pybullet", "batch"])
+def test_a_boats_policy_is_one_for_bays(backend: Backend, bay: Path, tmp_path: Path) -> None:
+    trained = train(pipeline_in(str(bay), backend=backend), 0, tmp_path / "run")
     assert trained.point.steps == 128
     for name in ("policy.zip", "policy.onnx"):
         loaded = load_policy(str(tmp_path / "run" / name))
         assert (loaded.task, loaded.observation, loaded.action) == ("surface", "full", "multidiscrete")
+
+
+def test_a_stopped_run_on_the_batch_ends_as_one_that_never_stopped(
+    bay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    pipeline = pipeline_in(str(bay), backend="batch", current=0.2, current_range=(0.5, 1.0), steps=384)
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, 1)
+        train(pipeline, 3, tmp_path / "stopped")
+    train(pipeline, 3, tmp_path / "stopped")
+    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("name", ["bay-standard", "bay-safe"])
+def test_pipelines_for_bays_are_shipped(name: str) -> None:
+    pipeline = read_pipeline(name, {})
+    assert pipeline.run.backend == "batch"
+    assert {lesson.reward for lesson in pipeline.lessons} == {"safe" if name == "bay-safe" else "dense"}
 
 
 def test_bays_and_caves_do_not_mix(bay: Path, tube: Scenario, tmp_path: Path) -> None:
