@@ -118,8 +118,8 @@ class EvaluateOptions(ProtocolOptions):
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; it draws other
-    gusts than PyBullet from the same seeds, and takes neither the original's policies, sensor noise, delays nor
+    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; in caves it
+    draws other gusts than PyBullet from the same seeds. It takes neither the original's policies, sensor noise, delays nor
     policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for

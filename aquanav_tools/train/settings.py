@@ -134,8 +134,9 @@ class RunSettings:
     checkpoint_every: int = 100_000
     """Decisions between two checkpoints. A run that was killed goes on from the last one."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """Where the vehicles swim while learning: PyBullet, which judges them too; or all of them in one batch of Warp
-    kernels, faster by several times with hundreds of them (num_envs). Validation is PyBullet's in any case."""
+    """Where the vehicles move while learning: each by itself, in caves in PyBullet, which judges them too; or all of
+    them in one batch, faster by several times with hundreds of them (num_envs). Validation takes the former in any
+    case."""
     workers: int = 0
     """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
 
