@@ -119,8 +119,8 @@ class EvaluateOptions(ProtocolOptions):
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
     """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; in caves it
-    draws other gusts than PyBullet from the same seeds. It takes neither the original's policies, sensor noise, delays nor
-    policies that look at the map."""
+    draws other gusts than PyBullet from the same seeds. It takes neither the original's policies, sensor noise, delays
+    nor policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""
