@@ -62,6 +62,9 @@ class Batch(Protocol):
     def hold(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
 
+    def rest(self, places: Sequence[int]) -> None:
+        """Say that no episode need follow at these places until the next reset: a batch may spare itself the work."""
+
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
 

@@ -99,6 +99,7 @@ class BoatBatch:
         self._arrays = _blank_arrays(num, num_corners, size)
         self._waters: list[SeaWater | None] = [None] * num
         self._ahead = np.zeros((num, AHEAD, 3))
+        self._is_resting = np.zeros(num, dtype=np.bool_)
 
     @property
     def route_lengths(self) -> Array:
@@ -120,6 +121,7 @@ class BoatBatch:
         arrays["seeds"][:], arrays["episodes"][:] = seeds, 0
         arrays["asked"][:] = [-1 if start is None else start for start in starts or [None] * self.num]
         everyone = np.ones(self.num, dtype=np.bool_)
+        self._is_resting[:] = False
         for name in ("rewards", "terms", "terminated", "truncated"):
             arrays[name][:] = 0
         self._begin(everyone)
@@ -133,13 +135,18 @@ class BoatBatch:
         """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
         self._arrays["commands"][:] = commands
 
+    def rest(self, places: Sequence[int]) -> None:
+        """Let no episode follow at these places until the next reset."""
+        self._is_resting[places] = True
+
     def step(self) -> None:
         """Carry out a decision of every boat; where the last one ended an episode, begin the next instead."""
         arrays = self._arrays
-        is_moving = (arrays["outcomes"] == 0) if self._next_step else np.ones(self.num, dtype=np.bool_)
+        is_over = (arrays["outcomes"] > 0) & self._next_step
+        is_moving = ~is_over
         self._sail(is_moving)
-        if not is_moving.all():
-            self._begin(~is_moving)
+        if (begins := is_over & ~self._is_resting).any():
+            self._begin(begins)
         before = arrays["remaining"].copy()
         self._look(np.ones(self.num, dtype=np.bool_))
         self._score(is_moving, before)

@@ -128,6 +128,9 @@ class CaveBatch:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
         self.world.fleet.commands.assign(commands)
 
+    def rest(self, places: Sequence[int]) -> None:
+        """Do nothing: the kernels move all vehicles."""
+
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
         self.world.step()

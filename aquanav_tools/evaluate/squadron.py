@@ -171,7 +171,9 @@ class Squadron:
             task.hold(commands)
             task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
+            was_flying = flying
             flying = [place for place in flying if not seats[place].reason and rows[-1]["outcomes"][place] == 0]
+            task.rest([place for place in was_flying if place not in flying])
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
 
     def _thoughts(
