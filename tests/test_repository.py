@@ -155,4 +155,5 @@ def test_every_make_target_a_page_shows_exists(page: str) -> None:
 
 def test_the_wheel_carries_the_content_under_the_names_that_the_code_looks_for() -> None:
     carried = pyproject()["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    assert carried == {name: f"aquanav_tools/content/{name}" for name in ("pipelines", "scenarios", "eval/protocols")}
+    folders = ("pipelines", "scenarios", "eval/protocols", "eval/policies")
+    assert carried == {name: f"aquanav_tools/content/{name}" for name in folders}
