@@ -43,7 +43,7 @@ def test_a_swim_of_200_decisions_in_moving_water_is_pybullets(current: str, vehi
     options: dict[str, Any] = {"vehicle": vehicle, "action": "continuous", "reward": "safe", "current": current}
     alone, together = CaveEnv(flowing(), **options), CaveVectorEnv(2, flowing(), rays="mesh", **options)
     obs, _ = together.reset(seed=1, options={"start": 9})
-    eddies, moved = together.world.as_numpy("eddies"), together.world.as_numpy("currents")
+    eddies, moved = together.batch.view_of("eddies"), together.batch.view_of("currents")
     seen, _ = alone.reset(options={"start": 9})
     water = SharedWater(alone)
     water.begin(eddies[0])
@@ -71,11 +71,11 @@ def fly_together(scenario: Scenario, starts: np.ndarray, wildness: float, **opti
     env = CaveVectorEnv(num, scenario, action="continuous", autoreset_mode=AutoresetMode.SAME_STEP, **options)
     streams = [np.random.default_rng([1, n]) for n in range(num)]
     obs, _ = env.reset(seed=0, options={"start": starts})
-    outcomes, waters = ["running"] * num, [env.world.as_numpy("eddies").copy()]
+    outcomes, waters = ["running"] * num, [env.batch.copy_of("eddies")]
     while "running" in outcomes:
         actions = np.concatenate([wander(row[None], rng, wildness) for row, rng in zip(obs, streams, strict=True)])
         obs, _, terminated, truncated, infos = env.step(actions)
-        waters.append(env.world.as_numpy("eddies").copy())
+        waters.append(env.batch.copy_of("eddies"))
         for n in np.flatnonzero(terminated | truncated):
             if outcomes[n] == "running":
                 outcomes[n] = str(infos["final_info"]["outcome"][n])
