@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches
-from aquanav_tools.cave.scan.confirmed import is_supported, thin_confirmed
+from aquanav_tools.cave.scan.confirmed import is_supported, thickness, thin_confirmed
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_the_water
 from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
@@ -84,13 +84,11 @@ def _check_lies_on_surface(points: Array) -> None:
 
     asked = points[:: max(1, len(points) // NUM_THICKNESS_SAMPLES)]
     _, neighbours = cKDTree(points).query(asked, k=NUM_SURROUNDING)
-    offsets = points[neighbours] - points[neighbours].mean(axis=1, keepdims=True)
-    variances = np.linalg.eigvalsh(np.einsum("nki,nkj->nij", offsets, offsets))
-    thickness = float(np.median(np.sqrt(np.maximum(variances[:, 0], 0.0) / np.maximum(variances[:, 1], 1e-30))))
-    if thickness > MAX_THICKNESS:
+    typical = float(np.median(thickness(points, neighbours)))
+    if typical > MAX_THICKNESS:
         raise InputError(
             f"The {len(points)} points lie on no surface: a typical one's {NUM_SURROUNDING} neighbours are "
-            f"{thickness:.2f} times as thick as wide, those on a wall at most {MAX_THICKNESS}. They fill a volume, as "
+            f"{typical:.2f} times as thick as wide, those on a wall at most {MAX_THICKNESS}. They fill a volume, as "
             "noise or a simulation's samples do, and enclose no passage. Give a cloud of the cave's walls."
         )
 
@@ -125,7 +123,7 @@ def _clean(cloud: PointCloud, voxel: float) -> tuple[Array, Array, Array, int]:
     kept = spread < OUTLIER_RATIO * np.median(spread[neighbours[:, 1:]], axis=1)
     kept &= spread < LONELY_RATIO * np.median(spread)
     if votes is not None:
-        kept &= is_supported(votes, distances, neighbours, SUPPORT_VOXELS * voxel) & normals.any(axis=1)
+        kept &= is_supported(points, votes, distances, neighbours, SUPPORT_VOXELS * voxel) & normals.any(axis=1)
     points, spacing, num_outliers = points[kept], distances[kept, 1:5].mean(axis=1), int((~kept).sum())
     if votes is None and not (np.linalg.norm(normals, axis=1) > 0.5).all():
         return points, _plane_normals(points), spacing, num_outliers
