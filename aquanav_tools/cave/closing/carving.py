@@ -16,9 +16,11 @@ from aquanav_tools.types import Array, BoolArray
 BAND_VOXELS = 2.0
 """Distances from the wall are cut off beyond: the smoothing looks no farther."""
 MIN_CAMERAS = 3
-"""Space that at least so many cameras looked through is water, whatever the surface says: a single one may be wrong."""
+"""Space that at least so many cameras looked through is water, whatever the surface says: one may be wrong ..."""
 SIGHT_VOXELS = 2.0
-"""... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise."""
+"""... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise; and if fewer
+cameras show wall there: far ones err by more than this. Measured on photos taken forwards only: without the latter
+0.28 m3 of rock more than 5 cm deep were taken for water, with it 0.00; of the water found, 2.5 m3 of 2.7 stay."""
 SIGHT_SMOOTHING = 1.5
 """Standard deviation of the filter that takes slivers and pits from such water, voxels ..."""
 MIN_CARVED = 0.1
@@ -84,8 +86,9 @@ def carve(field: Array, distance: Array, origin: Array, voxel: float, carving: C
 
 
 def is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
-    """Return the (N,) flags of (N, 3) points that enough cameras looked through, at wall well behind."""
-    seen: BoolArray = sight.num_through(points, SIGHT_VOXELS * voxel, MIN_CAMERAS) >= MIN_CAMERAS
+    """Return the (N,) flags of (N, 3) points that enough cameras looked through, and fewer show wall at."""
+    num_through, num_wall = sight.votes(points, SIGHT_VOXELS * voxel).T
+    seen: BoolArray = (num_through >= MIN_CAMERAS) & (num_through > num_wall)
     return seen
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
 from aquanav_tools.cave.closing.ends import End
+from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.errors import MeshError
@@ -28,7 +29,8 @@ MAX_CUT_SHARE = 0.5
 FLAT_LID = 1e-3
 """Faces within this share of a voxel of a lid's plane belong to it."""
 CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
-"""Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32."""
+"""Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32, and
+it makes no pillar out of rock that ended freely beyond it."""
 CRUMB = 1.0
 """Water of fewer cubic voxels belongs to the ragged rim of an end; more is another passage."""
 TOUCH = 0.1
@@ -63,10 +65,7 @@ def cut_portals(
         MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
     """
     solid = to_manifold(closed.mesh)
-    for step in CUT_STEPS:
-        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel)
-        if not len(self_intersections(mesh)):
-            break
+    mesh, lids = _cut_soundly(solid, ends, cuts, voxel)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -79,6 +78,20 @@ def cut_portals(
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
     observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
+
+
+def _cut_soundly(solid: Any, ends: tuple[End, ...], cuts: tuple[Cut, ...], voxel: float) -> tuple[Mesh, list[End]]:
+    """Return the mesh of a solid after all cuts, as far inwards as it takes, and the lids they leave."""
+    found = None
+    for step in CUT_STEPS:
+        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel)
+        if len(self_intersections(mesh)):
+            continue
+        if genus(mesh) <= solid.genus():
+            return mesh, lids
+        found = found or (mesh, lids)
+    # Longer rock is left with its tip at the end.
+    return found or (mesh, lids)
 
 
 def _cut_all(

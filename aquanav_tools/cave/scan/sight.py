@@ -67,16 +67,16 @@ class Sight:
         is_near = distance <= reach
         return Sight(self.poses[is_near], self.pinholes[is_near], self.depth[is_near])
 
-    def num_through(self, points: Array, margin: float, enough: int) -> IntArray:
-        """Return how many cameras looked through each of (N, 3) points, at wall behind it.
+    def votes(self, points: Array, margin: float) -> IntArray:
+        """Return (N, 2) how many cameras looked through each of (N, 3) points at wall behind it, and show wall there.
 
         Args:
             points: world, m.
-            margin: least distance to that wall along the camera's axis, m, beside RELATIVE_MARGIN of the distance.
-            enough: counting ends there.
+            margin: beside RELATIVE_MARGIN of the distance, how far wall lies before or behind a point, along the
+                camera's axis, to be wall there and not elsewhere, m.
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
-        return _num_through(points, self.poses, self.pinholes, self.depth, margin, enough)
+        return _votes(points, self.poses, self.pinholes, self.depth, margin)
 
     def look(self, points: Array) -> tuple[Array, DepthImage]:
         """Return the (N, C) distances of (N, 3) points along each camera's axis, m, and the depths seen there.
@@ -127,17 +127,19 @@ def _look_up(x, y, z, pose, pinhole, depth):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")
-def _num_through(points, poses, pinholes, depth, margin, enough):  # type: ignore[no-untyped-def]
-    count = np.zeros(len(points), np.int64)
+def _votes(points, poses, pinholes, depth, margin):  # type: ignore[no-untyped-def]
+    votes = np.zeros((len(points), 2), np.int64)
     for n in numba.prange(len(points)):
         for camera in range(len(poses)):
             x, y, z = points[n]
             ahead, seen = _look_up(x, y, z, poses[camera], pinholes[camera], depth[camera])
-            if seen > 0.0 and seen > ahead * (1.0 + RELATIVE_MARGIN) + margin:
-                count[n] += 1
-                if count[n] >= enough:
-                    break
-    return count
+            if seen > 0.0:
+                excess, accuracy = seen - ahead, ahead * RELATIVE_MARGIN + margin
+                if excess > accuracy:
+                    votes[n, 0] += 1
+                elif excess >= -accuracy:
+                    votes[n, 1] += 1
+    return votes
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")

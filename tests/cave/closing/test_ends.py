@@ -15,6 +15,7 @@ from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.closing.from_scan import close_scan
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.types import Array, Mesh
 from tests.cave.open_caves import RADIUS, straight, tube_volume
@@ -76,6 +77,19 @@ def test_a_passage_that_goes_on_beside_an_end_stays_whole() -> None:
     check_lid(cavity, 0.0)
     kept = solid_tube().trim_by_plane((-1.0, 0.0, 0.0), -LENGTH) + rear + beside
     assert cavity.volume == pytest.approx(kept.volume(), rel=1e-3)
+
+
+def test_a_rock_that_ends_freely_beyond_a_cut_becomes_no_pillar() -> None:
+    def box(low: Array, high: Array) -> Any:
+        return manifold3d.Manifold.cube(tuple(high - low)).translate(tuple(low))
+
+    # A finger along the passage, 0.15 m from its wall, from a foot 0.04 m before the cut to a tip 0.06 m beyond.
+    foot = box(np.array([LENGTH - 0.04, -0.05, 0.8]), np.array([LENGTH - 0.02, 0.05, 1.1]))
+    finger = box(np.array([LENGTH - 0.04, -0.05, 0.8]), np.array([LENGTH + 0.06, 0.05, 0.84]))
+    closed = closed_solid(solid_tube() - foot - finger, 0.0)
+    assert genus(closed.mesh) == genus(cut(closed).mesh) == 0
+    whole = solid_tube().trim_by_plane((-1.0, 0.0, 0.0), -LENGTH)
+    assert cut(closed).volume == pytest.approx(whole.volume(), rel=0.05 * VOXEL)
 
 
 def end_of(closed: ClosedSurface, cameras: Array) -> End:

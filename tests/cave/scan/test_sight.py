@@ -35,7 +35,7 @@ def in_frames(points: Array) -> Array:
 
 def test_a_point_is_seen_through_by_the_cameras_that_have_it_in_their_frame(rng: np.random.Generator) -> None:
     points = rng.uniform(-2.5, 2.5, (20_000, 3))
-    counts = sphere_sight().num_through(points, 0.05, 10)
+    counts = sphere_sight().votes(points, 0.05)[:, 0]
     radius = np.linalg.norm(points, axis=1)
     # A cell is 5 cm wide on the wall: so far beside the point the depth was seen.
     water = radius < (RADIUS - 0.05 - 0.1) * (1.0 - 2.0 * RELATIVE_MARGIN)
@@ -45,12 +45,20 @@ def test_a_point_is_seen_through_by_the_cameras_that_have_it_in_their_frame(rng:
 
 def test_no_rock_is_ever_seen_through(rng: np.random.Generator) -> None:
     points = rng.uniform(-4.0, 4.0, (20_000, 3))
-    counts = sphere_sight().num_through(points, 0.05, 10)
+    counts = sphere_sight().votes(points, 0.05)[:, 0]
     assert not counts[np.linalg.norm(points, axis=1) > RADIUS].any()
 
 
-def test_counting_ends_when_it_is_enough() -> None:
-    assert sphere_sight().num_through(np.array([[1.0, 0.0, 0.0]]), 0.05, 2).tolist() == [2]
+def test_wall_is_shown_by_the_cameras_that_have_it_in_their_frame(rng: np.random.Generator) -> None:
+    directions = rng.normal(size=(5_000, 3))
+    points = RADIUS * directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    # A cell is 5 cm wide on the wall, and at its edges seen at a slant.
+    through, shown = sphere_sight().votes(points, 0.2).T
+    assert not through.any()
+    np.testing.assert_array_equal(shown, in_frames(points).sum(axis=1))
+    assert (shown > 0).sum() > 300
+    for rock in (1.3 * points, 0.7 * points):
+        assert not sphere_sight().votes(rock, 0.2)[:, 1].any()
 
 
 def test_only_cameras_that_reach_a_box_are_asked_about_it(rng: np.random.Generator) -> None:
@@ -65,9 +73,9 @@ def test_only_cameras_that_reach_a_box_are_asked_about_it(rng: np.random.Generat
     points = rng.uniform(low, high, (500, 3))
     assert len(both.near(low, high).poses) == 3
     assert len(both.near(low + 20.0, high + 20.0).poses) == 0
-    counts = both.num_through(points, 0.05, 10)
-    np.testing.assert_array_equal(both.near(low, high).num_through(points, 0.05, 10), counts)
-    assert not both.near(low + 20.0, high + 20.0).num_through(points, 0.05, 10).any()
+    counts = both.votes(points, 0.05)
+    np.testing.assert_array_equal(both.near(low, high).votes(points, 0.05), counts)
+    assert not both.near(low + 20.0, high + 20.0).votes(points, 0.05).any()
 
 
 def test_a_moved_sight_sees_the_same(rng: np.random.Generator) -> None:
@@ -77,8 +85,8 @@ def test_a_moved_sight_sees_the_same(rng: np.random.Generator) -> None:
     sight = sphere_sight()
     moved = sight.moved(b_from_a)
     np.testing.assert_allclose(moved.centres, b_from_a.apply(CENTRES), atol=1e-12)
-    counts = sight.num_through(points, 0.05, 10)
-    np.testing.assert_array_equal(moved.num_through(b_from_a.apply(points), 0.15, 10), counts)
+    counts = sight.votes(points, 0.05)
+    np.testing.assert_array_equal(moved.votes(b_from_a.apply(points), 0.15), counts)
 
 
 def test_looking_tells_the_distance_and_what_is_seen_there() -> None:
