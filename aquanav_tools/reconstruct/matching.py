@@ -10,6 +10,7 @@ are written down before the first of them is matched; and matches of a pair do n
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 from collections.abc import Callable, Sequence
@@ -123,6 +124,7 @@ def _rounds(database: Path, names: Sequence[str], options: MatchOptions) -> list
     if count <= options.exhaustive_up_to:
         return [(lambda: set(itertools.combinations(range(count), 2)), True)]
 
+    @functools.cache
     def likeness() -> Counts:
         return count_likeness(database, names)
 

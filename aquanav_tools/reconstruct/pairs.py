@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -24,6 +25,11 @@ Pair = tuple[int, int]
 
 _COARSEST = 256
 """Keypoints per photo that likeness is counted on."""
+_AT_ONCE = 64
+"""Photos that one is compared with at once: one product of matrices for all of them, 17 MB."""
+_ENOUGH = 12
+"""Photos that one overlaps with. Of 120 photos of the demo's cave, 1,418 pairs were compared without this limit, 1,121
+with it; those left out had a quarter of the others' matches, and cameras came out as exact (0.8 mm off on average)."""
 _MAX_RATIO = 0.8
 """Of a keypoint's distance to its best match over that to the second best (Lowe, IJCV 2004)."""
 
@@ -46,6 +52,8 @@ def alike_pairs(likeness: Counts, most: int) -> set[Pair]:
 def friends_of_friends(verified: BoolArray, most: int) -> set[Pair]:
     """Return pairs that share neighbours: of each photo, those with the `most` photos that share most, two or more.
 
+    Photos that overlap with ENOUGH others already ask for none: what they would get has few matches.
+
     Args:
         verified: (N, N) symmetric; which photos overlap as far as known.
         most: of new pairs per photo.
@@ -53,6 +61,7 @@ def friends_of_friends(verified: BoolArray, most: int) -> set[Pair]:
     shared = verified.astype(np.int64) @ verified.astype(np.int64)
     shared[verified | (shared < 2)] = 0
     np.fill_diagonal(shared, 0)
+    shared[verified.sum(axis=1) >= _ENOUGH] = 0
     return alike_pairs(shared, most)
 
 
@@ -80,10 +89,12 @@ def count_likeness(database: Path, names: Sequence[str]) -> Counts:
 def likeness_of(words: Sequence[Words]) -> Counts:
     """Return the same of photos given by what `coarsest` returns of them."""
     likeness = np.zeros((len(words), len(words)), np.int64)
-    for i in range(len(words)):
-        for j in range(i):
-            likeness[i, j] = likeness[j, i] = _mutual(words[i] @ words[j].T)
-    return likeness
+    every = np.concatenate(words) if words else np.zeros((0, 128), np.float32)
+    for i in range(1, len(words)):
+        for first in range(0, i, _AT_ONCE):
+            last = min(first + _AT_ONCE, i)
+            likeness[i, first:last] = _num_mutual(words[i] @ every[first * _COARSEST : last * _COARSEST].T)
+    return likeness + likeness.T
 
 
 def coarsest(keypoints: Any, descriptors: Any) -> Words:
@@ -106,13 +117,29 @@ def largest(keypoints: npt.NDArray[np.float32], most: int) -> Counts:
     return np.argsort(-np.hypot(keypoints[:, 2], keypoints[:, 3]), kind="stable")[:most]
 
 
-def _mutual(cosines: npt.NDArray[np.float32]) -> int:
-    """Return the matches in (K, K) cosines that are best both ways and pass the ratio test one way."""
-    rows = np.arange(len(cosines))
-    best, back = cosines.argmax(axis=1), cosines.argmax(axis=0)
-    first = cosines[rows, best]
-    is_mutual = back[best] == rows
-    rest = cosines[is_mutual]
-    rest[np.arange(len(rest)), best[is_mutual]] = -1.0
-    second = rest.max(axis=1, initial=-1.0)
-    return int(np.count_nonzero(1.0 - first[is_mutual] < _MAX_RATIO**2 * (1.0 - second)))
+@numba.njit(cache=True, parallel=True, error_model="numpy")
+def _num_mutual(cosines):  # type: ignore[no-untyped-def]
+    """Return (P,) how many matches of a photo with each of P others are best both ways and clear one way.
+
+    Args:
+        cosines: (_COARSEST, P * _COARSEST) of its words with theirs.
+    """
+    counts = np.zeros(cosines.shape[1] // _COARSEST, np.int64)
+    for photo in numba.prange(len(counts)):
+        best, back = np.full((2, _COARSEST), np.float32(-2.0))
+        second = np.full(_COARSEST, np.float32(-1.0))
+        match, match_back = np.zeros((2, _COARSEST), np.int64)
+        for row in range(_COARSEST):
+            for column in range(_COARSEST):
+                cosine = cosines[row, photo * _COARSEST + column]
+                if cosine > best[row]:
+                    second[row] = max(second[row], best[row])
+                    best[row], match[row] = cosine, column
+                elif cosine > second[row]:
+                    second[row] = cosine
+                if cosine > back[column]:
+                    back[column], match_back[column] = cosine, row
+        for row in range(_COARSEST):
+            is_clear = 1.0 - best[row] < _MAX_RATIO**2 * (1.0 - second[row])
+            counts[photo] += is_clear and match_back[match[row]] == row
+    return counts

@@ -8,7 +8,7 @@ import numpy as np
 
 from aquanav_tools.reconstruct.mapping import last_snapshot
 from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
-from aquanav_tools.reconstruct.pairs import alike_pairs, bridging_pairs, friends_of_friends, near_pairs
+from aquanav_tools.reconstruct.pairs import alike_pairs, bridging_pairs, friends_of_friends, likeness_of, near_pairs
 
 
 def test_neighbours_and_doubling_distances_of_a_sequence_are_compared() -> None:
@@ -28,6 +28,27 @@ def test_photos_that_share_two_neighbours_are_compared_with_each_other() -> None
     for i, j in ((0, 1), (0, 2), (3, 1), (3, 2), (3, 4)):
         verified[i, j] = verified[j, i] = True
     assert friends_of_friends(verified, most=5) == {(0, 3), (1, 2)}
+
+
+def test_photos_that_overlap_with_many_ask_for_no_more() -> None:
+    verified = np.zeros((30, 30), bool)
+    verified[:14, 14:] = verified[14:, :14] = True  # each of 14 with each of 16, and no other
+    verified[0, 16:] = verified[16:, 0] = False
+    pairs = friends_of_friends(verified, most=30)
+    assert pairs == {(0, other) for other in range(1, 14)}
+
+
+def test_likeness_counts_the_words_that_photos_share(rng: np.random.Generator) -> None:
+    words = rng.normal(size=(70, 256, 128)).astype(np.float32)
+    for i, j, shared in ((0, 69, 40), (3, 5, 7), (64, 66, 256)):
+        words[i, :shared] = words[j, -shared:]
+    words[20, 100:] = 0.0
+    words[30, :100] = words[20, :100]
+    words /= np.maximum(np.linalg.norm(words, axis=2, keepdims=True), 1e-9)
+    expected = np.zeros((70, 70), int)
+    for i, j, shared in ((0, 69, 40), (3, 5, 7), (64, 66, 256), (20, 30, 100)):
+        expected[i, j] = expected[j, i] = shared
+    np.testing.assert_array_equal(likeness_of(list(words)), expected)
 
 
 def test_photos_of_separate_groups_are_compared_with_those_they_resemble_most_of_the_other_group() -> None:
