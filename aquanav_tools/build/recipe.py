@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.build import outputs
+from aquanav_tools.build.ahead import compiling_ahead
 from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, build_scenario, scenario_in
 from aquanav_tools.build.journal import Journal
@@ -147,7 +148,7 @@ def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
         # Before the long work: a wrong file must not cost an hour before it is noticed.
         world = read_world(options.scale, intake.photos, options.seed)
         intake.inputs.update({path.name: file_hash(path) for path in options.scale.files})
-    with locked(options.output / WORK_DIR):
+    with locked(options.output / WORK_DIR), compiling_ahead(len(intake.photos.photos)):
         return _build_cave_of(intake, world, settings, options, journal)
 
 

@@ -3,14 +3,15 @@
 PatchMatch from coarse to fine (dense/levels.py), then, where asked for, once more with what was found in the other
 photos as a second witness, as Xu and Tao, Multi-Scale Geometric Consistency Guided Multi-View Stereo (2019), have it.
 
-Memory does not grow with the number of photos: at a time, one photo with its sources and a few remembered ones are held
-(`memory_bytes`). The largest side of a photo is bounded by `width`.
+Memory does not grow with the number of photos: at a time, one photo per core with its sources and a few remembered ones
+are held (`memory_bytes`). The largest side of a photo is bounded by `width`.
 """
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,7 +21,7 @@ import numpy.typing as npt
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.reconstruct.colmap import load_pycolmap
-from aquanav_tools.reconstruct.dense.engine import Device, Solve, solver
+from aquanav_tools.reconstruct.dense.engine import Device, solver
 from aquanav_tools.reconstruct.dense.levels import Level, Task, find_planes, make_agree
 from aquanav_tools.reconstruct.dense.masks import write_masks
 from aquanav_tools.reconstruct.dense.pictures import Picture, album
@@ -146,11 +147,23 @@ def load_depth(path: Path) -> DepthMap:
         return DepthMap(stored["depth"], stored["normals"].astype(np.float32), stored["cost"].astype(np.float32))
 
 
-def memory_bytes(width: int, height: int, options: DepthOptions) -> int:
-    """Return how much memory the arrays of the dense step take at most, for undistorted photos of a size."""
-    held = (options.sources + 1 + _REMEMBERED) * 10  # per pixel: grey, mask, packed grey, and all three in small
+def memory_bytes(width: int, height: int, options: DepthOptions, at_once: int) -> int:
+    """Return how much memory the arrays of the dense step take at most, for undistorted photos of a size.
+
+    Args:
+        width: px.
+        height: px.
+        options: Of the step.
+        at_once: Photos searched at the same time.
+    """
+    held = _num_held(options, at_once) * 10  # per pixel: grey, mask, packed grey, and all three in small
     searched = options.sources * (8 if options.agreement else 4) + 100  # sources, maps, planes, and what is saved
-    return width * height * (held + searched)
+    return width * height * (held + at_once * searched)
+
+
+def _num_held(options: DepthOptions, at_once: int) -> int:
+    """Return how many photos are held, those that are searched at the same time included."""
+    return at_once * (options.sources + 1) + _REMEMBERED
 
 
 def _ranked(views: list[View], options: DepthOptions) -> list[tuple[View, list[int]]]:
@@ -164,8 +177,8 @@ class _Estimation:
         self, folder: Path, options: DepthOptions, sources: dict[View, list[View]], progress: Progress
     ) -> None:
         self._folder, self._options, self._sources, self._progress = folder, options, sources, progress
-        self._picture: Callable[[View], Picture] = album(folder, options.sources + 1 + _REMEMBERED)
-        self._solve: Solve = solver(options.device)
+        self._solver = solver(options.device)
+        self._picture: Callable[[View], Picture] = album(folder, _num_held(options, self._solver.at_once))
 
     def run(self) -> None:
         """Find depth for every photo, first alone; then, where asked for, in agreement."""
@@ -183,11 +196,19 @@ class _Estimation:
     def _pass(self, views: list[View], folder: Path, work: Callable[[View], DepthMap], done: int, total: int) -> None:
         done += len(self._sources) - len(views)
         self._progress(done, total)
-        for index, view in enumerate(views):
+
+        def keep(view: View) -> None:
             path = depth_path(folder, view.name)
             if not path.is_file():
                 _save(path, work(view))
-            self._progress(done + index + 1, total)
+
+        with ThreadPoolExecutor(self._solver.at_once) as threads:
+            try:
+                for index, _ in enumerate(threads.map(keep, views)):
+                    self._progress(done + index + 1, total)
+            except BaseException:  # also when the user stops it: the photos in work are finished, no others begun
+                threads.shutdown(cancel_futures=True)
+                raise
 
     def _task(self, view: View) -> Task:
         others = [self._picture(other) for other in self._sources[view]]
@@ -195,7 +216,7 @@ class _Estimation:
         return Task(self._picture(view), others, *view.depth_range(), int(rng.integers(1 << 30)))
 
     def _find(self, view: View) -> DepthMap:
-        planes = find_planes(self._task(view), view.points, self._options.levels, self._solve)
+        planes = find_planes(self._task(view), view.points, self._options.levels, self._solver.solve)
         return depth_map(planes, view.matrix)
 
     def _agree(self, view: View) -> DepthMap:
@@ -204,7 +225,7 @@ class _Estimation:
         maps = [_inverse(depth_path(alone, other.name), (other.height, other.width)) for other in self._sources[view]]
         level = Level(0, 1, 2, 0.1, self._options.radius, _AGREEMENT)
         start = planes_of(own, view.matrix)
-        return depth_map(make_agree(self._task(view), start, maps, level, self._solve), view.matrix)
+        return depth_map(make_agree(self._task(view), start, maps, level, self._solver.solve), view.matrix)
 
 
 def _inverse(path: Path, size: tuple[int, int]) -> FloatImage:

@@ -93,12 +93,13 @@ def match_features(
     done = _num_compared(database)
     for number, (find, in_full) in enumerate(_rounds(database, names, options)):
         plan = database.with_name(f"round-{number}.txt")
-        if not plan.exists():
+        if plan.exists():  # a killed run may have matched its next pairs, but not struck them off
+            _forget(database, _read_pairs(plan)[:_PAIRS_AT_ONCE])
+        else:
             _write_pairs(plan, _named(names, find()))
         left = _read_pairs(plan)
         for start in range(0, len(left), _PAIRS_AT_ONCE):
             chunk = left[start : start + _PAIRS_AT_ONCE]
-            _forget(database, chunk)
             _match(database, chunk, options, in_full)
             _write_pairs(plan, left[start + len(chunk) :])
             done = min(done + len(chunk), expected)
@@ -180,7 +181,7 @@ def _read_described(store: Any, name: str) -> _Described:
 
 
 def _forget(database: Path, pairs: list[tuple[str, str]]) -> None:
-    """Remove the matches of pairs, those that a killed run was in the middle of among them."""
+    """Remove what is known of pairs."""
     with load_pycolmap().Database.open(database) as store:
         for pair in pairs:
             ids = [store.read_image_with_name(name).image_id for name in pair]

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numba
@@ -51,17 +52,18 @@ def test_slope_of_a_slanted_wall_is_found(rng: np.random.Generator) -> None:
     assert np.median(np.abs(planes.slopes[INSIDE][..., 1])) < 5e-4
 
 
-def test_the_number_of_threads_does_not_change_the_result(rng: np.random.Generator) -> None:
-    points = points_beside(rng)
-    first = find_planes(wall_task(), points, LEVELS, cpu.solve)
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        second = find_planes(wall_task(), points, LEVELS, cpu.solve)
-    finally:
-        numba.set_num_threads(threads)
-    for one, other in zip(first, second, strict=True):
-        np.testing.assert_array_equal(one, other)
+@pytest.mark.slow
+def test_the_process_that_compiles_gets_the_result_of_those_that_read_the_compiled_code(tmp_path: Path) -> None:
+    code = "from tests.reconstruct.walls import print_small_case; print_small_case('cpu')"
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", code], env=environment, cwd=REPOSITORY, capture_output=True, text=True, check=True
+        ).stdout
+        for _ in range(2)
+    )
+    assert any(tmp_path.rglob("*.nbc"))
+    assert first == second
 
 
 def test_unusable_pixels_get_no_depth(rng: np.random.Generator) -> None:
@@ -163,7 +165,7 @@ def test_a_graphics_card_finds_the_same_as_the_processor() -> None:
     obstacle = cuda_obstacle()
     if obstacle:
         pytest.skip(obstacle)
-    there, here = small_case(solver("cuda")), small_case(cpu.solve)
+    there, here = small_case(solver("cuda").solve), small_case(cpu.solve)
     np.testing.assert_allclose(there[0], here[0], atol=2e-3)
     assert np.mean(np.abs(there[1] - here[1]) < 0.01 * here[1]) > 0.9
 
@@ -173,4 +175,4 @@ def test_asking_for_a_graphics_card_where_there_is_none_says_so() -> None:
         pytest.skip("there is a CUDA graphics card here")
     with pytest.raises(ResourceError, match=r"CUDA graphics card here.*'auto' or 'cpu'"):
         solver("cuda")
-    assert solver("auto") is cpu.solve
+    assert solver("auto").solve is cpu.solve

@@ -15,13 +15,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import cv2
-import numba
 import numpy as np
 import pytest
 
 from aquanav_tools.errors import ReconstructionError
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.reconstruct.colmap import load_pycolmap
+from aquanav_tools.reconstruct.dense import cpu
+from aquanav_tools.reconstruct.dense.engine import Solver, solver
 from aquanav_tools.reconstruct.dense.pictures import MASKS_DIR
 from aquanav_tools.reconstruct.depth import DepthOptions, depth_path, estimate_depth, load_depth, memory_bytes
 from aquanav_tools.reconstruct.fusion import FusionOptions, fuse_depth
@@ -124,20 +125,18 @@ def test_a_reconstruction_killed_in_two_stages_ends_the_same(dive: Dive, tmp_pat
     np.testing.assert_array_equal(again.cloud.colours, dive.result.cloud.colours)
 
 
-def test_a_killed_dense_step_loses_one_photo_and_ends_the_same_for_any_number_of_threads(dive: Dive) -> None:
-    dense = dive.dense_dir
-    path = depth_path(dense, dive.result.camera_names[0])
-    first = load_depth(path)
-    path.unlink()
-    threads = numba.get_num_threads()
-    numba.set_num_threads(1)
-    try:
-        estimate_depth(dense, SMALL_OPTIONS.depth)
-    finally:
-        numba.set_num_threads(threads)
-    again = load_depth(path)
-    np.testing.assert_array_equal(again.depth, first.depth)
-    np.testing.assert_array_equal(again.normals, first.normals)
+@pytest.mark.parametrize("at_once", [1, 3])
+def test_a_killed_dense_step_loses_a_photo_per_thread_and_ends_the_same_for_any_number_of_threads(
+    dive: Dive, at_once: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("aquanav_tools.reconstruct.depth.solver", lambda device: Solver(cpu.solve, at_once))
+    lacking = (0, 3, 8)
+    dense = without_depth(dive, tmp_path, *lacking)
+    estimate_depth(dense, SMALL_OPTIONS.depth)
+    for photo in lacking:
+        first, again = (load_depth(depth_path(one, dive.result.camera_names[photo])) for one in (dive.dense_dir, dense))
+        np.testing.assert_array_equal(again.depth, first.depth)
+        np.testing.assert_array_equal(again.normals, first.normals)
 
 
 def test_another_seed_gives_another_depth(dive: Dive) -> None:
@@ -201,7 +200,7 @@ def test_memory_stays_below_what_is_said(dive: Dive, tmp_path: Path) -> None:
     finally:
         tracemalloc.stop()
     # Beside the arrays of the formula: the sparse model's points, and the triangulation of one photo's.
-    assert peak < memory_bytes(240, 180, SMALL_OPTIONS.depth) + 8e6
+    assert peak < memory_bytes(240, 180, SMALL_OPTIONS.depth, solver("cpu").at_once) + 8e6
 
 
 def test_moving_a_reconstruction_scales_distances_and_turns_normals(dive: Dive) -> None:

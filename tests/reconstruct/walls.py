@@ -76,4 +76,4 @@ def small_case(solve: Solve) -> np.ndarray:
 
 def print_small_case(device: str) -> None:
     """Print the case, for another process."""
-    print(*small_case(solver(device)).ravel().tolist())  # type: ignore[arg-type]
+    print(*small_case(solver(device).solve).ravel().tolist())  # type: ignore[arg-type]

@@ -1,4 +1,8 @@
-"""PatchMatch on the processor: rows in parallel, the result the same for any number of threads."""
+"""PatchMatch on the processor: one photo per thread, so that no core waits for what a photo cannot share.
+
+What the kernels call is compiled into them (`forceinline`): with calls, fast arithmetic would add up in another order
+in the process that compiles than in those that read the compiled code from disk.
+"""
 
 from __future__ import annotations
 
@@ -23,26 +27,22 @@ def solve(photo: Photo, sources: Sources, planes: Planes, search: Search, iterat
             _sweep(colour, iteration, photo, sources, planes, search)
 
 
-# A row is counted unsigned by numba, and unsigned plus signed would be float: hence np.int64.
-
-
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _choose(photo, sources, planes, search):  # type: ignore[no-untyped-def]
     height, width = photo.image.shape
-    for row in numba.prange(height):
-        patch = np.empty((ROWS, num_samples(search)), np.float32)
-        lay_out(search, patch)
+    patch = np.empty((ROWS, num_samples(search)), np.float32)
+    lay_out(search, patch)
+    for y in range(height):
         for x in range(width):
-            choose_sources(x, np.int64(row), photo, sources, planes, search, patch)
+            choose_sources(x, y, photo, sources, planes, search, patch)
 
 
-@numba.njit(cache=True, parallel=True, fastmath=True)
+@numba.njit(cache=True, nogil=True, fastmath=True)
 def _sweep(colour, iteration, photo, sources, planes, search):  # type: ignore[no-untyped-def]
     """Improve the pixels of one colour of the checkerboard: neighbours that are read are of the other one."""
     height, width = photo.image.shape
-    for row in numba.prange(height):
-        y = np.int64(row)
-        patch = np.empty((ROWS, num_samples(search)), np.float32)
-        lay_out(search, patch)
+    patch = np.empty((ROWS, num_samples(search)), np.float32)
+    lay_out(search, patch)
+    for y in range(height):
         for x in range((y + colour) & 1, width, 2):
             improve(x, y, iteration, photo, sources, planes, search, patch)

@@ -10,7 +10,9 @@ not been measured (eval/benchmarks/depth.py does).
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.errors import ResourceError
@@ -22,7 +24,16 @@ Solve = Callable[[Photo, Sources, Planes, Search, int], None]
 _log = logging.getLogger(__name__)
 
 
-def solver(device: Device) -> Solve:
+@dataclass(frozen=True)
+class Solver:
+    """The search on a device."""
+
+    solve: Solve
+    at_once: int
+    """Photos that are searched at the same time, each in its own thread."""
+
+
+def solver(device: Device) -> Solver:
     """Return the search on a device; `auto` takes a graphics card that numba can use, else the processor.
 
     Raises:
@@ -34,10 +45,10 @@ def solver(device: Device) -> Solve:
     if device == "cpu" or obstacle:
         from aquanav_tools.reconstruct.dense import cpu
 
-        return cpu.solve
+        return Solver(cpu.solve, len(os.sched_getaffinity(0)))
     from aquanav_tools.reconstruct.dense import card
 
-    return card.solve
+    return Solver(card.solve, 1)
 
 
 def cuda_obstacle() -> str:

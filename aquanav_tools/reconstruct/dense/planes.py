@@ -41,7 +41,7 @@ MAX_SLANT = 6.0
 """Tangent of the largest angle between a plane and the photo's own: 80 degrees."""
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def scrambled(number):  # type: ignore[no-untyped-def]
     """Return a hash of 32 bits (Wellons' lowbias32): random numbers that depend on place and round only."""
     number &= 0xFFFFFFFF
@@ -50,7 +50,7 @@ def scrambled(number):  # type: ignore[no-untyped-def]
     return (number >> 16) ^ number
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def uniform(state):  # type: ignore[no-untyped-def]
     """Return the next state and a number in [-1, 1)."""
     state = scrambled(state + 0x9E3779B9)
@@ -60,13 +60,13 @@ def uniform(state):  # type: ignore[no-untyped-def]
 # Python's min and max are not called: numba takes those of the processor for them, which no kernel can call.
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def least(first, second):  # type: ignore[no-untyped-def]
     """Return the smaller one of two numbers."""
     return first if first < second else second
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def within(index, size):  # type: ignore[no-untyped-def]
     """Return the nearest index of an axis."""
     if index < 0:
@@ -74,13 +74,13 @@ def within(index, size):  # type: ignore[no-untyped-def]
     return index if index < size else size - 1
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, forceinline=True)
 def num_samples(search):  # type: ignore[no-untyped-def]
     """Return how many pixels of a window are compared."""
     return (2 * search.radius // STRIDE + 1) ** 2
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def lay_out(search, patch):  # type: ignore[no-untyped-def]
     """Write where the samples of a window lie, for all windows to come."""
     side = 2 * search.radius // STRIDE + 1
@@ -89,7 +89,7 @@ def lay_out(search, patch):  # type: ignore[no-untyped-def]
         patch[3, k] = np.float32(k // side * STRIDE - search.radius)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def read_window(photo, x, y, search, patch):  # type: ignore[no-untyped-def]
     """Fill patch: weights that add up to 1, and weighted grey values of mean 0 and variance 1; False where flat."""
     image = photo.image
@@ -118,7 +118,7 @@ def read_window(photo, x, y, search, patch):  # type: ignore[no-untyped-def]
     return True
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def source_cost(w, slope_x, slope_y, x, y, patch, sources, s, search):  # type: ignore[no-untyped-def]
     """Return 1 - NCC of the window in one source, or the worst cost where it does not lie in the photo."""
     turns, shifts = sources.turns, sources.shifts
@@ -162,7 +162,7 @@ def source_cost(w, slope_x, slope_y, x, y, patch, sources, s, search):  # type: 
     return np.float32(1.0) - cross / math.sqrt(variance)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def disagreement(w, x, y, sources, s):  # type: ignore[no-untyped-def]
     """Return how far a depth is from what a source found there, over TOLERANCE, 1 at most and where it found none."""
     turns, shifts = sources.turns, sources.shifts
@@ -179,7 +179,7 @@ def disagreement(w, x, y, sources, s):  # type: ignore[no-untyped-def]
     return least(abs(there * ahead / w - np.float32(1.0)) * np.float32(1.0 / TOLERANCE), np.float32(1.0))
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def cost_in(w, slope_x, slope_y, x, y, patch, sources, s, search):  # type: ignore[no-untyped-def]
     """Return what a plane costs with one source: unlikeness, and disagreement where it counts."""
     cost = source_cost(w, slope_x, slope_y, x, y, patch, sources, s, search)
@@ -188,18 +188,23 @@ def cost_in(w, slope_x, slope_y, x, y, patch, sources, s, search):  # type: igno
     return cost
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def joined(first, second):  # type: ignore[no-untyped-def]
     """Return the cost in the best two sources: their mean, the second one limited, in [0, WORST_COST]."""
     cost = np.float32(0.5) * (first + least(second, first + np.float32(LONE_COST)))
     return least(cost, np.float32(WORST_COST))
 
 
-@numba.njit(cache=True, fastmath=True)
-def plane_cost(w, slope_x, slope_y, x, y, patch, sources, planes, search):  # type: ignore[no-untyped-def]
-    """Return the cost of a plane over the pixel's chosen sources: the mean of the best two, the second limited."""
+@numba.njit(cache=True, fastmath=True, forceinline=True)
+def plane_cost(w, slope_x, slope_y, x, y, patch, sources, planes, search, limit):  # type: ignore[no-untyped-def]
+    """Return the cost of a plane over the pixel's chosen sources: the mean of the best two, the second limited.
+
+    Or the worst cost, once the last source cannot bring it below a limit: a perfect one would not.
+    """
     first, second = np.float32(WORST_COST), np.float32(WORST_COST)
     for k in range(search.chosen):
+        if k == search.chosen - 1 and joined(np.float32(0), first) >= limit:
+            return np.float32(WORST_COST)
         cost = cost_in(w, slope_x, slope_y, x, y, patch, sources, planes.chosen[y, x, k], search)
         if cost < first:
             first, second = cost, first
@@ -208,7 +213,7 @@ def plane_cost(w, slope_x, slope_y, x, y, patch, sources, planes, search):  # ty
     return joined(first, second)
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def choose_sources(x, y, photo, sources, planes, search, patch):  # type: ignore[no-untyped-def]
     """Compare a pixel's plane with all sources; keep the best, and its cost with them."""
     planes.cost[y, x] = np.float32(WORST_COST)

@@ -8,7 +8,7 @@ import numpy as np
 from aquanav_tools.reconstruct.dense.planes import MAX_SLANT, plane_cost, read_window, scrambled, uniform
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def is_possible(w, slope_x, slope_y, photo, search):  # type: ignore[no-untyped-def]
     """Whether a plane lies in the range of depth and is not seen from its edge."""
     if not (w >= search.lowest and w <= search.highest):
@@ -17,7 +17,7 @@ def is_possible(w, slope_x, slope_y, photo, search):  # type: ignore[no-untyped-
     return across <= np.float32(MAX_SLANT * MAX_SLANT) * w * w
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def improve(x, y, iteration, photo, sources, planes, search, patch):  # type: ignore[no-untyped-def]
     """Give a pixel the best of its own plane, those of eight neighbours, and random variations of the best so far."""
     if photo.usable[y, x] == 0 or not read_window(photo, x, y, search, patch):
@@ -38,7 +38,7 @@ def improve(x, y, iteration, photo, sources, planes, search, patch):  # type: ig
         )
         if is_same or not is_possible(trial, along_x, along_y, photo, search):
             continue
-        cost = plane_cost(trial, along_x, along_y, x, y, patch, sources, planes, search)
+        cost = plane_cost(trial, along_x, along_y, x, y, patch, sources, planes, search, low)
         if cost < low:
             low, w, slope_x, slope_y = cost, trial, along_x, along_y
     state = scrambled(search.seed ^ scrambled((y * width + x) * 16 + iteration))
@@ -46,14 +46,14 @@ def improve(x, y, iteration, photo, sources, planes, search, patch):  # type: ig
         state, trial, along_x, along_y = varied(state, attempt, iteration, w, slope_x, slope_y, photo, search)
         if not is_possible(trial, along_x, along_y, photo, search):
             continue
-        cost = plane_cost(trial, along_x, along_y, x, y, patch, sources, planes, search)
+        cost = plane_cost(trial, along_x, along_y, x, y, patch, sources, planes, search, low)
         if cost < low:
             low, w, slope_x, slope_y = cost, trial, along_x, along_y
     planes.cost[y, x], planes.inverse[y, x] = low, w
     planes.slopes[y, x, 0], planes.slopes[y, x, 1] = slope_x, slope_y
 
 
-@numba.njit(cache=True, fastmath=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def varied(state, attempt, iteration, w, slope_x, slope_y, photo, search):  # type: ignore[no-untyped-def]
     """Return a variation of a plane: all of it, its depth alone and a little, then any plane at all."""
     state, a = uniform(state)
