@@ -8,7 +8,7 @@ from itertools import product
 import numba
 import numpy as np
 
-from aquanav_tools.envs.action import NUM_CHOICES, Command
+from aquanav_tools.envs.action import IDLE, NUM_CHOICES, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.motion import advance
@@ -31,6 +31,7 @@ class Lookahead:
         self._step = limits.dt
         self._actuators = actuator_model(env.vehicle, limits.dt, limits.substeps)
         self._parameters = env.vehicle.motion_parameters(env.scenario.settings.water.density)
+        self.after(env.state, 0.0, IDLE, env.water_velocity)  # compiles now, not while a first action is timed
 
     def after(self, state: Array, trim: float, command: Sequence[float], current: Array) -> tuple[Array, float]:
         """Return state and trim after one decision in water of one (3,) velocity, world frame, m/s."""

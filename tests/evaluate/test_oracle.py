@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import importlib
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,22 @@ def test_look_ahead_in_still_free_water_is_what_the_environment_does(
         observation, *_ = env.step(choices_of(command))
         np.testing.assert_allclose(env.state[:13], expected[:13], atol=1e-5)  # the trim is observed in float32
         assert observation[40] == pytest.approx(trim, abs=1e-6)
+    env.close()
+
+
+def test_what_acting_compiles_is_compiled_before_a_first_action_is_timed(
+    tube: Scenario, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    called = []
+    for module, kernel in (("lookahead", "_swim"), ("oracle", "_pursue"), ("oracle", "hull_clearance")):
+        compiled = importlib.import_module(f"aquanav_tools.evaluate.{module}")
+        function = getattr(compiled, kernel)
+        monkeypatch.setattr(compiled, kernel, lambda *given, f=function, n=kernel: called.append(n) or f(*given))
+    env = CaveEnv(tube)
+    env.reset(seed=0)
+    policy = OraclePolicy()
+    policy.board(env)
+    assert set(called) == {"_swim", "_pursue", "hull_clearance"}
     env.close()
 
 
