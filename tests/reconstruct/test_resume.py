@@ -60,8 +60,8 @@ def test_a_run_killed_after_any_step_finds_the_same(tmp_path: Path, monkeypatch:
     find_and_match(photos, tmp_path / "undisturbed" / "a.db")
     expected = contents(tmp_path / "undisturbed" / "a.db")
     database = tmp_path / "killed" / "a.db"
-    steps = [(features, "_camera_of_group"), (features, "_enter"), (features, "_write"), (matching, "_forget")]
-    steps += [(matching, "_match"), (matching, "_write_pairs"), (matching, "_match")]
+    steps = [(features, "_camera_of_group"), (features, "_enter"), (features, "_write")]
+    steps += [(matching, name) for name in ("_write_pairs", "_forget", "_match", "_write_pairs", "_match")]
     for module, name in steps:
         with monkeypatch.context() as patch, pytest.raises(Killed):
             killed_at(module, name, 0, patch)
