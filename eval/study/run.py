@@ -88,7 +88,7 @@ def scenarios(arguments: argparse.Namespace) -> tuple[str, ...]:
         print(f"There is no {scan}: Han-sur-Lesse is left out. Name its folder with --data.", flush=True)
         return CAVES[:-1]
     folder = arguments.output / CAVES[-1]
-    if not (folder / "scenario.json").is_file():
+    if not (folder / "scenario.toml").is_file():
         aquanav("build_cave", str(scan), "-o", str(folder), "--overwrite")
     return (*CAVES[:-1], str(folder))
 
