@@ -27,8 +27,9 @@ INTRODUCTION = """# The paper's questions
 `python eval/study/run.py`. Pipelines as shipped (`paper`, `paper-end-to-end`, `paper-clip-01`, `paper-clip-02`,
 `paper-sparse`, `paper-safe`: 3 million decisions each), learned on the batch with 512 vehicles; the last policy of each
 run counts. Each is scored in {episodes} episodes per cave and current on the batch, acting without chance; a contact
-ends no episode. "han" is the scan of Han-sur-Lesse, as aquanav-build-cave closes it. Runs, with seeds from 0: {counts}.
-Numbers of every run, with versions and hashes: [study.jsonl](study.jsonl).
+ends no episode. "han" is the scan of Han-sur-Lesse, as aquanav-build-cave closes it.
+Numbers of every run, with versions and hashes: [study.jsonl](study.jsonl). Runs, with seeds from 0:
+{counts}.
 
 IQM: interquartile mean over runs, caves and currents, with 95 % intervals from a bootstrap stratified by cave and
 current (rliable's definitions). P: probability that a run of the first is better than one of the second, mean over
