@@ -134,8 +134,8 @@ def draw_curves(runs: Runs, path: Path) -> None:
     for place, (column, title) in enumerate(((1, "Success"), (2, "Collision-free success")), 1):
         axes = figure.add_subplot(1, 2, place)
         for name in VARIANTS:
-            if of(runs, name):
-                steps, values = curves(of(runs, name), column)
+            if mine := [run for run in of(runs, name) if run["curve"]]:  # empty where no episode came to an end
+                steps, values = curves(mine, column)
                 axes.plot(steps / 1e6, 100.0 * values.mean(axis=0), color=COLOURS[name], label=name, linewidth=1.8)
                 low, high = 100.0 * values.min(axis=0), 100.0 * values.max(axis=0)
                 axes.fill_between(steps / 1e6, low, high, color=COLOURS[name], alpha=0.12, linewidth=0.0)

@@ -135,8 +135,8 @@ def curve(path: Path) -> list[list[float]]:
     """Return decisions, and shares of success and of collision-free success of the last episodes, at some points."""
     with path.open(encoding="utf-8") as stream:
         rows = [row for row in csv.DictReader(stream) if row["success_rate"] not in ("", "nan")]
-    kept = np.unique(np.linspace(0, len(rows) - 1, NUM_CURVE_POINTS).round().astype(int))
-    return [[float(rows[i][key]) for key in ("steps", "success_rate", "clean_success_rate")] for i in kept]
+    kept = rows[:: max(1, len(rows) // NUM_CURVE_POINTS)]
+    return [[float(row[key]) for key in ("steps", "success_rate", "clean_success_rate")] for row in kept]
 
 
 def scores(episodes: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:
