@@ -14,8 +14,8 @@ from pathlib import Path
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
+from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, RecordRule, Row, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
@@ -39,7 +39,7 @@ class Evaluation:
     """What an evaluation found and where it lies."""
 
     summary: Summary
-    episodes: tuple[EpisodeMetrics, ...]
+    episodes: EpisodeTable
     results: Path
     report: Path
     recordings: tuple[Path, ...]

@@ -20,7 +20,7 @@ LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
 """Options that an environment reads anew whenever they count, so that it is kept when only these change."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Flight:
     """One planned episode with its circumstances."""
 

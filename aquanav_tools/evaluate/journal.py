@@ -11,32 +11,22 @@ import bisect
 import dataclasses
 import json
 import os
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.report.track import Trail
 
 JOURNAL = "episodes.jsonl"
 TRAILS = "trails"
 COLUMNS = ("times", "positions", "clearances", "collided", "progress")
-SHARED = ("scenario", "condition", "region", "outcome", "reason")
-"""Texts that many episodes have in common."""
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """One finished episode."""
-
-    metrics: EpisodeMetrics
-    recording: str | None
-    """Name of its recording in the output folder."""
+NOWHERE = -1
 
 
 class Journal:
@@ -55,26 +45,32 @@ class Journal:
         """
         self._folder = folder
         self._path = folder / JOURNAL
-        self._entries: dict[int, Entry] = {}
+        self._table = EpisodeTable()
+        self._places = array("q")
+        """Of each episode in the table; NOWHERE for those to come."""
+        self._num = 0
+        self._recordings: dict[int, str] = {}
         self._recorded: list[int] = []
         identity = json.loads(json.dumps(identity))
-        lines = _whole_lines(self._path) if is_resumed else []
-        if lines:
-            _check_identity(json.loads(lines[0]), identity, folder)
-            for line in lines[1:]:
-                self._keep(json.loads(line))
+        lines = _whole_lines(self._path) if is_resumed else iter(())
+        first = next(lines, _line(identity) + b"\n")
+        _check_identity(json.loads(first), identity, folder)
         (folder / TRAILS).mkdir(exist_ok=True)
         for path in (folder / TRAILS).glob("*.partial"):
             path.unlink()
         partial = self._path.with_name(self._path.name + ".partial")
-        partial.write_bytes(b"".join(line + b"\n" for line in lines or [_line(identity)]))
+        with partial.open("wb") as stream:
+            stream.write(first)
+            for line in lines:
+                stream.write(line)
+                self._keep(json.loads(line))
         os.replace(partial, self._path)
 
     def __len__(self) -> int:
-        return len(self._entries)
+        return self._num
 
     def __contains__(self, index: int) -> bool:
-        return index in self._entries
+        return index < len(self._places) and self._places[index] != NOWHERE
 
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished episode, whose trail and recording are on disk, from its `journal_row`."""
@@ -83,18 +79,24 @@ class Journal:
         self._keep(row)
 
     @property
-    def episodes(self) -> tuple[EpisodeMetrics, ...]:
+    def episodes(self) -> EpisodeTable:
         """The metrics of the finished episodes, by their places in the evaluation."""
-        return tuple(self._entries[index].metrics for index in sorted(self._entries))
+        places = np.array(self._places)
+        order = places[places != NOWHERE]
+        if not np.array_equal(order, np.arange(len(self._table))):
+            self._table = self._table.rows(order)
+            places[places != NOWHERE] = np.arange(len(order))
+            self._places = array("q", places.tobytes())
+        return self._table
 
     def episode(self, index: int) -> EpisodeMetrics:
         """Return the metrics of one finished episode."""
-        return self._entries[index].metrics
+        return self._table[self._places[index]]
 
     @property
     def recordings(self) -> dict[int, str]:
         """Names of the recordings by episode, in the episodes' order."""
-        return {index: str(self._entries[index].recording) for index in self._recorded}
+        return {index: self._recordings[index] for index in self._recorded}
 
     def num_recorded_before(self, index: int) -> int:
         """Return how many finished episodes with a smaller number have a recording."""
@@ -102,7 +104,7 @@ class Journal:
 
     def trail(self, index: int) -> Trail:
         """Return where a finished episode led, in single precision."""
-        metrics = self._entries[index].metrics
+        metrics = self.episode(index)
         with np.load(_trail_path(self._folder, index), allow_pickle=False) as columns:
             return Trail(
                 seed=metrics.seed,
@@ -113,15 +115,16 @@ class Journal:
             )
 
     def _keep(self, row: dict[str, Any]) -> None:
-        # Equal texts share their memory: what an episode takes decides how many fit.
-        metrics: dict[str, Any] = {
-            key: sys.intern(value) if key in SHARED else value for key, value in row["metrics"].items()
-        }
-        entry = Entry(EpisodeMetrics(**metrics), row["recording"])
-        index = entry.metrics.index
-        if entry.recording is not None and (index not in self or self._entries[index].recording is None):
+        metrics = EpisodeMetrics(**row["metrics"])
+        index, recording = metrics.index, row["recording"]
+        if recording is not None and index not in self._recordings:
             bisect.insort(self._recorded, index)
-        self._entries[index] = entry
+        if recording is not None:
+            self._recordings[index] = recording
+        self._num += index not in self
+        self._places.extend([NOWHERE] * (index + 1 - len(self._places)))
+        self._places[index] = len(self._table)
+        self._table.append(metrics)
 
 
 def journal_row(metrics: EpisodeMetrics, recording: str | None) -> dict[str, Any]:
@@ -154,9 +157,11 @@ def _trail_path(folder: Path, index: int) -> Path:
     return folder / trail_name(index)
 
 
-def _whole_lines(path: Path) -> list[bytes]:
-    """Return the lines that were written to their end."""
-    return path.read_bytes().split(b"\n")[:-1] if path.is_file() else []
+def _whole_lines(path: Path) -> Iterator[bytes]:
+    """Yield the lines that were written to their end."""
+    if path.is_file():
+        with path.open("rb") as stream:
+            yield from (line for line in stream if line.endswith(b"\n"))
 
 
 def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
@@ -176,7 +181,8 @@ def _small(values: Any) -> Any:
     return values.astype(np.float32) if values.dtype == np.float64 else values
 
 
-def worst_first(episodes: Sequence[EpisodeMetrics]) -> list[int]:
-    """Return the indices of the episodes most worth a look: failures first, then collisions, then least clearance."""
-    order = [(episode.is_success, -episode.collisions, episode.min_clearance) for episode in episodes]
-    return sorted(range(len(episodes)), key=order.__getitem__)
+def worst_first(episodes: EpisodeTable) -> list[int]:
+    """Return the places of the episodes most worth a look: failures first, then collisions, then least clearance."""
+    keys = (episodes.column("min_clearance"), -episodes.column("collisions"), episodes.are("outcome", "success"))
+    places: list[int] = np.lexsort(keys).tolist()
+    return places

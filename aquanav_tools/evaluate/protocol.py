@@ -24,7 +24,7 @@ FOLDER = "eval/protocols"
 NOMINAL = "as given"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class EpisodePlan:
     """How one episode begins."""
 

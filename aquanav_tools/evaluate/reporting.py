@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Mapping, Sequence
+from itertools import compress
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
+from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
@@ -119,8 +121,8 @@ def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
     return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
 
 
-def _place_section(scenario: Place, journal: Journal, episodes: Sequence[EpisodeMetrics], pictures: Path) -> Section:
-    own = [episode for episode in episodes if episode.scenario == scenario.name]
+def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
+    own = episodes.rows(episodes.are("scenario", scenario.name))
     picture = venue_of(scenario).picture()
     if not picture.is_shared:
         charts = []
@@ -132,11 +134,12 @@ def _place_section(scenario: Place, journal: Journal, episodes: Sequence[Episode
     worst = own[worst_first(own)[0]]
     paths = {kind: pictures / f"{scenario.name}-{kind}.png" for kind in ("worst", "trails", "collisions")}
     picture.draw(paths["worst"], [journal.trail(worst.index)])
-    shown = [journal.trail(index) for index in _drawn([episode.index for episode in own])]
+    indices = own.column("index").tolist()
+    shown = [journal.trail(index) for index in _drawn(indices)]
     picture.draw(paths["trails"], shown)
     contacts = [
         trail.positions[trail.contact_states]
-        for trail in (journal.trail(episode.index) for episode in own if episode.collisions)
+        for trail in (journal.trail(index) for index in compress(indices, own.column("collisions")))
     ]
     figures = [Figure(paths["worst"], f"The worst episode: {_describe(worst)}.")]
     if contacts:
@@ -240,7 +243,7 @@ def _advice(rate: Proportion) -> str:
     return f"For an interval of ±{100 * GOAL_HALF_WIDTH:.0f} points, run up to {count}."
 
 
-def _worst_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, str]) -> Table:
+def _worst_table(episodes: EpisodeTable, recordings: Mapping[int, str]) -> Table:
     rows = []
     for index in worst_first(episodes)[:NUM_WORST]:
         episode = episodes[index]

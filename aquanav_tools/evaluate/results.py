@@ -23,7 +23,7 @@ from aquanav_tools.evaluate.summary import Group, Summary
 
 FORMAT = 3
 SCHEMA = Path(__file__).with_name("results.schema.json")
-ROWS_AT_A_TIME = 10_000
+ROWS_AT_A_TIME = 1000
 """Of the Parquet file; memory need not hold them all."""
 DIGITS = 6
 """Decimals kept: micrometres and microseconds."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import OUTCOMES, REGIONS, EpisodeMetrics
 from aquanav_tools.evaluate.statistics import (
     Estimate,
@@ -63,40 +64,44 @@ def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
 
     An episode that repeats another to the bit adds nothing to what is known, so it is counted once.
     """
-    distinct = list({(episode.scenario, episode.digest): episode for episode in episodes}.values())
-    clean = sum(episode.is_collision_free_success for episode in distinct)
-    collisions = np.array([float(episode.collisions) for episode in distinct])
-    metres = np.array([episode.path_length for episode in distinct])
+    table = _in_columns(episodes)
+    distinct = table.distinct()
+    successes, collisions = distinct.are("outcome", "success"), distinct.column("collisions")
+    clean = int((successes & (collisions == 0)).sum())
     return Summary(
-        episodes=len(episodes),
+        episodes=len(table),
         distinct_episodes=len(distinct),
-        success=wilson(sum(episode.is_success for episode in distinct), len(distinct)),
+        success=wilson(int(successes.sum()), len(distinct)),
         collision_free_success=wilson(clean, len(distinct)),
         failure_bound=failure_bound(len(distinct) - clean, len(distinct)),
-        outcomes={outcome: sum(episode.outcome == outcome for episode in episodes) for outcome in OUTCOMES},
-        collisions_per_100m=bootstrap_ratio(collisions, metres / 100.0),
-        min_clearance=min(episode.min_clearance for episode in episodes),
+        outcomes={outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES},
+        collisions_per_100m=bootstrap_ratio(collisions.astype(float), distinct.column("path_length") / 100.0),
+        min_clearance=float(table.column("min_clearance").min()),
         means=_means(distinct),
     )
 
 
 def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:
     """Return the summaries per scenario, start region (along the route) and condition; others as they first come."""
+    table = _in_columns(episodes)
     groups = []
     for by in GROUPINGS:
-        names = list(dict.fromkeys(getattr(episode, by) for episode in episodes))
+        names = table.names(by)
         for name in sorted(names, key=REGIONS.index) if by == "region" else names:
-            members = [episode for episode in episodes if getattr(episode, by) == name]
-            groups.append(Group(by, name, summarise(members)))
+            groups.append(Group(by, name, summarise(table.rows(table.are(by, name)))))
     return tuple(groups)
 
 
-def _means(episodes: Sequence[EpisodeMetrics]) -> dict[str, Estimate]:
-    columns = {name: [getattr(episode, name) for episode in episodes] for name in MEANS}
-    whole = [name for name, values in columns.items() if None not in values]
-    found = dict(zip(whole, bootstrap_means(np.array([columns[name] for name in whole], dtype=float).T), strict=True))
-    for name in set(columns) - set(whole):
-        values = [value for value in columns[name] if value is not None]
-        if values:
-            found[name] = bootstrap_means(np.array(values, dtype=float)[:, None])[0]
+def _in_columns(episodes: Sequence[EpisodeMetrics]) -> EpisodeTable:
+    return episodes if isinstance(episodes, EpisodeTable) else EpisodeTable(episodes)
+
+
+def _means(episodes: EpisodeTable) -> dict[str, Estimate]:
+    columns = {name: episodes.column(name).astype(float) for name in MEANS}
+    lacks = {name: np.isnan(values) for name, values in columns.items()}
+    whole = [name for name in MEANS if not lacks[name].any()]
+    found = dict(zip(whole, bootstrap_means(np.stack([columns[name] for name in whole], axis=1)), strict=True))
+    for name in set(MEANS) - set(whole):
+        if not lacks[name].all():
+            found[name] = bootstrap_means(columns[name][~lacks[name], None])[0]
     return {name: found[name] for name in MEANS if name in found}
