@@ -88,7 +88,8 @@ def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:
     for by in GROUPINGS:
         names = table.names(by)
         for name in sorted(names, key=REGIONS.index) if by == "region" else names:
-            groups.append(Group(by, name, summarise(table.rows(table.are(by, name)))))
+            are_in = table.are(by, name)
+            groups.append(Group(by, name, summarise(table if are_in.all() else table.rows(are_in))))
     return tuple(groups)
 
 
@@ -97,11 +98,11 @@ def _in_columns(episodes: Sequence[EpisodeMetrics]) -> EpisodeTable:
 
 
 def _means(episodes: EpisodeTable) -> dict[str, Estimate]:
-    columns = {name: episodes.column(name).astype(float) for name in MEANS}
-    lacks = {name: np.isnan(values) for name, values in columns.items()}
-    whole = [name for name in MEANS if not lacks[name].any()]
-    found = dict(zip(whole, bootstrap_means(np.stack([columns[name] for name in whole], axis=1)), strict=True))
-    for name in set(MEANS) - set(whole):
-        if not lacks[name].all():
-            found[name] = bootstrap_means(columns[name][~lacks[name], None])[0]
+    values = np.stack([episodes.column(name) for name in MEANS], axis=1).astype(float, copy=False)
+    lacks = np.isnan(values)
+    is_whole = ~lacks.any(axis=0)
+    whole = [name for name, all_have_it in zip(MEANS, is_whole, strict=True) if all_have_it]
+    found = dict(zip(whole, bootstrap_means(values[:, is_whole]), strict=True))
+    for place in np.flatnonzero(~is_whole & ~lacks.all(axis=0)):
+        found[MEANS[place]] = bootstrap_means(values[~lacks[:, place], place, None])[0]
     return {name: found[name] for name in MEANS if name in found}
