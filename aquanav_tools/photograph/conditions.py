@@ -48,8 +48,8 @@ CONDITIONS: dict[ConditionName, Condition] = {
     ),
     "wide-steps": Condition(
         "stations 1.5 m apart",
-        cave_length=24.0,
-        dive=DiveOptions(capture=CaptureOptions("stations", 85)),
+        cave_length=31.5,
+        dive=DiveOptions(capture=CaptureOptions("stations", 110)),
     ),
     "three-passes": Condition(
         "three separate dives looking left, right and up",
