@@ -16,7 +16,15 @@ from eval.study.studies import AS_GIVEN, Question, Study
 
 Runs = list[dict[str, Any]]
 
-COLOURS = (BLUE, BAD, "#8338ec", IDLE, MUTED, GOOD)
+COLOURS = {
+    "curriculum": BLUE,
+    "end-to-end": BAD,
+    "clip-0.1": "#8338ec",
+    "clip-0.2": IDLE,
+    "sparse": MUTED,
+    "standard": BLUE,
+    "safe": GOOD,
+}
 DPI = 110
 RATES = {"collision_free": "collision-free success", "success": "success"}
 SAFETY = {"collisions": "collisions per episode", "mean_clearance": "mean distance to walls, m"}
@@ -134,7 +142,8 @@ def draw_curves(study: Study, runs: Runs, path: Path) -> None:
     figure = new_figure(11.0, 4.2)
     for place, (column, title) in enumerate(((1, "Success"), (2, "Collision-free success")), 1):
         axes = figure.add_subplot(1, 2, place)
-        for variant, colour in zip(study.variants, COLOURS, strict=False):
+        for variant in study.variants:
+            colour = COLOURS[variant]
             mine = [run for run in of(runs, variant) if run["curve"]]  # empty where no episode came to an end
             if mine:
                 steps, values = curves(mine, column)
@@ -162,7 +171,6 @@ def curves(runs: Runs, column: int) -> tuple[Array, Array]:
 def draw_scores(study: Study, runs: Runs, path: Path) -> None:
     """Draw collision-free success everywhere: mean over runs, and each run as a dot."""
     places, kept = common_places(study, runs), kept_variants(study, runs)
-    colours = dict(zip(study.variants, COLOURS, strict=False))
     groups = [(place, current) for place in places for current in study.currents]
     if len(study.currents) == 1:
         rows = [groups]
@@ -175,7 +183,7 @@ def draw_scores(study: Study, runs: Runs, path: Path) -> None:
             values = [[run["scores"][p][c]["collision_free"] for p, c in row] for run in of(runs, variant)]
             shares = 100.0 * np.array(values)
             centres = np.arange(len(row)) + (turn - (len(kept) - 1) / 2.0) * 0.8 / len(kept)
-            axes.bar(centres, shares.mean(axis=0), 0.72 / len(kept), color=colours[variant], alpha=0.55, label=variant)
+            axes.bar(centres, shares.mean(axis=0), 0.72 / len(kept), color=COLOURS[variant], alpha=0.55, label=variant)
             for centre, dots in zip(centres, shares.T, strict=True):
                 axes.plot(np.full(len(dots), centre), dots, ".", color=INK, markersize=3.5)
         axes.set(ylim=(0.0, 103.0), ylabel="Collision-free, %")
