@@ -31,8 +31,14 @@ MIN_CAMERAS_IN_VAIN = 3
 NUM_SAMPLES_IN_VAIN = 200
 BEFORE_PATCH = 0.98
 """Rays from a camera end at this share of the way to a patch: it is no obstacle to itself."""
+MAX_SLENDER = 4.0
+"""A patch more than this many times as long as wide lies along the passage, not across it, ..."""
+MAX_SHALLOW = 3.0
+"""... where it is also this many times as long as the water before it is deep: it is unseen floor, wall or ceiling."""
 VIEW_DEPTH = 0.25
 """The view sideways is taken this many diameters inside the rim."""
+START_OFFSET = 1e-3
+"""Rays into the water start this share of a patch's length before it."""
 NUM_SIDES = 72
 VIEW_TILTS = np.deg2rad([-15.0, 0.0, 15.0])
 """Of three rays to each side the middle one counts: a single boulder or crack decides nothing."""
@@ -134,10 +140,26 @@ class _View:
 
     def ends_at(self, opening: Opening, patch: IntArray) -> bool:
         """Return whether the passage ends at a patch, and no passage goes by behind it."""
-        if -opening.innermost > MAX_RIM_DEPTH * opening.diameter:
+        if -opening.innermost > MAX_RIM_DEPTH * opening.diameter or self._is_along(opening, patch):
             return False
         reach = self.reach(opening, patch)
         return reach <= MAX_REACH or (reach <= MAX_REACH_IN_VAIN and self.share_in_vain(patch) >= MIN_SHARE_IN_VAIN)
+
+    def _is_along(self, opening: Opening, patch: IntArray) -> bool:
+        """Return whether a patch lies along the passage: much longer than wide, and than the water before it is deep.
+
+        Along such a patch both of the view's opposite sides are its own, so that it would pass for an end.
+        """
+        part = Mesh(self._closed.mesh.vertices, self._closed.mesh.faces[patch])
+        middles = part.triangles.mean(axis=1)
+        places = (middles - opening.centre) @ plane_axes(opening.normal).T
+        width, length = np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(places.T, aweights=part.areas)))  # of a rectangle
+        if length <= MAX_SLENDER * width:
+            return False
+        starts = middles - self._middle - START_OFFSET * length * opening.normal
+        ways = np.broadcast_to(-opening.normal, starts.shape).astype(np.float32)
+        depths = np.asarray(self._scene.run(starts.astype(np.float32), ways, query="DISTANCE"), dtype=np.float64)
+        return bool(length > MAX_SHALLOW * np.median(depths))
 
     def share_in_vain(self, patch: IntArray) -> float:
         """Return the share of a patch's area into which several cameras looked without seeing wall; 0 without any."""
