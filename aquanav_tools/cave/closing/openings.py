@@ -31,7 +31,7 @@ MIN_CAMERAS_IN_VAIN = 3
 NUM_SAMPLES_IN_VAIN = 200
 BEFORE_PATCH = 0.98
 """Rays from a camera end at this share of the way to a patch: it is no obstacle to itself."""
-MAX_SLENDER = 4.0
+MAX_SLENDER = 3.0
 """A patch more than this many times as long as wide lies along the passage, not across it, ..."""
 MAX_SHALLOW = 3.0
 """... where it is also this many times as long as the water before it is deep: it is unseen floor, wall or ceiling."""
@@ -153,7 +153,8 @@ class _View:
         part = Mesh(self._closed.mesh.vertices, self._closed.mesh.faces[patch])
         middles = part.triangles.mean(axis=1)
         places = (middles - opening.centre) @ plane_axes(opening.normal).T
-        width, length = np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(places.T, aweights=part.areas)))  # of a rectangle
+        length = np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(places.T, aweights=part.areas))[1])  # as of a rectangle
+        width = opening.area / length  # across, also of a patch that winds
         if length <= MAX_SLENDER * width:
             return False
         starts = middles - self._middle - START_OFFSET * length * opening.normal

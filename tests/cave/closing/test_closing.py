@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import manifold3d
 import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave.cavity import WALL, prove_watertight
-from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.cavity import WALL, from_manifold, prove_watertight
+from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
@@ -165,3 +166,30 @@ def test_an_end_cut_slantwise_is_still_an_end() -> None:
     middles = mesh.triangles.mean(axis=1)
     slanted = Mesh(mesh.vertices, mesh.faces[middles[:, 0] + 0.7 * middles[:, 2] < 8.0])
     assert len(close(slanted)[1].portals) == 2
+
+
+def portals_of_passage(length: float, width: float, height: float, swing: float, has_floor: bool) -> np.ndarray:
+    """The normals of the portals of a level passage along x, winding left and right, with two open ends."""
+    x = np.linspace(0.0, length, 121)
+    y = swing * np.sin(2 * np.pi * x / 10.0)
+    outline = np.concatenate([np.column_stack([x, y - width / 2]), np.column_stack([x, y + width / 2])[::-1]])
+    mesh = from_manifold(manifold3d.CrossSection([outline]).extrude(height).refine_to_length(0.4))
+    along, up = mesh.triangles[..., 0], mesh.triangles[..., 2]
+    is_unseen = (along.max(axis=1) < 1e-6) | (along.min(axis=1) > length - 1e-6)
+    if not has_floor:
+        is_unseen |= up.max(axis=1) < 1e-6
+    openings = find_openings(ClosedSurface(mesh, ~is_unseen, "winding"), MIN_PORTAL)
+    return np.array([opening.normal for opening in openings if opening.is_portal])
+
+
+@pytest.mark.parametrize("length", [9.0, 12.0, 20.0])
+def test_the_floor_of_a_passage_that_nobody_saw_is_none_of_its_ends(length: float) -> None:
+    normals = portals_of_passage(length, 2.0, 2.0, swing=1.0, has_floor=False)
+    assert len(normals) == 2
+    assert np.allclose(sorted(normals[:, 0]), [-1.0, 1.0])
+
+
+@pytest.mark.parametrize("height", [0.9, 2.0])
+def test_a_low_wide_end_is_an_end(height: float) -> None:
+    normals = portals_of_passage(12.0, 12.0, height, swing=0.0, has_floor=True)
+    assert np.allclose(sorted(normals[:, 0]), [-1.0, 1.0])
