@@ -62,6 +62,9 @@ def suffer(kind: str) -> Any:
     if kind == "hangs":
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])  # as compiled code does that never comes back
         time.sleep(60.0)
+    if kind == "dawdles":
+        time.sleep(0.4)
+        return np.random.randint(3, size=3)
     once = Path(os.environ[ONCE])
     if kind == "dies" or not once.exists():
         once.touch()

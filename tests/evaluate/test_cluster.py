@@ -46,7 +46,6 @@ def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv(ONCE, str(tmp_path / "once"))
     monkeypatch.setenv(FLIERS, str(tmp_path / "fliers"))
-    monkeypatch.setenv(TROUBLE, ",".join(f"{seed} {kind}" for seed, kind in BAD.items() if "TROUBLED" in os.environ))
     nodes = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
     try:
         nodes.add_node(**NODE)
@@ -59,7 +58,13 @@ def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
 @pytest.fixture
 def troubled(monkeypatch: pytest.MonkeyPatch) -> None:
     """Give the policies on the cluster their troubles; name it before the cluster."""
-    monkeypatch.setenv("TROUBLED", "yes")
+    monkeypatch.setenv(TROUBLE, ",".join(f"{seed} {kind}" for seed, kind in BAD.items()))
+
+
+@pytest.fixture
+def slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the policies on the cluster slow, so that one flies when another ends; name it before the cluster."""
+    monkeypatch.setenv(TROUBLE, ",".join(f"{seed} dawdles" for seed in range(NUM_EPISODES)))
 
 
 def run(options: EvaluateOptions, after: Callable[[int], None] = lambda done: None) -> list[tuple[int, int]]:
@@ -81,7 +86,7 @@ def on(cluster: Any, folder: Path, output: Path, **options: Any) -> EvaluateOpti
 
 
 def test_episodes_of_a_cluster_that_loses_an_actor_are_each_written_once_and_the_same(
-    cluster: Any, folder: Path, tmp_path: Path, calm: Path
+    slow: None, cluster: Any, folder: Path, tmp_path: Path, calm: Path
 ) -> None:
     killed: list[int] = []
 
