@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +22,7 @@ from aquanav_tools.sim.boat import load_boat
 from aquanav_tools.sim.trial import boat_speed, try_out
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Progress, ignore_progress
+from tests.report.test_recording import rerun
 
 SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
 BAY = "format = 1\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
@@ -78,6 +80,14 @@ def test_an_episode_repeats_to_the_bit(oracle: Evaluation, tmp_path: Path, capsy
     main(["replay", str(oracle.results), "--episode", "2", "-o", str(tmp_path / "again.rrd")])
     assert "repeats to the bit" in capsys.readouterr().out
     assert (tmp_path / "again.rrd").stat().st_size > 10_000
+
+
+def test_a_recording_shows_the_sea_and_the_commands_that_a_boat_obeys(oracle: Evaluation) -> None:
+    (recording,) = oracle.recordings
+    listing = rerun("print", "-v", recording)
+    shown = {name: re.search(rf"/{name}\b", listing) is not None for name in ("sea", "rocks", "vehicle/rays", "trail")}
+    assert all(shown.values()), shown
+    assert sorted(set(re.findall(r"/plots/command/(\w+)", listing))) == ["steer", "thrust"]
 
 
 def test_policies_of_the_other_task_are_refused(bay: Path, tmp_path: Path) -> None:

@@ -30,6 +30,7 @@ FOLLOW = np.array([-16.0, 0.0, 9.0])
 class BayScene:
     """One bay with its boat."""
 
+    commands: tuple[str, ...] = ("steer", "thrust")
     stroke = STROKE
 
     def __init__(

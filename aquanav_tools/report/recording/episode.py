@@ -52,6 +52,8 @@ class Scene(Protocol):
     """The place, the hull, and the layout."""
     ray_directions: Array
     """(R, 3) unit vectors in the body frame, in the order of the tracks' rays."""
+    commands: tuple[str, ...]
+    """Those of COMMANDS that the vehicle obeys."""
     stroke: float
     """How much thicker lines are, and how much farther from a wall is near, than for a vehicle in a cave."""
 
@@ -62,6 +64,7 @@ class Scene(Protocol):
 class DiveScene:
     """What all recordings of one vehicle's dives in one cave have in common."""
 
+    commands: tuple[str, ...] = COMMANDS
     stroke = 1.0
 
     def __init__(self, cave: CaveModel, hull: Capsule, ray_directions: Array) -> None:
@@ -107,7 +110,7 @@ def record_episode(scene: Scene, track: Track, path: Path) -> None:
         _log_contacts(stream, track, scene.stroke)
         _log_current(stream, track)
         _log_rays(stream, track, scene.ray_directions)
-        _log_scalars(stream, track)
+        _log_scalars(stream, track, scene.commands)
         _log_states(stream, track, scene.stroke)
 
 
@@ -203,7 +206,7 @@ def distance_colours(distances: Array, far: float) -> Any:
     return (NEAR * (1.0 - share) + FAR * share).astype(np.uint8)
 
 
-def _log_scalars(stream: Any, track: Track) -> None:
+def _log_scalars(stream: Any, track: Track, commands: tuple[str, ...]) -> None:
     import rerun as rr
 
     series = {
@@ -211,7 +214,7 @@ def _log_scalars(stream: Any, track: Track) -> None:
         "progress": (track.times, track.progress),
         "cost": (track.times, track.costs),
         **{f"reward/{term}": (track.times[1:], values) for term, values in track.reward_terms.items()},
-        **{f"command/{name}": (track.times[:-1], track.commands[:, n]) for n, name in enumerate(COMMANDS)},
+        **{f"command/{name}": (track.times[:-1], track.commands[:, COMMANDS.index(name)]) for name in commands},
     }
     for name, (times, values) in series.items():
         stream.send_columns(f"plots/{name}", [_time_column(times)], rr.Scalars.columns(scalars=values), strict=True)
