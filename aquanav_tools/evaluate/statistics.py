@@ -113,9 +113,7 @@ def bootstrap_ratio(above: Array, below: Array, resamples: int = RESAMPLES) -> E
 
 def interquartile_mean(scores: Array) -> float:
     """Return the mean of the middle half of all scores: robust like the median, steadier."""
-    from scipy.stats import trim_mean
-
-    return float(trim_mean(scores, 0.25, axis=None))
+    return float(_middle_means(scores.reshape(1, -1))[0])
 
 
 def stratified_iqm(scores: Array, resamples: int = RESAMPLES) -> Estimate:
@@ -126,9 +124,17 @@ def stratified_iqm(scores: Array, resamples: int = RESAMPLES) -> Estimate:
     runs, tasks = scores.shape
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = rng.integers(runs, size=(resamples, runs, tasks))
-    values = [interquartile_mean(scores[rows, np.arange(tasks)]) for rows in drawn]
+    values = _middle_means(scores[drawn, np.arange(tasks)].reshape(resamples, -1))
     low, high = np.percentile(values, [2.5, 97.5])
     return Estimate(interquartile_mean(scores), float(low), float(high))
+
+
+def _middle_means(rows: Array) -> Array:
+    """Return the mean of the middle half of each row."""
+    from scipy.stats import trim_mean
+
+    means: Array = trim_mean(rows, 0.25, axis=1)
+    return means
 
 
 def _resampled_means(values: Array, resamples: int) -> Array:

@@ -1,0 +1,126 @@
+"""The study of training runs: what it counts, on episodes and runs with known answers, and that it repeats nothing."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eval.study import run as study_run
+from eval.study.page import improvement, markdown
+from eval.study.studies import CAVES, Question, Study
+
+SMALL = dataclasses.replace(
+    CAVES,
+    variants={"curriculum": "paper", "sparse": "paper-sparse"},
+    places=("wide", "narrow"),
+    currents={"still": 0.0, "full": 1.0},
+    questions=(Question("Dense or sparse", "curriculum", "sparse", "dense is better"),),
+    safety_place="narrow",
+)
+
+
+def episode(place: str, share: float, outcome: str, collisions: int) -> dict[str, Any]:
+    means = dict.fromkeys(("mean_clearance", "min_clearance", "time", "spl"), 1.0)
+    return {
+        "scenario": place,
+        "condition": f"current x{share:g}",
+        "outcome": outcome,
+        "collisions": collisions,
+        **means,
+    }
+
+
+def made_up(variant: str, seed: int, share: float, collisions: float = 0.0) -> dict[str, Any]:
+    """A run that did equally well everywhere."""
+    score = {"success": share, "collision_free": share, "collisions": collisions, "mean_clearance": 1.0}
+    scores = {place: dict.fromkeys(SMALL.currents, score) for place in SMALL.places}
+    curve = [[0.0, 0.0, 0.0], [3e6, share, share]]
+    return {"variant": variant, "seed": seed, "scores": scores, "curve": curve, "training_cpu_s": 1}
+
+
+def test_rates_are_counted_by_place_and_current() -> None:
+    flown = [
+        episode("wide", 0.0, "success", 0),
+        episode("wide", 0.0, "success", 3),
+        episode("wide", 0.0, "timeout", 0),
+        episode("wide", 0.0, "timeout", 1),
+        episode("wide", 1.0, "success", 0),
+        episode("narrow", 0.0, "collision", 1),
+        episode("narrow", 1.0, "success", 2),
+    ]
+    found = study_run.scores(SMALL, flown)
+    rates = {
+        (p, c): (s["success"], s["collision_free"], s["collisions"]) for p, at in found.items() for c, s in at.items()
+    }
+    assert rates == {
+        ("wide", "still"): (0.5, 0.25, 1.0),
+        ("wide", "full"): (1.0, 1.0, 0.0),
+        ("narrow", "still"): (0.0, 0.0, 1.0),
+        ("narrow", "full"): (1.0, 0.0, 2.0),
+    }
+
+
+def test_improvement_counts_pairs_of_runs_and_ties_as_halves() -> None:
+    # Of the four pairs of the first column 1 > 0 twice, 0 = 0 twice; in the second the first is always worse.
+    first, second = np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 1.0], [0.0, 1.0]])
+    assert improvement(first, second) == pytest.approx(np.mean([0.75, 0.0]))
+
+
+def test_the_page_gives_the_interquartile_mean_and_the_spread_over_runs() -> None:
+    # The middle half of 0, 40, 60, 100 % is 40 and 60 %; the standard deviation of 0, 40, 60, 100 is 41.6.
+    runs = [made_up("curriculum", seed, share) for seed, share in enumerate((0.0, 0.4, 0.6, 1.0))]
+    page = markdown("small", SMALL, [*runs, made_up("sparse", 0, 0.0, collisions=2.5)])
+    assert "curriculum 4, sparse 1" in page
+    assert "| collision-free success, IQM | 50 % [" in page
+    assert "| collisions per episode, narrow | 0.00 ± 0.00 | 2.50 ± 0.00 | 1.00 |" in page
+    assert "| wide, full | 50 ± 42 | 0 ± 0 |" in page
+
+
+def test_a_place_that_one_run_lacks_is_left_out() -> None:
+    runs = [made_up("curriculum", 0, 1.0), made_up("sparse", 0, 0.5)]
+    del runs[1]["scores"]["wide"]
+    page = markdown("small", SMALL, runs)
+    assert "wide" not in page
+    assert "| narrow, full | 100 ± 0 | 50 ± 0 |" in page
+
+
+@pytest.fixture
+def results(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """A folder for what the small study finds."""
+    monkeypatch.setattr(study_run, "STUDIES", {"caves": SMALL})
+    monkeypatch.setattr(study_run, "RESULTS", tmp_path)
+    monkeypatch.setattr("eval.study.page.DPI", 20)
+    return tmp_path
+
+
+def test_runs_that_are_kept_are_not_repeated(
+    results: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[tuple[str, int]] = []
+
+    def run_variant(study: Study, name: str, seed: int, places: tuple[str, ...], output: Path) -> dict[str, Any]:
+        asked.append((name, seed))
+        if (name, seed) == ("sparse", 1) and len(asked) == 4:
+            raise RuntimeError("the machine went down")
+        return made_up(name, seed, 0.5)
+
+    monkeypatch.setattr(study_run, "run_variant", run_variant)
+    monkeypatch.setattr(
+        "sys.argv", ["run.py", "caves", "--seeds", "2", "--jobs", "1", "--output", str(results / "out")]
+    )
+    with pytest.raises(RuntimeError, match="went down"):
+        study_run.main()
+    # All variants with one seed come before any with the next.
+    assert asked == [("curriculum", 0), ("sparse", 0), ("curriculum", 1), ("sparse", 1)]
+    study_run.main()
+    assert asked[4:] == [("sparse", 1)]
+    assert "3 runs are kept, 1 are to do." in capsys.readouterr().out
+    kept = [json.loads(line) for line in (results / "study-caves.jsonl").read_text().splitlines()]
+    assert sorted((run["variant"], run["seed"]) for run in kept) == sorted(asked[:4])
+    pictures = {"study-caves-curves.png", "study-caves-scores.png"}
+    assert {path.name for path in results.iterdir()} == {"study-caves.jsonl", "study-caves.md", *pictures}
