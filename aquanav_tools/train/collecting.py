@@ -6,6 +6,7 @@ each decision, which for few environments costs as much as all else.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from typing import Any
 
@@ -17,11 +18,31 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from aquanav_tools.train.towers import Tower
 
+MIN_HALF = 128
+"""Observations for which a thread is worth its start."""
+
 
 def towers_of(policy: Any) -> tuple[Tower, Tower]:
     """Return the layers of SB3's actor and critic, behind their features."""
     networks = policy.mlp_extractor
     return Tower([*networks.policy_net, policy.action_net]), Tower([*networks.value_net, policy.value_net])
+
+
+class Answers:
+    """A network's output for many observations: the helper computes the second half of it."""
+
+    def __init__(self, twins: Sequence[Tower], helper: Executor) -> None:
+        """Take the same network twice: each half writes to buffers of its own."""
+        self._twins, self._helper = twins, helper
+
+    def __call__(self, features: torch.Tensor) -> torch.Tensor:
+        """Return the (N, K) output for (N, F) features."""
+        first, second = self._twins
+        if len(features) < MIN_HALF:
+            return first.ahead(features)
+        half = len(features) // 2
+        later = self._helper.submit(second.ahead, features[half:])
+        return torch.cat([first.ahead(features[:half]), later.result()])
 
 
 def collect(learner: Any, callback: BaseCallback, buffer: RolloutBuffer, num_steps: int, helper: Executor) -> bool:
@@ -32,7 +53,7 @@ def collect(learner: Any, callback: BaseCallback, buffer: RolloutBuffer, num_ste
         callback: Told of each step's "infos" and "new_obs"; may stop collecting.
         buffer: Written from its beginning.
         num_steps: Decisions of each environment.
-        helper: Values half of the buffer.
+        helper: Asks the networks about half of the observations.
 
     Returns:
         Whether the callback let it finish.
@@ -40,22 +61,25 @@ def collect(learner: Any, callback: BaseCallback, buffer: RolloutBuffer, num_ste
     policy = learner.policy
     policy.set_training_mode(False)
     buffer.reset()
-    actor, critic = towers_of(policy)
+    act, value = (
+        Answers([one, other], helper) for one, other in zip(towers_of(policy), towers_of(policy), strict=True)
+    )
     later = torch.zeros(buffer.n_envs)
     callback.on_rollout_start()
     for _ in range(num_steps):
         observations = learner._last_obs
-        actions, log_probs = choose(policy, learner.action_space, actor.ahead(features_of(policy, observations)))
+        actions, log_probs = choose(policy, learner.action_space, act(features_of(policy, observations)))
         new_observations, rewards, dones, infos = learner.env.step(_allowed(actions, learner.action_space))
         learner.num_timesteps += learner.env.num_envs
         callback.update_locals({"infos": infos, "new_obs": new_observations, "dones": dones, "rewards": rewards})
         if not callback.on_step():
             return False
-        _look_beyond(learner, critic, rewards, dones, infos)
+        _look_beyond(learner, value, rewards, dones, infos)
         buffer.add(observations, actions, rewards, learner._last_episode_starts, later, log_probs)
         learner._last_obs, learner._last_episode_starts = new_observations, dones
-    _value(policy, buffer, helper)
-    last_values = critic.ahead(features_of(policy, new_observations))
+    looks = buffer.observations
+    buffer.values[:] = value(features_of(policy, looks.reshape(-1, looks.shape[-1]))).numpy().reshape(looks.shape[:2])
+    last_values = value(features_of(policy, new_observations))
     buffer.compute_returns_and_advantage(last_values=last_values, dones=dones)
     callback.on_rollout_end()
     return True
@@ -95,7 +119,7 @@ def _allowed(actions: np.ndarray, space: spaces.Space[Any]) -> np.ndarray:
     return actions.ravel() if isinstance(space, spaces.Discrete) else actions
 
 
-def _look_beyond(learner: Any, critic: Tower, rewards: np.ndarray, dones: np.ndarray, infos: list[Any]) -> None:
+def _look_beyond(learner: Any, value: Answers, rewards: np.ndarray, dones: np.ndarray, infos: list[Any]) -> None:
     """Note the episodes that ended; where time ran out, add to the reward what was still to come."""
     ended = [infos[n] for n in np.flatnonzero(dones)]
     if not ended:
@@ -104,19 +128,4 @@ def _look_beyond(learner: Any, critic: Tower, rewards: np.ndarray, dones: np.nda
     for n in np.flatnonzero(dones):
         if infos[n].get("TimeLimit.truncated", False) and infos[n].get("terminal_observation") is not None:
             last = infos[n]["terminal_observation"]
-            rewards[n] += learner.gamma * critic.ahead(features_of(learner.policy, last[None])).item()
-
-
-def _value(policy: Any, buffer: RolloutBuffer, helper: Executor) -> None:
-    """Write the values of all observations in the buffer; the helper takes the second half."""
-    half = len(buffer.observations) // 2
-
-    def fill(part: slice) -> None:
-        observations = buffer.observations[part]
-        _, critic = towers_of(policy)
-        values = critic.ahead(features_of(policy, observations.reshape(-1, observations.shape[-1])))
-        buffer.values[part] = values.numpy().reshape(observations.shape[:2])
-
-    second = helper.submit(fill, slice(half, None))
-    fill(slice(half))
-    second.result()
+            rewards[n] += learner.gamma * value(features_of(learner.policy, last[None])).item()

@@ -56,6 +56,9 @@ class Tower:
         if not isinstance(head, nn.Linear) or any(type(one) is not kinds[n % 2] for n, one in enumerate(body)):
             raise TypeError(f"A tower is linear layers with swish between them, not {[*body, head]}.")
         self._linear: list[nn.Linear] = [*body[::2], head]  # type: ignore[list-item]  # checked above
+        self.parameters = [tensor for layer in self._linear for tensor in (layer.weight, layer.bias)]
+        self.gradients = [torch.zeros_like(one) for one in self.parameters]
+        """What `back` writes; one for each of `parameters`."""
         self._values: list[torch.Tensor] = []
         self._slopes: list[torch.Tensor] = []
         self._changes: list[torch.Tensor] = []
@@ -74,19 +77,18 @@ class Tower:
             return torch.addmm(head.bias, values, head.weight.t())
 
     def back(self, gradient: torch.Tensor) -> None:
-        """Write to the parameters' gradients, which must be there already.
+        """Write `gradients`.
 
         Args:
             gradient: (N, K) of the output that `ahead` returned last.
         """
         with torch.no_grad():
             for n in range(len(self._linear) - 1, -1, -1):
-                layer = self._linear[n]
-                torch.mm(gradient.t(), self._values[n], out=layer.weight.grad)
-                torch.sum(gradient, 0, out=layer.bias.grad)
+                torch.mm(gradient.t(), self._values[n], out=self.gradients[2 * n])
+                torch.sum(gradient, 0, out=self.gradients[2 * n + 1])
                 if n > 0:
                     change = self._changes[n - 1]
-                    torch.mm(gradient, layer.weight, out=change)
+                    torch.mm(gradient, self._linear[n].weight, out=change)
                     gradient = change.mul_(self._slopes[n - 1])
 
     def _make_room(self, rows: int) -> None:

@@ -2,17 +2,16 @@
 
 The result is that of `stable_baselines3.PPO` but for rounding, and what is saved is one of its zips. The actor and the
 critic are two networks that share nothing but the limit on their gradient: each learns in a thread of its own, with
-its gradients written by hand (`towers.py`), so that the result does not depend on the threads. Observations are scaled
-once per update instead of once per minibatch, as their statistics stand still meanwhile; a pass over the buffer is
-shuffled at once; choices are scored without objects for their distributions; numbers for the log are read at the end;
-and Adam is torch's fused one.
+gradients (`towers.py`, `objectives.py`) and steps (`descent.py`) written by hand, so that the result does not depend on
+the threads. Observations are scaled once per update instead of once per minibatch, as their statistics stand still
+meanwhile, and numbers for the log are read at the end.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -22,28 +21,16 @@ from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.utils import explained_variance
 from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
 
 from aquanav_tools.train.collecting import collect, features_of, towers_of
+from aquanav_tools.train.descent import Descent, Meeting
+from aquanav_tools.train.objectives import Told, want_choices, want_levels
 from aquanav_tools.train.towers import Tower
 
-TINY = 1e-8
-"""Added to the advantages' spread, as in SB3."""
-
-
-class _Decisions(NamedTuple):
-    """What an update learns from; one row per decision."""
-
-    features: torch.Tensor
-    """(N, F) scaled observations."""
-    actions: torch.Tensor
-    old_log_probs: torch.Tensor
-    advantages: torch.Tensor
-    returns: torch.Tensor
-
-    def rows(self, which: Any) -> _Decisions:
-        """Return some of the rows."""
-        return _Decisions(*(tensor[which] for tensor in self))
+Rows = torch.Tensor
+"""Numbers of the decisions in a minibatch."""
+Grade = Callable[[Rows], tuple[float, ...]]
+"""Writes a network's gradients for a minibatch; returns numbers for the log."""
 
 
 class LeanPPO(PPO):
@@ -61,64 +48,72 @@ class LeanPPO(PPO):
         policy: Any = self.policy
         policy.set_training_mode(True)
         self._update_learning_rate(policy.optimizer)
-        for group in policy.optimizer.param_groups:
-            group["fused"] = True
         clip = float(self.clip_range(self._current_progress_remaining))  # type: ignore[operator]  # made a schedule
-        decisions, gradient = self._decisions(), _joint_gradient(policy)
+        columns = self._columns()
         actor, critic = towers_of(policy)
-        told: list[torch.Tensor] = []
+        of_log_std = [policy.log_std] if isinstance(self.action_space, spaces.Box) else []
+        gradients = [torch.zeros_like(one) for one in of_log_std]
+        acting = Descent(policy.optimizer, [*actor.parameters, *of_log_std], [*actor.gradients, *gradients])
+        valuing = Descent(policy.optimizer, critic.parameters, critic.gradients)
+        batches, meeting = self._batches(), Meeting(self.max_grad_norm)
         with ThreadPoolExecutor(1) as helper:
-            for _ in range(self.n_epochs):
-                shuffled = decisions.rows(torch.from_numpy(np.random.permutation(len(decisions.returns))))
-                for first in range(0, len(decisions.returns), self.batch_size):
-                    part = shuffled.rows(slice(first, first + self.batch_size))
-                    valuing = helper.submit(self._judge, critic, part)
-                    losses = self._act(actor, part, clip)
-                    told.append(torch.stack([*losses, valuing.result()]))
-                    gradient.mul_((self.max_grad_norm / (gradient.norm() + 1e-6)).clamp(max=1.0))
-                    policy.optimizer.step()
-                self._n_updates += 1
-        self._tell(torch.stack(told), clip)
+            judged = helper.submit(_descend, 1, valuing, self._judge(critic, columns), batches, meeting)
+            acted = _descend(0, acting, self._act(actor, columns, clip, gradients), batches, meeting)
+            losses = judged.result()
+        self._n_updates += self.n_epochs
+        self._tell(np.hstack([acted, losses]), clip)
 
-    def _decisions(self) -> _Decisions:
+    def _columns(self) -> dict[str, torch.Tensor]:
+        """Return what an update learns from: one row per decision, its features in place of its observation."""
         buffer = self.rollout_buffer
-        flat = {
-            name: torch.from_numpy(RolloutBuffer.swap_and_flatten(getattr(buffer, name)))
-            for name in ("observations", "actions", "log_probs", "advantages", "returns")
-        }
-        numbers = (flat[name].flatten() for name in ("log_probs", "advantages", "returns"))
-        return _Decisions(features_of(self.policy, flat["observations"]), flat["actions"], *numbers)
+        names = ("observations", "actions", "log_probs", "advantages", "returns")
+        columns = {name: torch.from_numpy(RolloutBuffer.swap_and_flatten(getattr(buffer, name))) for name in names}
+        columns["features"] = features_of(self.policy, columns.pop("observations"))
+        return columns
 
-    def _act(self, actor: Tower, part: _Decisions, clip: float) -> list[torch.Tensor]:
-        """Write the actor's gradients for a minibatch; return entropy loss, policy loss, divergence, share clipped."""
-        policy: Any = self.policy
-        raw = actor.ahead(part.features).requires_grad_()
-        log_probs, entropy = score(policy, self.action_space, raw, part.actions)
-        advantages = (part.advantages - part.advantages.mean()) / (part.advantages.std() + TINY)
-        log_ratio = log_probs - part.old_log_probs
-        ratio = log_ratio.exp()
-        policy_loss = -torch.min(advantages * ratio, advantages * ratio.clamp(1.0 - clip, 1.0 + clip)).mean()
-        entropy_loss = -entropy.mean()
-        learning = [raw, policy.log_std] if isinstance(self.action_space, spaces.Box) else [raw]
-        gradient, *others = torch.autograd.grad(policy_loss + self.ent_coef * entropy_loss, learning)
-        actor.back(gradient)
-        if others:
-            policy.log_std.grad.copy_(others[0])
-        with torch.no_grad():
-            divergence = (ratio - 1.0 - log_ratio).mean()
-            clipped = ((ratio - 1.0).abs() > clip).float().mean()
-        return [entropy_loss.detach(), policy_loss.detach(), divergence, clipped]
+    def _batches(self) -> list[Rows]:
+        """Return the minibatches of all passes, each pass in an order of its own; the last of a pass may be smaller."""
+        num = self.rollout_buffer.buffer_size * self.rollout_buffer.n_envs
+        passes = [torch.from_numpy(np.random.permutation(num)) for _ in range(self.n_epochs)]
+        return [rows for order in passes for rows in torch.split(order, self.batch_size)]
 
-    def _judge(self, critic: Tower, part: _Decisions) -> torch.Tensor:
-        """Write the critic's gradients for a minibatch; return the mean square of its error."""
-        error = critic.ahead(part.features) - part.returns[:, None]
-        critic.back(error * (2.0 * self.vf_coef / len(error)))
-        return error.square().mean()
+    def _act(
+        self, actor: Tower, columns: dict[str, torch.Tensor], clip: float, of_log_std: list[torch.Tensor]
+    ) -> Grade:
+        """Return what writes the actor's gradients, and `of_log_std` where actions are levels, and returns `Told`."""
+        names = ("actions", "log_probs", "advantages")
+        price = float(self.ent_coef)
 
-    def _tell(self, told: torch.Tensor, clip: float) -> None:
+        def grade(rows: Rows) -> Told:
+            actions, old, advantages = (columns[name][rows].numpy() for name in names)
+            raw = actor.ahead(columns["features"][rows])
+            gradient = torch.empty_like(raw)
+            decided = (actions, old.ravel(), advantages.ravel())
+            if of_log_std:
+                log_std: Any = self.policy.log_std
+                spread = (log_std.detach().numpy(), *decided, clip, price)
+                told = want_levels(raw.numpy(), *spread, gradient.numpy(), of_log_std[0].numpy())
+            else:
+                told = want_choices(raw.numpy(), *decided, actions.shape[1], clip, price, gradient.numpy())
+            actor.back(gradient)
+            return Told(*told)
+
+        return grade
+
+    def _judge(self, critic: Tower, columns: dict[str, torch.Tensor]) -> Grade:
+        """Return what writes the critic's gradients, and returns the mean square of its error."""
+
+        def grade(rows: Rows) -> tuple[float]:
+            error = critic.ahead(columns["features"][rows]) - columns["returns"][rows].view(-1, 1)
+            critic.back(error * (2.0 * self.vf_coef / len(error)))
+            return (float(error.square().mean()),)
+
+        return grade
+
+    def _tell(self, told: np.ndarray, clip: float) -> None:
         """Log what SB3 logs, by its names, of (M, 5) numbers of M minibatches."""
         names = ("entropy_loss", "policy_gradient_loss", "approx_kl", "clip_fraction", "value_loss")
-        for name, mean in zip(names, told.double().mean(dim=0).tolist(), strict=True):
+        for name, mean in zip(names, told.mean(axis=0).tolist(), strict=True):
             self.logger.record(f"train/{name}", mean)
         buffer = self.rollout_buffer
         last = dict(zip(names, told[-1].tolist(), strict=True))
@@ -133,33 +128,15 @@ class LeanPPO(PPO):
         self.logger.record("train/clip_range", clip)
 
 
-def _joint_gradient(policy: nn.Module) -> torch.Tensor:
-    """Return one tensor of which the gradient of each parameter is a part."""
-    parameters = list(policy.parameters())
-    sizes = [one.numel() for one in parameters]
-    joint = torch.zeros(sum(sizes))
-    for one, part in zip(parameters, torch.split(joint, sizes), strict=True):
-        one.grad = part.view_as(one)
-    return joint
-
-
-def score(
-    policy: Any, space: spaces.Space[Any], raw: torch.Tensor, actions: torch.Tensor
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Return the (N,) log probabilities of actions, and the (N,) entropies of the distributions they came from.
-
-    Args:
-        policy: SB3's.
-        space: Of the actions: choices of equal number, or a box.
-        raw: (N, K) output of the actor.
-        actions: (N, A) as floats.
-    """
-    if isinstance(space, spaces.Box):
-        log_std = policy.log_std
-        error = (actions - raw) * (-log_std).exp()
-        log_probs = -(0.5 * error * error + log_std + 0.5 * math.log(2.0 * math.pi)).sum(dim=-1)
-        entropy = (0.5 + 0.5 * math.log(2.0 * math.pi) + log_std).sum().expand(len(actions))
-        return log_probs, entropy
-    chosen = actions.long().reshape(len(actions), -1, 1)
-    logs = raw.reshape(len(actions), chosen.shape[1], -1).log_softmax(dim=-1)
-    return logs.gather(-1, chosen).sum(dim=(1, 2)), -(logs.exp() * logs).sum(dim=(1, 2))
+def _descend(side: int, descent: Descent, grade: Grade, batches: Sequence[Rows], meeting: Meeting) -> np.ndarray:
+    """Take one network through all minibatches; return what was told of each, (M, numbers)."""
+    told = []
+    try:
+        for step, rows in enumerate(batches):
+            told.append(grade(rows))
+            descent.step(meeting.scale(step, side, descent.square()))
+    except BaseException:
+        meeting.give_up()  # else the other side would wait for ever
+        raise
+    descent.end()
+    return np.array(told, dtype=float)
