@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,7 @@ from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.joint_batch import JointBatch
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay, is_bay, read_bay
@@ -16,6 +19,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 
 Place = Scenario | Bay
+Spec = str | Path | Place
 PlaceEnv = CaveEnv | SurfaceEnv
 
 
@@ -48,26 +52,40 @@ def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) 
     )
 
 
-def make_batch(place: str | Path | Place, num: int, *, max_decisions: int | None = None, **choices: Any) -> Batch:
-    """Return a batch of `num` vehicles in a scenario: in a cave Warp's, in bays compiled loops.
+def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | None = None, **choices: Any) -> Batch:
+    """Return a batch of `num` vehicles in a scenario, in a cave Warp's, in bays compiled loops; or in several.
 
     Args:
-        place: The scenario, its name or path.
+        places: The scenario, its name or path; or several, over which the vehicles are shared out evenly, in order.
         num: Vehicles.
-        max_decisions: Episode limit; None takes the scenario's.
+        max_decisions: Episode limit; None takes each scenario's.
         choices: The other options of `CaveBatch` or `BoatBatch`.
+
+    Raises:
+        ScenarioError: a scenario cannot be read, or has no start.
+        InputError: an option is unknown, senseless or not batched; or scenarios do not go into one batch.
     """
-    found = read_place(place) if isinstance(place, str | Path) else place
-    if isinstance(found, Scenario):
-        return CaveBatch(found, num, max_decisions=max_decisions, **choices)
-    settings = found.settings
-    return BoatBatch(
-        found.map_path or settings.rocks,
-        num,
+    several = [places] if isinstance(places, str | Path | Place) else list(places)
+    if not several:
+        raise InputError("A batch needs a scenario.")
+    makes = [_batch_maker(place, max_decisions) for place in several]
+    if len(makes) == 1:
+        return makes[0](num, **choices)
+    return JointBatch(makes, num, **choices)
+
+
+def _batch_maker(spec: Spec, max_decisions: int | None) -> Callable[..., Batch]:
+    """Return what makes a scenario's batch of a number of vehicles and further options."""
+    place = read_place(spec) if isinstance(spec, str | Path) else spec
+    if isinstance(place, Scenario):
+        return partial(CaveBatch, place, max_decisions=max_decisions)
+    settings = place.settings
+    return partial(
+        BoatBatch,
+        place.map_path or settings.rocks,
         sea=settings.sea,
         vehicle=settings.vehicle,
         max_decisions=max_decisions or settings.decisions,
-        **choices,
     )
 
 

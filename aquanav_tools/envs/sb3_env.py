@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,24 +11,19 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.places import Place, make_batch
+from aquanav_tools.envs.places import Spec, make_batch
 
 
 class PlaceVecEnv(VecEnv):
-    """N vehicles in one cave, or N boats in bays; an ended episode's successor begins in the same step.
+    """N vehicles in one cave or several, or N boats in bays; an ended episode's successor begins in the same step.
 
     The info of an episode's last step has "terminal_observation", "TimeLimit.truncated", "episode" (r, l, t, as SB3's
     Monitor), outcome and num_collisions; that of every other step is empty.
     """
 
-    def __init__(self, scenario: str | Path | Place, num_envs: int, *, seed: int = 0, **options: Any) -> None:
-        """Load a scenario; `options` are those of `make_batch`.
-
-        Raises:
-            ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown, senseless or not batched.
-        """
-        self._task = make_batch(scenario, num_envs, next_step=False, **options)
+    def __init__(self, scenarios: Spec | Sequence[Spec], num_envs: int, *, seed: int = 0, **options: Any) -> None:
+        """Load one or several scenarios; arguments, `options` and errors are those of `make_batch`."""
+        self._task = make_batch(scenarios, num_envs, next_step=False, **options)
         self._first_seed, self._num_resets = seed, 0
         self._began = time.time()
         self.render_mode = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from aquanav_tools.envs.batch import Batch, Floats
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.joint_batch import JointBatch
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import RESET_OPTIONS
 from aquanav_tools.errors import InputError, did_you_mean
@@ -127,26 +128,31 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
 
 
 class CaveVectorEnv(BatchVectorEnv):
-    """N vehicles in one cave, each at the task of `CaveEnv`.
+    """N vehicles in one cave, each at the task of `CaveEnv`; or shared out over several caves.
 
-    `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`
+    `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`, with
+    a list of scenarios where there are several: `batch.shares` then has the slice of the vehicles in each of them.
     """
 
     def __init__(
         self,
         num_envs: int,
-        scenario: str | Path | Scenario,
+        scenario: str | Path | Scenario | Sequence[str | Path | Scenario],
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,
     ) -> None:
-        """Load a scenario; `options` are those of `CaveBatch`.
+        """Load the scenarios; `options` are those of `CaveBatch`.
 
         Raises:
-            ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown, senseless or not batched.
+            ScenarioError: a scenario cannot be read, or has no start.
+            InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than caves.
         """
-        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
+        if isinstance(scenario, str | Path | Scenario):
+            make: Callable[..., Batch] = partial(CaveBatch, scenario, **options)
+        else:
+            make = partial(JointBatch, [partial(CaveBatch, one) for one in scenario], **options)
+        super().__init__(num_envs, autoreset_mode, make)
 
 
 class SurfaceVectorEnv(BatchVectorEnv):

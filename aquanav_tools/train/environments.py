@@ -8,13 +8,13 @@ a second processor brings.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from itertools import pairwise
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
+from aquanav_tools.envs.joint_batch import shares
 from aquanav_tools.envs.places import Place
 from aquanav_tools.train.crew import Crew, Floats, Stepped
 from aquanav_tools.train.rewinding import Moment
@@ -139,9 +139,3 @@ class TrainingEnvs(VecEnv):
 
 def _joined(parts: Iterable[list[Any]]) -> list[Any]:
     return [item for part in parts for item in part]
-
-
-def shares(num_envs: int, num_parts: int) -> list[slice]:
-    """Return the environments of each part, as even as can be; none of them goes empty."""
-    bounds = np.linspace(0, num_envs, min(num_parts, num_envs) + 1).round().astype(int).tolist()
-    return [slice(first, last) for first, last in pairwise(bounds)]

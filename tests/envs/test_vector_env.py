@@ -208,6 +208,50 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
     assert not np.array_equal(runs[0], runs[2])
 
 
+def test_vehicles_of_several_caves_swim_as_in_a_batch_of_each(tube: Scenario) -> None:
+    """Made by Gymnasium, in each autoreset mode; one thread or four, the result is the same."""
+    caves = [tube, tube_scenario(limits=LimitSettings(decisions=15)), tube]
+    joint = {"num_envs": 8, "vectorization_mode": "vector_entry_point", "scenario": caves, "action": "continuous"}
+    for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
+        batches: list[Any] = [
+            gymnasium.make_vec("aquanav/Cave-v0", **joint, num_threads=n, autoreset_mode=mode) for n in (1, 4)
+        ]
+        shares = batches[0].batch.shares
+        assert [share.stop - share.start for share in shares] == [3, 2, 3]
+        alone = [
+            CaveVectorEnv(share.stop - share.start, cave, action="continuous", autoreset_mode=mode)
+            for cave, share in zip(caves, shares, strict=True)
+        ]
+        parts = [env.reset(seed=9 + share.start) for env, share in zip(alone, shares, strict=True)]
+        for batch in batches:
+            assert np.array_equal(batch.reset(seed=9)[0], np.concatenate([part[0] for part in parts]))
+        rng = np.random.default_rng(0)
+        for _ in range(20):
+            actions = rng.uniform(-1.0, 1.0, (8, 3)).astype(np.float32)
+            expected = [env.step(actions[share]) for env, share in zip(alone, shares, strict=True)]
+            for found in (batch.step(actions) for batch in batches):
+                for n in range(4):
+                    assert np.array_equal(found[n], np.concatenate([one[n] for one in expected]))
+                for name in expected[0][4].keys() - {"final_obs", "_final_obs", "final_info", "_final_info"}:
+                    assert np.array_equal(found[4][name], np.concatenate([one[4][name] for one in expected])), name
+        for env in (*batches, *alone):
+            env.close()
+
+
+def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None:
+    with pytest.raises(InputError, match="3 scenarios need at least as many vehicles, got 2"):
+        CaveVectorEnv(2, [tube, tube, tube])
+    with pytest.raises(InputError, match="A batch needs a scenario"):
+        PlaceVecEnv([], 2)
+    with pytest.raises(InputError, match="Caves and bays do not go into one batch"):
+        PlaceVecEnv([tube, "bay-calm"], 2, observation="paper")
+    env = CaveVectorEnv(4, [tube, tube])
+    env.reset(seed=0)
+    with pytest.raises(InputError, match="one for each of the 4 vehicles"):
+        env.step(np.tile(AHEAD, (3, 1)))
+    env.close()
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -11,7 +11,7 @@ import pytest
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
-from aquanav_tools.train.batched import BatchedEnvs, BatchedPlace
+from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.episodes import SUMMARY
 from aquanav_tools.train.pipeline import read_pipeline
 from aquanav_tools.train.settings import RunSettings
@@ -91,7 +91,8 @@ def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tub
     caves = [read_scenario(tube), read_scenario(still_tube)]
     settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, batch=32, buffer=160)
     both = BatchedEnvs(caves, settings)
-    alone = [BatchedPlace(cave, settings, n) for cave, n in zip(caves, (2, 3), strict=True)]
+    sizes = (dataclasses.replace(settings, num_envs=n, buffer=32 * n) for n in (2, 3))
+    alone = [BatchedEnvs([cave], own) for cave, own in zip(caves, sizes, strict=True)]
     both.seed(7)
     alone[0].seed(7)
     alone[1].seed(9)  # vehicles count on: 7 and 8 are in the first cave
