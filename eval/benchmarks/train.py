@@ -6,7 +6,8 @@ Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480
 "here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
 --workers 2), "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train
 --backend batch). Learning, from one buffer: "sb3" is Stable-Baselines3's own update, "lean" ours (train/update.py),
-"sb3-4096" and "lean-4096" with minibatches of 4096.
+"sb3-4096" and "lean-4096" with minibatches of 4096, "sbx" the update of sbx (JAX; pip install sbx-rl), without scaling
+of observations, where that is installed.
 
 All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
 are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where
@@ -21,6 +22,7 @@ import dataclasses
 import os
 import time
 from collections.abc import Callable
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -41,7 +43,7 @@ from aquanav_tools.train.update import LeanPPO
 
 Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
-LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096")
+LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096", "sbx")
 PYBULLET_ENVS = 16
 
 
@@ -92,6 +94,24 @@ def learning(name: str, full: Any) -> Action:
     return learn
 
 
+def learning_in_jax(full: Any) -> Action:
+    """Return what learns once from a full buffer, as sbx does it; its imports are not the project's."""
+    import sbx
+    from flax import linen
+
+    learner: Any = sbx.PPO(
+        "MlpPolicy", full.env, n_steps=full.n_steps, batch_size=full.batch_size, n_epochs=full.n_epochs,
+        ent_coef=full.ent_coef, policy_kwargs={"net_arch": [128, 128, 128], "activation_fn": linen.swish},
+    )  # fmt: skip
+    learner.set_logger(full.logger)
+
+    def learn() -> None:
+        learner.rollout_buffer = copy.deepcopy(full.rollout_buffer)
+        learner.train()
+
+    return learn
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--scenario", default="cave-train-1")
@@ -110,7 +130,13 @@ def main() -> None:
         full, collect = collecting("batch512", scenario, settings)
         learners.append(full)
         collect()
-        actions |= {f"learn {name}": learning(name, full) for name in names}
+        for name in names:
+            if name != "sbx":
+                actions[f"learn {name}"] = learning(name, full)
+            elif find_spec("sbx"):
+                actions["learn sbx"] = learning_in_jax(full)
+            else:
+                print("sbx is left out: it is not installed (pip install sbx-rl).")
     print(f"{scenario.name}, {os.cpu_count()} processors, {options.rounds} rounds, load {os.getloadavg()[0]:.1f}")
     spent = {name: np.zeros(2) for name in actions}
     for turn in range(options.rounds + 1):
