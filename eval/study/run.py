@@ -46,7 +46,9 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--jobs", type=int, default=2, help="runs at the same time")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder with the scans")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "study", help="where runs and scores go")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    arguments.output /= arguments.study  # studies have variants of the same name
+    return arguments
 
 
 def main() -> None:
