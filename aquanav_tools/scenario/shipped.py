@@ -101,6 +101,8 @@ def scenario_folder(spec: str | Path) -> Path:
     code = "from aquanav_tools.cli.info import main; main()"
     command = [sys.executable, "-c", code, "scenarios", name]
     is_watched = sys.stderr.isatty()  # then the minute passes with progress bars
+    if not is_watched:
+        print(f"Building {name} in {folder}: about a minute on a free core, and only once.", file=sys.stderr)
     child = subprocess.run(
         command, stdout=subprocess.DEVNULL, stderr=None if is_watched else subprocess.PIPE, text=True
     )

@@ -45,10 +45,13 @@ def test_a_changed_recipe_has_another_folder(tmp_path: Path, monkeypatch: pytest
     assert named_folder("cave-train-1") != before
 
 
-def test_a_failed_build_tells_why(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_build_is_announced_and_a_failed_one_tells_why(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("sys.executable", "/bin/false")
     with pytest.raises(ScenarioError, match=r"could not be built.*Try it by itself: aquanav scenarios cave-train-1"):
         scenario_folder("cave-train-1")
+    assert "Building cave-train-1 in" in capsys.readouterr().err
 
 
 def test_an_empty_slot_says_how_to_fill_it(cache: Path) -> None:
