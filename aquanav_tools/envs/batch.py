@@ -56,6 +56,9 @@ class Batch(Protocol):
             starts: The first episode's; None draws them.
         """
 
+    def stagger(self, seed: int) -> None:
+        """Let time run out earlier, by chance, in the episodes that have just begun: not in all of them at once."""
+
     def command(self, actions: Any) -> None:
         """Hand the (N, ...) actions of all vehicles to the next step; raises InputError where one is none."""
 

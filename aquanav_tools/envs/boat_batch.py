@@ -127,6 +127,10 @@ class BoatBatch:
         self._begin(everyone)
         self._look(everyone)
 
+    def stagger(self, seed: int) -> None:
+        """Let time run out earlier, by chance, in the episodes that have just begun."""
+        self._arrays["ages"][:] = np.random.default_rng(seed).integers(self._rules.max_decisions, size=self.num)
+
     def command(self, actions: Any) -> None:
         """Hand the actions of all boats to the next step."""
         self.hold(self._actions.commands(actions))
@@ -211,7 +215,7 @@ class BoatBatch:
             arrays["tolerances"][i], arrays["ways"][i] = sea.goal.tolerance, way.length
             arrays["start_indices"][i] = number
         arrays["episodes"][chosen] += 1
-        for name in ("commands", "decisions", "is_touching", "collisions", "outcomes", "returns", "currents"):
+        for name in ("commands", "decisions", "ages", "is_touching", "collisions", "outcomes", "returns", "currents"):
             arrays[name][chosen] = 0
         _measure(self.fleet.states, arrays["goals"], chosen, arrays["lengths"])
         arrays["remaining"][chosen] = arrays["lengths"][chosen]
@@ -245,7 +249,7 @@ class BoatBatch:
         arrays["collisions"] += is_touching & ~arrays["is_touching"] & is_moving
         arrays["is_touching"][is_moving] = is_touching[is_moving]
         has_hit, is_there = is_touching & self._rules.ends_on_collision, arrays["remaining"] <= arrays["tolerances"]
-        is_late = arrays["decisions"] >= self._rules.max_decisions
+        is_late = arrays["ages"] + arrays["decisions"] >= self._rules.max_decisions
         outcomes = np.select([~is_moving, has_hit, is_there, is_late], [0, *map(OUTCOMES.index, _ENDS)], 0)
         cut_off = self.fleet.rays.shape[1] - self.fleet.rays @ (1.0 / self.ray_lengths).astype(np.float32)
         amounts = (before - arrays["remaining"], SUBSTEPS, touched, SUBSTEPS * cut_off,
@@ -268,8 +272,8 @@ _ENDS = ("collision", "success", "timeout")
 
 def _blank_arrays(num: int, num_corners: int, size: int) -> dict[str, npt.NDArray[Any]]:
     """Return what is known of each boat beside its motion, by name."""
-    integers = ("seeds", "episodes", "asked", "decisions", "collisions", "outcomes", "start_indices", "last_outcomes",
-                "last_lengths", "last_collisions")  # fmt: skip
+    integers = ("seeds", "episodes", "asked", "decisions", "ages", "collisions", "outcomes", "start_indices",
+                "last_outcomes", "last_lengths", "last_collisions")  # fmt: skip
     numbers = ("remaining", "lengths", "ways", "tolerances", "shares", "rewards", "returns", "last_returns")
     tables = {"goals": (num_corners, 2), "centres": (2,), "currents": (3,), "terms": (len(TERMS),)}
     singles = {"commands": 3, "observations": size, "final_observations": size}

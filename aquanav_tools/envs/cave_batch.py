@@ -89,6 +89,7 @@ class CaveBatch:
         self.action_space = self._actions.space
         self.ray_lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
+        self._max_decisions = rules.max_decisions
         self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
@@ -119,6 +120,10 @@ class CaveBatch:
         seed = seeds if isinstance(seeds, int) else seeds[0]
         first = None if starts is None else [-1 if start is None else start for start in starts]
         self.world.reset(seed % (1 << 32), None if first is None else np.array(first, dtype=np.int32))
+
+    def stagger(self, seed: int) -> None:
+        """Let time run out earlier, by chance, in the episodes that have just begun."""
+        self.world.age(np.random.default_rng(seed).integers(self._max_decisions, size=self.num))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""

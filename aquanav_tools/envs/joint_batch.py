@@ -71,6 +71,11 @@ class JointBatch:
             own = (seeds + share.start) % (1 << 32) if isinstance(seeds, int) else seeds[share]
             batch.reset(own, None if starts is None else starts[share])
 
+    def stagger(self, seed: int) -> None:
+        """Let time run out earlier, by chance, in the episodes that have just begun; seeds count on as for `reset`."""
+        for batch, share in zip(self.batches, self.shares, strict=True):
+            batch.stagger(seed + share.start)
+
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""
         if len(actions) != self.num:

@@ -24,6 +24,17 @@ class BatchedEnvs(PlaceVecEnv):
         form = {"observation": settings.observation, "action": settings.action}
         super().__init__(scenarios, settings.num_envs, **(form | choices_of(settings)))
 
+    def reset(self) -> Floats:
+        """Begin all episodes, as if some time had passed in each.
+
+        Hundreds of vehicles that began together would all run out of time at once, or, where a lesson has fewer
+        decisions for each than an episode, never: those that are stuck would teach the same till the end.
+        """
+        seed = self._first_seed if self._seeds[0] is None else self._seeds[0]
+        observations = super().reset()
+        self._task.stagger(seed)
+        return observations
+
     def state(self) -> dict[str, Any]:
         """Return all arrays of the batch."""
         return {name: torch.from_numpy(values) for name, values in self._task.state().items()}

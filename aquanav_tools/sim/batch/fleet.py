@@ -119,6 +119,10 @@ class BatchWorld:
         self._run(self._beginning)
         self._sort()
 
+    def age(self, decisions: npt.NDArray[np.integer]) -> None:
+        """Let time run out (N,) decisions earlier in the episodes that have just begun."""
+        self.fleet.ages.assign(decisions.astype(np.int32))
+
     def step(self) -> None:
         """Carry out `fleet.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
         self._run(self._decision)

@@ -213,6 +213,8 @@ class Fleet:
     remaining: wp.array(dtype=f64)
     gained: wp.array(dtype=f64)
     decisions: wp.array(dtype=wp.int32)
+    ages: wp.array(dtype=wp.int32)
+    """Decisions by which this episode's time runs out earlier."""
     episodes: wp.array(dtype=wp.int32)
     start_indices: wp.array(dtype=wp.int32)
     wanted_starts: wp.array(dtype=wp.int32)

@@ -41,6 +41,7 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
     fleet.remaining[i] = starts.remaining[start]
     fleet.gained[i] = f64(0.0)
     fleet.decisions[i] = 0
+    fleet.ages[i] = 0
     fleet.touched[i] = 0
     fleet.is_touching[i] = 0
     fleet.collisions[i] = 0
@@ -152,7 +153,7 @@ def move(
         outcome = COLLISION
     elif remaining <= rules.tolerance:
         outcome = SUCCESS
-    elif fleet.decisions[i] >= rules.max_decisions:
+    elif fleet.ages[i] + fleet.decisions[i] >= rules.max_decisions:
         outcome = TIMEOUT
     fleet.outcomes[i] = outcome
 
