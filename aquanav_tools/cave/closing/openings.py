@@ -152,8 +152,7 @@ class _View:
         """
         part = Mesh(self._closed.mesh.vertices, self._closed.mesh.faces[patch])
         middles = part.triangles.mean(axis=1)
-        places = (middles - opening.centre) @ plane_axes(opening.normal).T
-        length = np.sqrt(12.0 * np.linalg.eigvalsh(np.cov(places.T, aweights=part.areas))[1])  # as of a rectangle
+        length = np.sqrt(12.0 * _spread(part.triangles @ plane_axes(opening.normal).T, part.areas)[1])  # as a rectangle
         width = opening.area / length  # across, also of a patch that winds
         if length <= MAX_SLENDER * width:
             return False
@@ -258,3 +257,15 @@ def rim(faces: IntArray) -> IntArray:
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     unique, counts = np.unique(edges, axis=0, return_counts=True)
     return np.unique(unique[counts == 1])
+
+
+def _spread(corners: Array, areas: Array) -> Array:
+    """Return the two principal variances of the area of (T, 3, 2) triangles, the smaller first, m^2."""
+    weights = areas / areas.sum()
+    middles = corners.mean(axis=1)
+    middle = weights @ middles
+    own = corners - middles[:, None]  # a triangle's own second moment is a twelfth of its corners'
+    moments = np.einsum("tci,tcj->tij", own, own) / 12.0
+    offsets = middles - middle
+    moments += offsets[:, :, None] * offsets[:, None, :]
+    return np.linalg.eigvalsh(np.tensordot(weights, moments, axes=1))

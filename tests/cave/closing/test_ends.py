@@ -177,3 +177,13 @@ def test_a_ragged_end_is_cut_at_the_middle_of_its_rim_or_outside_of_its_cameras(
 
     assert end_of(2.0, 4.0, 6.0) == pytest.approx(LENGTH, abs=VOXEL)
     assert end_of(2.0, 4.0, LENGTH + 0.3) == pytest.approx(LENGTH + 0.3 + CAMERA_VOXELS * VOXEL, abs=VOXEL)
+
+
+@pytest.mark.filterwarnings("error")
+def test_an_end_of_a_single_triangle_is_an_end() -> None:
+    mesh = from_manifold(manifold3d.Manifold.cylinder(LENGTH, RADIUS, circular_segments=3).rotate((0, 90, 0)))
+    x = mesh.triangles[..., 0]
+    is_scan = ~((x.max(axis=1) < 1e-9) | (x.min(axis=1) > LENGTH - 1e-9))
+    assert (~is_scan).sum() == 2
+    openings = find_openings(ClosedSurface(mesh, is_scan, "winding"), MIN_PORTAL)
+    assert [opening.is_portal for opening in openings] == [True, True]
