@@ -70,15 +70,15 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     ## Reward
     The sum of these terms, each in `info["reward/<name>"]`:
 
-    | name      | dense | safe  | careful | sparse | unit                                                      |
-    |-----------|-------|-------|---------|--------|-----------------------------------------------------------|
-    | progress  | 10    | 10    | 10      | 0      | per metre gained along the way to the goal, by `progress` |
-    | time      | -0.01 | -0.01 | -0.01   | 0      | per physics step                                          |
-    | contact   | -0.01 | -0.01 | -1      | 0      | per physics step in contact                               |
-    | proximity | 0     | -0.02 | 0       | 0      | per physics step and share of ray lost                    |
-    | goal      | 500   | 500   | 50      | 10     | once                                                      |
-    | collision | -1000 | -1000 | -100    | -10    | when it ends the episode                                  |
-    | timeout   | 0     | 0     | 0       | -1     | when time runs out                                        |
+    | name      | dense | safe   | careful | sparse | unit                                                      |
+    |-----------|-------|--------|---------|--------|-----------------------------------------------------------|
+    | progress  | 10    | 10     | 10      | 0      | per metre gained along the way to the goal, by `progress` |
+    | time      | -0.01 | -0.01  | -0.01   | 0      | per physics step                                          |
+    | contact   | -0.01 | -0.01  | -1      | 0      | per physics step in contact                               |
+    | proximity | 0     | -0.005 | 0       | 0      | per physics step and share of ray lost                    |
+    | goal      | 500   | 500    | 50      | 10     | once                                                      |
+    | collision | -1000 | -1000  | -100    | -10    | when it ends the episode                                  |
+    | timeout   | 0     | 0      | 0       | -1     | when time runs out                                        |
 
     ## Episode
     It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`, or

@@ -69,8 +69,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     | 14-15 | command  | the last steer and thrust                | 1                         |
 
     ## Reward
-    The terms and weights of `CaveEnv`, each in `info["reward/<name>"]`, with the sensor's term of "safe" five times as
-    large (-0.1), as in the original. Progress is metres gained towards the goal as the crow flies.
+    The terms and weights of `CaveEnv`, each in `info["reward/<name>"]`, with -0.1 for the sensor's term of "safe", as
+    in the original. Progress is metres gained towards the goal as the crow flies.
 
     ## Episode
     It starts at rest; unless the bay is fixed, in another bay each time, with its own start and goal, drawn from the
@@ -282,7 +282,7 @@ def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehi
 def weights_of(task: TaskOptions) -> RewardWeights:
     """Return the weights of a task's reward for boats."""
     weights = load_weights(task.reward)
-    return replace(weights, proximity=BOAT_PROXIMITY * weights.proximity)
+    return replace(weights, proximity=BOAT_PROXIMITY if weights.proximity else 0.0)
 
 
 def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int | None) -> EpisodeRules:

@@ -30,7 +30,11 @@ def test_a_contact_of_a_decision_costs_half_a_metre_to_the_careful_and_ten_where
 
 
 def test_safe_charges_rays_that_are_cut_off() -> None:
-    assert total(SAFE, cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.56)  # -0.56 per step when all are at zero
+    assert total(SAFE, cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.14)  # -0.14 per step when all are at zero
+
+
+def test_to_the_safe_swimming_at_1_m_per_s_pays_with_half_of_all_rays_cut_off_and_waiting_does_not() -> None:
+    assert total(SAFE, gained=0.1, cut_off=14.0) > 0.0 > total(SAFE, cut_off=14.0)
 
 
 @pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])
