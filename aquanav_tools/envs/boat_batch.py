@@ -98,7 +98,7 @@ class BoatBatch:
         size = spaces.flatdim(self.observation_space)
         self._arrays = _blank_arrays(num, num_corners, size)
         self._waters: list[SeaWater | None] = [None] * num
-        self._ahead = np.zeros((num, AHEAD, 3))
+        self._currents_ahead, self._winds_ahead = np.zeros((num, AHEAD, 3)), np.zeros((num, AHEAD, 2))
         self._is_resting = np.zeros(num, dtype=np.bool_)
 
     @property
@@ -223,16 +223,18 @@ class BoatBatch:
     def _draw_ahead(self, i: int) -> None:
         water = self._waters[i]
         assert water is not None, "reset comes first"
-        self._ahead[i] = self._arrays["shares"][i] * water.draw_ahead(self.decision_seconds, AHEAD)
+        currents, self._winds_ahead[i] = water.draw_ahead(self.decision_seconds, AHEAD)
+        self._currents_ahead[i] = self._arrays["shares"][i] * currents
 
     def _sail(self, is_moving: Flags) -> None:
         arrays = self._arrays
         place = arrays["decisions"] % AHEAD
         for i in np.flatnonzero(is_moving & (place == 0) & (arrays["decisions"] > 0)):
             self._draw_ahead(int(i))
-        arrays["currents"][:] = self._ahead[np.arange(self.num), place]
+        now = np.arange(self.num), place
+        arrays["currents"][:] = self._currents_ahead[now]
         steer, thrust = (arrays["commands"][:, DIVING.index(name)].astype(np.float64) for name in AFLOAT)
-        self.fleet.step(steer, thrust, arrays["currents"], is_moving)
+        self.fleet.step(steer, thrust, (arrays["currents"], self._winds_ahead[now]), is_moving)
         arrays["decisions"][is_moving] += 1
 
     def _look(self, chosen: Flags) -> None:

@@ -85,9 +85,9 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     Besides, way: the shortest way from the start through the rocks, m.
 
     ## Physics
-    Waves, wind's drift, gusts and current are `SeaWater`'s; pressure and drag are summed up over the hull. Contacts
-    need no Bullet: `sim.sea_world` says why. The original's boat ("boat") stays level at its height, and feels the
-    current but no waves.
+    Waves, wind, its drift, gusts and current are `SeaWater`'s; pressure and drag are summed up over the hull, and the
+    wind pushes on what is above the water (`sim.windage`). Contacts need no Bullet: `sim.sea_world` says why. The
+    original's boat ("boat") stays level at its height, and feels the current but neither waves nor wind.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
@@ -120,7 +120,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             render_size: Their width and height, px.
             task: The fields of `aquanav_tools.task.TaskOptions`. `progress` can only be "panels": a bay's one panel is
                 its goal. `current` is the tide's: a speed or a preset, to another direction in each episode, or one
-                velocity X Y 0; the wind's drift comes on top, and `current_range` scales both.
+                velocity X Y 0; the wind's drift comes on top, and `current_range` scales both; the wind itself stays.
 
         Raises:
             ScenarioError: the bay cannot be read, or has no start.

@@ -1,4 +1,4 @@
-"""A boat on waves: pressure and drag of the water, summed up over the part of its hull that is below the surface.
+"""A boat on waves: pressure and drag of the water, summed up over the part of its hull that is below it, and wind.
 
 Every triangle is cut at the surface, taken for flat between its corners. Pressure is that of the water's depth below
 the surface above it (Froude and Krylov's force for waves longer than the boat), which is linear over a triangle, so
@@ -15,31 +15,33 @@ from aquanav_tools.sim import hydrodynamics
 from aquanav_tools.sim.hydrodynamics import compiled, inlined, rotation_rows
 from aquanav_tools.sim.sea_motion import add_turned_sea, sea_table, turn_on, turn_sea, turned_rise
 from aquanav_tools.sim.vehicle_base import GRAVITY
+from aquanav_tools.sim.windage import add_wind
 
 THIRD = 1.0 / 3.0
 _MASS, _DENSITY, _NORMAL, _FRICTION = range(4)
 
 
 @compiled
-def advance_afloat(state, command, current, waves, phases, skin, coefficients, parameters, dt):  # type: ignore[no-untyped-def]
+def advance_afloat(state, command, flows, waves, phases, body, dt):  # type: ignore[no-untyped-def]
     """Return the (13,) state one step later.
 
     Args:
         state: (13,) position of the centre of mass (z from still water), quaternion, velocity over ground.
         command: (6,) wrench of the drives, body frame, N and N m.
-        current: (3,) velocity of the water without waves, world frame, m/s.
+        flows: (3,) velocity of the water without waves, and (2,) of the air at 10 m, world frame, m/s.
         waves: (N, 7) of `SeaWater.waves`.
         phases: (N,) in the middle of the step, rad.
-        skin: `Boat.surface`.
-        coefficients: (4,) from `Boat.coefficients`.
-        parameters: From `Boat.motion_parameters`.
+        body: Of `Boat.body`.
         dt: Step, s.
     """
+    current, wind = flows
+    skin, coefficients, windage, parameters = body
     middle = _drifted(state, 0.5 * dt)
     wrench = water_wrench(middle, current, waves, phases, skin, coefficients)
     up = rotation_rows(middle)[2]
     for axis in range(3):
         wrench[axis] -= coefficients[_MASS] * GRAVITY * up[axis]
+    add_wind(middle, wind, windage, wrench)
     return hydrodynamics.advance(state, command + wrench, current, parameters, dt)
 
 

@@ -20,6 +20,7 @@ from aquanav_tools.sim.vehicle_base import (
     check_positive,
     rest_state,
 )
+from aquanav_tools.sim.windage import NO_WINDAGE, Windage
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Array, IntArray, Mesh, Pose
 
@@ -44,6 +45,18 @@ class Skin(NamedTuple):
     """(T, 2) axis and value of the different coordinates, m."""
     numbers: IntArray
     """(V, 3) tick of each of a vertex's coordinates."""
+
+
+class Body(NamedTuple):
+    """A boat as compiled functions take it."""
+
+    skin: Skin
+    coefficients: Array
+    """(4,) mass, kg, density of the water, kg/m^3, normal drag and friction."""
+    windage: Array
+    """(5,) of `windage.add_wind`."""
+    parameters: Array
+    """Of `hydrodynamics.advance`, to which weight, panels and wind are handed as a wrench."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +134,8 @@ class Boat:
     yaw_moment: float
     """Full steer, N m; it works without thrust."""
     hulls: tuple[Hull, ...]
+    windage: Windage | None = None
+    """What it shows to the wind; None leaves the wind out."""
 
     def __post_init__(self) -> None:
         for name in ("mass", "surge_force", "reverse_share", "yaw_moment"):
@@ -149,14 +164,17 @@ class Boat:
             ticks.append(np.column_stack([np.full(len(values), float(axis)), values]))
         return Skin(vertices[order], np.argsort(order)[faces], np.concatenate(ticks), np.stack(numbers, axis=1))
 
-    def motion_parameters(self) -> Array:
-        """Return the parameters of `hydrodynamics.advance`, to which weight and panels are handed as a wrench."""
-        mass = np.array([self.mass] * 3 + list(self.inertia)) + np.array([*self.added_mass, *self.added_inertia])
-        return pack_parameters(mass, np.array(self.linear_damping), np.zeros(6))
+    @property
+    def total_mass(self) -> Array:
+        """(6,) what resists acceleration along and about body x, y, z: kg and kg m^2, with added mass."""
+        return np.array([self.mass] * 3 + list(self.inertia)) + np.array([*self.added_mass, *self.added_inertia])
 
-    def coefficients(self, density: float) -> Array:
-        """Return the (4,) mass (kg), density (kg/m^3), normal drag and friction of `afloat.advance_afloat`."""
-        return np.array([self.mass, density, self.normal_drag, self.friction])
+    def body(self, density: float) -> Body:
+        """Return what `afloat.advance_afloat` takes of it in water of `density` (kg/m^3)."""
+        coefficients = np.array([self.mass, density, self.normal_drag, self.friction])
+        windage = NO_WINDAGE if self.windage is None else self.windage.coefficients()
+        parameters = pack_parameters(self.total_mass, np.array(self.linear_damping), np.zeros(6))
+        return Body(self.surface, coefficients, windage, parameters)
 
     def command(self, steer: float, thrust: float) -> Array:
         """Return the (6,) wrench of steer (left) and thrust (ahead) in [-1, 1], body frame, N and N m."""

@@ -112,10 +112,14 @@ class SeaFleet:
         rocks = sorted(sea.rocks, key=lambda rock: rock.top <= deepest)  # those that beams see come first
         self._charts = _charted(self._charts, i, rocks, sea.edge, sum(rock.top > deepest for rock in rocks))
 
-    def step(self, steer: Array, thrust: Array, currents: Array, is_moving: npt.NDArray[np.bool_]) -> None:
-        """Hold (N,) steer (left) and thrust (ahead) in [-1, 1] for a decision; (N, 3) currents are without waves, m/s.
+    def step(self, steer: Array, thrust: Array, flows: tuple[Array, Array], is_moving: npt.NDArray[np.bool_]) -> None:
+        """Hold (N,) steer (left) and thrust (ahead) in [-1, 1] for a decision.
 
-        Boats that are not moving stay as they are, and their sea too.
+        Args:
+            steer: (N,).
+            thrust: (N,).
+            flows: (N, 3) velocities of the water without waves, and (N, 2) of the air at 10 m, m/s.
+            is_moving: (N,) the others stay as they are, and their sea too.
         """
         wrenches = np.zeros((len(self.states), 6))
         drive = self._drive
@@ -123,7 +127,7 @@ class SeaFleet:
         wrenches[:, 5] = drive.steer_moment * (steer if drive.steers_at_rest else steer * thrust)
         self._share_out(
             lambda first, last: _sail_each(
-                first, last, self.states, wrenches, currents, (self.waves, self.phases), is_moving, self._body,
+                first, last, self.states, wrenches, flows, (self.waves, self.phases), is_moving, self._body,
                 self._mass, tuple(self.footprint), self._charts, self._time, self.touched
             )
         )  # fmt: skip
@@ -187,8 +191,9 @@ def _charted(charts: Charts, i: int, rocks: list[Rock], edge: Array, num_seen: i
 
 
 @numba.njit(cache=True, nogil=True)
-def _sail_each(first, last, states, wrenches, currents, sea, is_moving, body, mass, shape, charts, time, touched):  # type: ignore[no-untyped-def]
+def _sail_each(first, last, states, wrenches, flows, sea, is_moving, body, mass, shape, charts, time, touched):  # type: ignore[no-untyped-def]
     waves, phases = sea
+    currents, winds = flows
     dt, substeps = time
     before, steps = np.empty(states.shape[1]), np.empty(substeps, dtype=np.bool_)
     for i in range(first, last):
@@ -196,8 +201,8 @@ def _sail_each(first, last, states, wrenches, currents, sea, is_moving, body, ma
             count = charts.counts[i, 0]
             outlines = charts.corners[i], charts.first[i], charts.discs[i, :count], charts.edges[i]
             steps[:] = False
-            sail(states[i], before, wrenches[i], currents[i], (waves[i], phases[i]), body, mass, shape, outlines,
-                 charts.tops[i], dt, steps)  # fmt: skip
+            sail(states[i], before, wrenches[i], (currents[i], winds[i]), (waves[i], phases[i]), body, mass, shape,
+                 outlines, charts.tops[i], dt, steps)  # fmt: skip
             touched[i] = steps.sum()
             phases[i] += waves[i, :, 3] * (dt * substeps)
 

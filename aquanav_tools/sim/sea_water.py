@@ -51,16 +51,19 @@ class SeaWater:
         self._gusts = kept * self._gusts + np.sqrt(1.0 - kept**2) * self._rng.standard_normal(4)
         self._phases += self._waves[:, 3] * dt
 
-    def draw_ahead(self, dt: float, count: int) -> Array:
-        """Let gusts go on by `count` times `advance(dt)`; return the (count, 3) currents before each, m/s.
+    def draw_ahead(self, dt: float, count: int) -> tuple[Array, Array]:
+        """Let gusts go on by `count` times `advance(dt)`.
 
         The waves stay: this is for who moves them by themselves.
+
+        Returns:
+            (count, 3) `current` and (count, 2) `wind` before each, m/s.
         """
         kept = np.exp(-dt / self._times)
         gusts = np.concatenate([self._gusts[None], np.sqrt(1.0 - kept**2) * self._rng.standard_normal((count, 4))])
         _add_up(gusts, kept)
         self._gusts = gusts[-1]
-        return self._currents(gusts[:-1])
+        return self._currents(gusts[:-1]), self._winds(gusts[:-1])
 
     @property
     def waves(self) -> tuple[Array, Array]:
@@ -69,10 +72,8 @@ class SeaWater:
 
     @property
     def wind(self) -> Array:
-        """(2,) velocity of the air, m/s."""
-        state, gusts = self._state, self._state.gustiness * self._gusts
-        wind: Array = state.wind_speed * ((1.0 + gusts[0]) * self._along + ACROSS * gusts[1] * self._across)
-        return wind
+        """(2,) velocity of the air 10 m above the water, m/s."""
+        return self._winds(self._gusts)
 
     @property
     def current(self) -> Array:
@@ -90,6 +91,13 @@ class SeaWater:
         found = np.tile(self.current, (len(positions), 1))
         _add_velocities(np.ascontiguousarray(positions), self._waves, self._phases, found)
         return found
+
+    def _winds(self, gusts: Array) -> Array:
+        """Return the (..., 2) winds of (..., 4) gusts, m/s."""
+        speed, strength = self._state.wind_speed, self._state.gustiness
+        along, across = 1.0 + strength * gusts[..., 0], ACROSS * strength * gusts[..., 1]
+        winds: Array = speed * (along[..., None] * self._along + across[..., None] * self._across)
+        return winds
 
     def _currents(self, gusts: Array) -> Array:
         """Return the (..., 3) currents of (..., 4) gusts, m/s."""

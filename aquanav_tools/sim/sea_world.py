@@ -18,11 +18,12 @@ from aquanav_tools.sea.sea_map import Berth, SeaMap
 from aquanav_tools.sim import original_motion
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.afloat import advance_afloat
-from aquanav_tools.sim.boat import Boat, Skin
+from aquanav_tools.sim.boat import Boat, Body, Skin
 from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.original_motion import ORIGINAL
 from aquanav_tools.sim.sea_water import SeaWater
+from aquanav_tools.sim.windage import NO_WINDAGE
 from aquanav_tools.types import Array, Pose, yaw_quaternion
 
 DENSITY = 1025.0
@@ -69,14 +70,13 @@ def footprint_of(boat: Boat | OriginalVehicle) -> Footprint:
     return Footprint(np.ascontiguousarray(corners[ConvexHull(corners).vertices]), 0.0, bottom)
 
 
-def body_of(boat: Boat | OriginalVehicle) -> tuple[tuple[Skin, Array, Array], Array]:
-    """Return a boat as `sail` takes it: its surface with its coefficients and parameters, and its (6,) masses."""
+def body_of(boat: Boat | OriginalVehicle) -> tuple[Body, Array]:
+    """Return a boat as `sail` takes it, and its (6,) masses."""
     if isinstance(boat, Boat):
-        mass = np.array([boat.mass] * 3 + list(boat.inertia)) + np.array([*boat.added_mass, *boat.added_inertia])
-        return (boat.surface, boat.coefficients(DENSITY), boat.motion_parameters()), mass
+        return boat.body(DENSITY), boat.total_mass
     # it stays level at its height
     mass = np.array([boat.body.mass, boat.body.mass, np.inf, np.inf, np.inf, boat.body.inertia[2]])
-    return (NO_SKIN, np.zeros(4), boat.motion_parameters(DENSITY)), mass
+    return Body(NO_SKIN, np.zeros(4), NO_WINDAGE, boat.motion_parameters(DENSITY)), mass
 
 
 def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) -> Array:
@@ -114,19 +114,19 @@ class SeaWorld:
     def step(self, steer: float, thrust: float, water: SeaWater, current: Array) -> list[bool]:
         """Hold steer (left) and thrust (ahead) in [-1, 1] for a decision; return for each step whether it touched.
 
-        The water's waves go on from what they are now; `water` itself is left as it is.
+        The water's waves go on from what they are now, its wind holds; `water` itself is left as it is.
 
         Args:
             steer: In [-1, 1].
             thrust: In [-1, 1].
-            water: Its waves are taken.
+            water: Its waves and wind are taken.
             current: (3,) velocity of the water without waves, m/s.
         """
         assert self._sea is not None, "begin comes first"
         touched = np.zeros(self._substeps, dtype=np.bool_)
         shape = (self.footprint.outline, self.footprint.radius, self.footprint.bottom)
         command = self._command(steer, thrust)
-        sail(self.state, self.before, command, current, water.waves, self._body, self._mass, shape,
+        sail(self.state, self.before, command, (current, water.wind), water.waves, self._body, self._mass, shape,
               tuple(self._sea.outlines), self._tops, self._dt, touched)  # fmt: skip
         found: list[bool] = touched.tolist()
         return found
@@ -146,14 +146,14 @@ class SeaWorld:
 
 
 @numba.njit(cache=True)
-def sail(state, before, command, current, sea, body, mass, shape, outlines, tops, dt, touched):  # type: ignore[no-untyped-def]
+def sail(state, before, command, flows, sea, body, mass, shape, outlines, tops, dt, touched):  # type: ignore[no-untyped-def]
     """Move a state through the steps of a decision, in place.
 
     Args:
         state: As `SeaWorld.state`.
         before: Receives the state one step before the last.
         command: (6,) of the drives, body frame, N and N m.
-        current: (3,) velocity of the water without waves, world frame, m/s.
+        flows: (3,) velocity of the water without waves, and (2,) of the air at 10 m, world frame, m/s.
         sea: (N, 7) waves and their (N,) phases now, rad.
         body: First of `body_of`.
         mass: Second of `body_of`.
@@ -163,17 +163,18 @@ def sail(state, before, command, current, sea, body, mass, shape, outlines, tops
         dt: Step, s.
         touched: (S,) receives for each step whether the hull touched.
     """
-    (waves, phases), (skin, coefficients, parameters) = sea, body
+    waves, phases = sea
+    parameters = body.parameters
     outline, radius, bottom = shape
     corners, first, discs, edge = outlines
     rates, hull, contact = waves[:, 3], np.empty((len(outline), 3)), np.empty(7)
     for n in range(len(touched)):
         before[:] = state
         if parameters[0] == ORIGINAL:
-            state[:] = original_motion.advance(state, command, current, parameters, dt)
+            state[:] = original_motion.advance(state, command, flows[0], parameters, dt)
         else:
             now = phases + (n + 0.5) * dt * rates
-            state[:] = advance_afloat(state, command, current, waves, now, skin, coefficients, parameters, dt)
+            state[:] = advance_afloat(state, command, flows, waves, now, body, dt)
         for _ in range(MAX_CONTACTS):
             place_hull(state, outline, bottom, hull)
             deepest_contact(hull, radius, corners, first, discs, edge, tops, contact)

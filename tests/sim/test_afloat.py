@@ -13,6 +13,7 @@ from aquanav_tools.sim.afloat import advance_afloat, water_wrench
 from aquanav_tools.sim.boat import Boat, Hull, load_boat
 from aquanav_tools.sim.vehicle_base import GRAVITY
 from aquanav_tools.sim.waves import wave_parameters
+from aquanav_tools.sim.windage import Windage
 from aquanav_tools.types import Array
 
 DENSITY, DT = 1025.0, 0.02
@@ -32,30 +33,23 @@ BOX = Boat(
     yaw_moment=50.0,
     hulls=(Hull(LENGTH, BEAM, 0.8, 0.0, (0.0, 0.0, 0.2)),),  # its bottom is 0.2 m below the centre of mass
 )
-FLAT, NO_PHASES, STILL = np.zeros((0, 7)), np.zeros(0), np.zeros(3)
+FLAT, NO_PHASES, STILL, NO_WIND = np.zeros((0, 7)), np.zeros(0), np.zeros(3), np.zeros(2)
 
 
 def sail(
-    boat: Boat, state: Array, seconds: float, command: Array | None = None, current: Array = STILL, wave: Array = FLAT
+    boat: Boat,
+    state: Array,
+    seconds: float,
+    command: Array | None = None,
+    current: Array = STILL,
+    wave: Array = FLAT,
+    wind: Array = NO_WIND,
 ) -> Array:
     """Return the (N, 13) states of a boat, steps of DT apart."""
-    parameters, coefficients = boat.motion_parameters(), boat.coefficients(DENSITY)
-    states = [state]
+    body, wrench, states = boat.body(DENSITY), np.zeros(6) if command is None else command, [state]
     for n in range(round(seconds / DT)):
         phases = wave[:, 3] * (n + 0.5) * DT
-        states.append(
-            advance_afloat(
-                states[-1],
-                np.zeros(6) if command is None else command,
-                current,
-                wave,
-                phases,
-                boat.surface,
-                coefficients,
-                parameters,
-                DT,
-            )
-        )
+        states.append(advance_afloat(states[-1], wrench, (current, wind), wave, phases, body, DT))
     return np.array(states)
 
 
@@ -78,7 +72,7 @@ def test_a_boat_at_its_static_draught_stays_where_it_is(boat: Boat) -> None:
     start = boat.state_at(np.zeros(2), 0.3, DENSITY)
     moved = sail(boat, start, 2.0)[-1]
     assert abs(moved[2] - start[2]) < 1e-9
-    wrench = water_wrench(start, STILL, FLAT, NO_PHASES, boat.surface, boat.coefficients(DENSITY))
+    wrench = water_wrench(start, STILL, FLAT, NO_PHASES, boat.surface, boat.body(DENSITY).coefficients)
     np.testing.assert_allclose(wrench[:3], [0.0, 0.0, boat.mass * GRAVITY], atol=1e-6)
 
 
@@ -131,6 +125,26 @@ def test_a_drifting_boat_takes_on_the_current() -> None:
     np.testing.assert_allclose(speed, current[:2], atol=0.02)  # drag is quadratic, so the last of it fades slowly
 
 
+def test_a_beam_wind_drives_a_boat_to_where_drag_of_air_and_water_meet() -> None:
+    windage = Windage(front=0.0, side=3.0, length=LENGTH, height=10.0, arm=0.0, turning=0.0)
+    boat = replace(BOX, normal_drag=1.0, linear_damping=(0.0, 0.0, 3e3, 3e3, 9e3, 1e3), windage=windage)
+    states = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 120.0, wind=np.array([0.0, 12.0]))
+    # 1.225 * 0.9 * 3 (12 - v)^2 = 1025 * 1 * 4 * 0.25 v^2
+    share = np.sqrt(1.225 * 0.9 * 3.0 / (DENSITY * LENGTH * DRAUGHT))
+    assert (states[-1, 1] - states[-51, 1]) / 1.0 == pytest.approx(12.0 * share / (1.0 + share), rel=0.02)
+    assert abs(states[-1, 1] - states[-51, 1]) > 0.5
+
+
+def test_a_boat_left_to_the_wind_turns_broadside_to_it() -> None:
+    windage = Windage(front=1.0, side=3.0, length=LENGTH, height=1.0, arm=0.0)
+    boat = replace(BOX, normal_drag=1.0, linear_damping=(0.0, 0.0, 3e3, 3e3, 9e3, 300.0), windage=windage)
+    start = boat.state_at(np.zeros(2), 0.3, DENSITY)  # the wind comes from ahead, 17 degrees off the bow
+    states = sail(boat, start, 120.0, wind=np.array([-10.0, 0.0]))
+    heading = 2.0 * np.arctan2(states[-1, 6], states[-1, 3])
+    assert heading == pytest.approx(0.5 * np.pi, abs=0.05)
+    assert states[-1, 0] < -10.0  # and drifts with it
+
+
 def test_in_long_waves_a_boat_rises_with_the_surface_and_in_short_ones_less() -> None:
     boat = replace(BOX, linear_damping=(0.0, 0.0, 6e3, 2e3, 8e3, 0.0))
     shares = []
@@ -154,7 +168,7 @@ def test_the_world_turned_turns_the_way() -> None:
 def test_the_water_is_left_alone_by_a_boat_in_the_air() -> None:
     start = BOX.state_at(np.zeros(2), 0.0, DENSITY)
     start[2] += 1.0
-    assert not water_wrench(start, STILL, FLAT, NO_PHASES, BOX.surface, BOX.coefficients(DENSITY)).any()
+    assert not water_wrench(start, STILL, FLAT, NO_PHASES, BOX.surface, BOX.body(DENSITY).coefficients).any()
 
 
 def test_boats_that_make_no_sense_are_refused() -> None:

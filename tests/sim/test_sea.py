@@ -181,10 +181,12 @@ def test_the_hulls_short_way_to_the_waters_motion_leads_to_the_same(
     np.testing.assert_allclose(velocity[0], water.velocities(place)[0], rtol=1e-9, atol=1e-12)
 
 
-def test_currents_drawn_ahead_are_those_that_come(rng: np.random.Generator) -> None:
+def test_flows_drawn_ahead_are_those_that_come(rng: np.random.Generator) -> None:
     state, seed = replace(BREEZE, current=(0.4, -0.1)), int(rng.integers(1 << 32))
     one, other = (SeaWater(state, DEPTH, np.random.default_rng(seed)) for _ in range(2))
-    ahead = np.concatenate([one.draw_ahead(0.1, 7), one.draw_ahead(0.1, 5)])
-    for current in ahead:
+    ahead = [*zip(*one.draw_ahead(0.1, 7), strict=True), *zip(*one.draw_ahead(0.1, 5), strict=True)]
+    assert len(ahead) == 12
+    for current, wind in ahead:
         assert np.array_equal(other.current, current)
+        assert np.array_equal(other.wind, wind)
         other.advance(0.1)
