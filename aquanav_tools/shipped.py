@@ -6,6 +6,7 @@ in `aquanav_tools/content/`, under the same names.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 from aquanav_tools.errors import InputError, did_you_mean
@@ -17,8 +18,12 @@ CONTENT_DIR = _IN_WHEEL if _IN_WHEEL.is_dir() else _PACKAGE.parent
 
 
 def shipped_names(folder: str, suffix: str = ".toml") -> list[str]:
-    """Return the sorted names, without the suffix, of the files in a content folder such as "pipelines/build"."""
-    return sorted(path.stem for path in (CONTENT_DIR / folder).glob(f"*{suffix}"))
+    """Return the names, without the suffix, of the files in a content folder such as "pipelines/build".
+
+    They are sorted, numbers in them by their size: cave-2 comes before cave-10.
+    """
+    names = (path.stem for path in (CONTENT_DIR / folder).glob(f"*{suffix}"))
+    return sorted(names, key=lambda name: re.sub(r"\d+", lambda number: number[0].zfill(9), name))
 
 
 def shipped_path(folder: str, name: str, suffix: str = ".toml") -> Path:

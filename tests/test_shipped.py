@@ -25,6 +25,12 @@ def test_names_are_those_of_the_toml_files_in_order(content: Path) -> None:
     assert shipped.shipped_names("pipelines/build") == ["photos", "scan"]
 
 
+def test_numbers_in_names_count_by_their_size(content: Path) -> None:
+    for number in (10, 2, 1):
+        (content / f"cave-{number}.toml").touch()
+    assert shipped.shipped_names("pipelines/build") == ["cave-1", "cave-2", "cave-10", "photos", "scan"]
+
+
 def test_a_shipped_file_is_found_by_its_name(content: Path) -> None:
     assert shipped.shipped_path("pipelines/build", "scan") == content / "scan.toml"
 
