@@ -25,8 +25,9 @@ DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesso
   aquanav-train --pipeline mine.toml                  a file like those in pipelines/train
 
 Shipped pipelines: paper, paper-batch (the same on one batch of 512 vehicles, in less time), paper-end-to-end,
-paper-clip-01, paper-clip-02, paper-sparse, paper-safe, paper-recurrent, paper-sac, quick, reference (keeps off walls
-in caves it never saw; it made what is in eval/policies). Options given here count above the file's, in all lessons.
+paper-clip-01, paper-clip-02, paper-sparse, paper-safe, paper-careful (a contact costs a hundred times as much),
+paper-recurrent, paper-sac, quick, reference (keeps off walls in caves it never saw; it made what is in eval/policies).
+Options given here count above the file's, in all lessons.
 
 The output folder gets policy.zip (the last policy) and best.zip (the best in validation), both with their observation
 scaling inside, policy.onnx and policy.pt (of the best, else the last), train.json (settings, versions, content hashes),

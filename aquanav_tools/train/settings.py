@@ -20,7 +20,7 @@ _POSITIVE = (
 
 @dataclass(frozen=True)
 class TrainSettings(TaskOptions):
-    """One lesson. The defaults are the original benchmark's first lesson, with fewer steps."""
+    """One lesson. The defaults are the original benchmark's first lesson with fewer steps and a price on contacts."""
 
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
@@ -36,7 +36,7 @@ class TrainSettings(TaskOptions):
     code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="safe", kw_only=True)
+    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="careful", kw_only=True)
     """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
     alone."""
     num_envs: int = 8

@@ -22,6 +22,7 @@ COLOURS = {
     "clip-0.1": "#8338ec",
     "clip-0.2": IDLE,
     "sparse": MUTED,
+    "careful": "#d6336c",
     "standard": BLUE,
     "safe": GOOD,
 }
@@ -57,7 +58,7 @@ def markdown(name: str, study: Study, runs: Runs) -> str:
     lines = [HEADER.format(title=study.title, name=name, method=study.method, counts=counts), "## Answers", ""]
     for question in study.questions:
         if {question.first, question.second} <= set(kept):
-            lines += [f"**{question.title}.** The paper: {question.claim}.", ""]
+            lines += [f"**{question.title}.** {question.source}: {question.claim}.", ""]
             lines += [*answer(study, runs, question), ""]
     lines += [f"![Learning curves](study-{name}-curves.png)", "", f"![Scores](study-{name}-scores.png)", ""]
     lines += ["Below, means over runs with standard deviations; shares in percent.", ""]

@@ -46,6 +46,7 @@ def test_variants_differ_from_the_paper_in_what_they_are_called_by() -> None:
         ("paper-clip-02", {"clip": 0.2}),
         ("paper-sparse", {"reward": "sparse"}),
         ("paper-safe", {"reward": "safe"}),
+        ("paper-careful", {"reward": "careful"}),
     ]:
         assert read_pipeline(name, {}).lessons == read_pipeline("paper", said).lessons != paper
 
