@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aquanav_tools.evaluate.statistics import Estimate
 from eval.study import run as study_run
-from eval.study.page import improvement, markdown
+from eval.study.page import improvement, markdown, verdict
 from eval.study.studies import CAVES, Question, Study
 
 SMALL = dataclasses.replace(
@@ -68,7 +69,21 @@ def test_rates_are_counted_by_place_and_current() -> None:
 def test_improvement_counts_pairs_of_runs_and_ties_as_halves() -> None:
     # Of the four pairs of the first column 1 > 0 twice, 0 = 0 twice; in the second the first is always worse.
     first, second = np.array([[1.0, 0.0], [0.0, 0.0]]), np.array([[0.0, 1.0], [0.0, 1.0]])
-    assert improvement(first, second) == pytest.approx(np.mean([0.75, 0.0]))
+    assert improvement(first, second).mean == pytest.approx(np.mean([0.75, 0.0]))
+
+
+def test_the_interval_of_improvement_comes_from_drawing_runs_anew() -> None:
+    # One of the first's two runs beats all of the second's: 0, 1 or 2 such runs are drawn, with 1/4, 1/2, 1/4.
+    better = improvement(np.array([[1.0], [0.0]]), np.full((3, 1), 0.5))
+    assert (better.mean, better.low, better.high) == (0.5, 0.0, 1.0)
+    # Where all of its runs do, nothing that is drawn says otherwise.
+    better = improvement(np.ones((2, 1)), np.zeros((3, 1)))
+    assert (better.low, better.high) == (1.0, 1.0)
+
+
+def test_a_conclusion_holds_where_the_interval_leaves_no_other() -> None:
+    better = {"goals": Estimate(0.9, 0.6, 1.0), "time": Estimate(0.3, 0.1, 0.49), "contacts": Estimate(0.9, 0.5, 1.0)}
+    assert verdict(better) == "It holds here by goals. The contrary holds by time. Nothing is shown by contacts."
 
 
 def test_the_page_gives_the_interquartile_mean_and_the_spread_over_runs() -> None:
@@ -77,8 +92,10 @@ def test_the_page_gives_the_interquartile_mean_and_the_spread_over_runs() -> Non
     page = markdown("small", SMALL, [*runs, made_up("sparse", 0, 0.0, collisions=2.5)])
     assert "curriculum 4, sparse 1" in page
     assert "| collision-free success, IQM | 50 % [" in page
-    assert "| collisions per episode, narrow | 0.00 ± 0.00 | 2.50 ± 0.00 | 1.00 |" in page
+    assert "| collisions per episode, narrow | 0.00 ± 0.00 | 2.50 ± 0.00 | 1.00 [1.00, 1.00] |" in page
     assert "| wide, full | 50 ± 42 | 0 ± 0 |" in page
+    assert "Nothing is concluded from fewer than 3 runs: sparse." in page
+    assert "holds" not in page.split("## Answers")[1]
 
 
 def test_a_place_that_one_run_lacks_is_left_out() -> None:

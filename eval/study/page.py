@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.evaluate.paired import probability_of_improvement
-from aquanav_tools.evaluate.statistics import Estimate, stratified_iqm
+from aquanav_tools.evaluate.statistics import BOOTSTRAP_SEED, Estimate, stratified_iqm
 from aquanav_tools.report.figures import BAD, BLUE, GOOD, IDLE, INK, MUTED, new_figure, save_figure
 from aquanav_tools.types import Array
 from eval.study.studies import AS_GIVEN, Question, Study
@@ -27,6 +27,9 @@ COLOURS = {
     "safe": GOOD,
 }
 DPI = 110
+RESAMPLES = 2000
+MIN_RUNS = 3
+"""Of a variant; fewer say nothing of how runs differ."""
 RATES = {"collision_free": "collision-free success", "success": "success"}
 SAFETY = {"collisions": "collisions per episode", "mean_clearance": "mean distance to walls, m"}
 HEADER = """# {title}
@@ -36,9 +39,10 @@ HEADER = """# {title}
 
 Runs, with seeds from 0: {counts}. Numbers, versions and hashes of each:
 [study-{name}.jsonl](study-{name}.jsonl).
-IQM: interquartile mean over runs and everything flown, with 95 % intervals from a bootstrap over runs, stratified by
-place and current (rliable's definitions). P: probability that a run of the first is better than one of the second, mean
-over places and currents.
+IQM: interquartile mean over runs and everything flown. P: probability that a run of the first is better than one of the
+second, mean over places and currents. Both with 95 % intervals from a bootstrap over runs, stratified by place and
+current (rliable's definitions). A conclusion holds by a measure where P's interval lies above a half; below it, the
+contrary does.
 """
 
 
@@ -89,24 +93,57 @@ def scores(study: Study, runs: Runs, variant: str, metric: str, places: Sequence
 
 
 def answer(study: Study, runs: Runs, question: Question) -> list[str]:
-    """Return what the runs say to a question, as a table."""
+    """Return what the runs say to a question, as a table and a sentence."""
     pair, places = (question.first, question.second), common_places(study, runs)
     rows = ["| | " + " | ".join(pair) + " | P |", "|---|---|---|---|"]
+    measures = {}
     for metric, title in RATES.items():
         values = [scores(study, runs, variant, metric, places) for variant in pair]
         shown = [percent(stratified_iqm(value)) for value in values]
-        rows.append(f"| {title}, IQM | {' | '.join(shown)} | {improvement(*values):.2f} |")
+        measures[title] = better = improvement(*values)
+        rows.append(f"| {title}, IQM | {' | '.join(shown)} | {chance(better)} |")
     for metric, title in SAFETY.items():
         values = [scores(study, runs, variant, metric, (study.safety_place,)) for variant in pair]
         shown = [f"{value.mean():.2f} ± {spread(value.mean(axis=1)):.2f}" for value in values]
-        better = improvement(*(-value for value in values) if metric == "collisions" else values)
-        rows.append(f"| {title}, {study.safety_place} | {' | '.join(shown)} | {better:.2f} |")
-    return rows
+        measures[title.split(",")[0]] = better = improvement(
+            *(-value for value in values) if metric == "collisions" else values
+        )
+        rows.append(f"| {title}, {study.safety_place} | {' | '.join(shown)} | {chance(better)} |")
+    few = [variant for variant in pair if len(of(runs, variant)) < MIN_RUNS]
+    told = f"Nothing is concluded from fewer than {MIN_RUNS} runs: {', '.join(few)}." if few else verdict(measures)
+    return [*rows, "", told]
 
 
-def improvement(first: Array, second: Array) -> float:
-    """Return the probability that a run of the first has the larger value, mean over columns."""
+def verdict(measures: dict[str, Estimate]) -> str:
+    """Return by which measures a conclusion holds, given the first's probability of being better by each."""
+    said: dict[str, list[str]] = {"It holds here by": [], "The contrary holds by": [], "Nothing is shown by": []}
+    holds, contrary, nothing = said.values()
+    for title, better in measures.items():
+        (holds if better.low > 0.5 else contrary if better.high < 0.5 else nothing).append(title)
+    return " ".join(f"{text} {', '.join(titles)}." for text, titles in said.items() if titles)
+
+
+def improvement(first: Array, second: Array) -> Estimate:
+    """Return the probability that a run of the first has the larger value, mean over columns of (runs, columns)."""
+    rng = np.random.default_rng(BOOTSTRAP_SEED)
+    columns = np.arange(first.shape[1])
+
+    def resampled(values: Array) -> Array:
+        drawn: Array = values[rng.integers(len(values), size=values.shape), columns]
+        return drawn
+
+    drawn = [_mean_improvement(resampled(first), resampled(second)) for _ in range(RESAMPLES)]
+    low, high = np.percentile(drawn, [2.5, 97.5])
+    return Estimate(_mean_improvement(first, second), float(low), float(high))
+
+
+def _mean_improvement(first: Array, second: Array) -> float:
     return float(np.mean([probability_of_improvement(a, b) for a, b in zip(first.T, second.T, strict=True)]))
+
+
+def chance(estimate: Estimate) -> str:
+    """Return a probability and its interval."""
+    return f"{estimate.mean:.2f} [{estimate.low:.2f}, {estimate.high:.2f}]"
 
 
 def percent(estimate: Estimate) -> str:
