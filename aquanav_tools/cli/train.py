@@ -88,6 +88,8 @@ def _summary(trained: Trained, folder: Path, scenario: str) -> str:
         f"reached the goal, {point.clean_success_rate:.0%} without a collision, {point.mean_collisions:.1f} collisions "
         "per episode."
     ]
+    if point.caveat:
+        lines.append(point.caveat)
     policy = folder / "policy.zip"
     if best is not None:
         policy = folder / "best.zip"

@@ -47,9 +47,14 @@ class BatchedEnvs(PlaceVecEnv):
     def _describe_ends(self, infos: list[dict[str, Any]], ended: Any, truncated: np.ndarray) -> None:
         """Add what the learning curve reads."""
         super()._describe_ends(infos, ended, truncated)
+        was_first = self._task.view_of("episodes") == 2  # the second has just begun
         for n in ended:
             info = infos[n]
             episode = info["episode"]
             info[SUMMARY] = EpisodeSummary(
-                episode["r"], episode["l"], info["num_collisions"], info["outcome"] == "success"
+                episode["r"],
+                episode["l"],
+                info["num_collisions"],
+                info["outcome"] == "success",
+                bool(truncated[n] and was_first[n]),
             )

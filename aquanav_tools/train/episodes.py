@@ -28,6 +28,8 @@ class EpisodeSummary:
     """Contacts begun."""
     is_success: bool
     """Whether it reached the goal."""
+    is_cut_short: bool = False
+    """Whether time was up early, by chance: see `train.batched`."""
 
 
 class SummaryWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -74,8 +76,21 @@ class CurvePoint:
     """Share that reached the goal without a collision."""
     mean_collisions: float
     """Contacts begun per episode."""
+    cut_short_rate: float = 0.0
+    """Share that was cut short by chance, and counts as any other that did not reach the goal."""
     learner: dict[str, float] = field(default_factory=dict)
     """What the algorithm tells of its last update: losses, entropy and the like, by the names SB3 gives them."""
+
+    @property
+    def caveat(self) -> str:
+        """Why the rates look worse than the policy is; empty where they do not."""
+        if not self.cut_short_rate > 0.0:  # nan where no episode has ended
+            return ""
+        return (
+            f"{self.cut_short_rate:.0%} of these episodes were cut short and count as not reaching the goal: on the "
+            "batch, a vehicle's first episode in a lesson ends after a random time, so that not all begin at once. "
+            "aquanav-eval cuts none."
+        )
 
     @property
     def row(self) -> dict[str, float]:
@@ -106,12 +121,22 @@ class LearningCurve:
 
     def mark(self, lesson: int, steps: int, seconds: float, learner: dict[str, float]) -> CurvePoint:
         """Add a point for the last episodes and return it."""
-        means = np.full(5, np.nan)
+        means = np.full(6, np.nan)
         if self._recent:
             means = np.mean([_numbers(episode) for episode in self._recent], axis=0)
-        reward, length, success, clean, collisions = (round(float(mean), 4) for mean in means)
+        reward, length, success, clean, collisions, cut_short = (round(float(mean), 4) for mean in means)
         point = CurvePoint(
-            lesson, steps, round(seconds, 2), self.num_episodes, reward, length, success, clean, collisions, learner
+            lesson,
+            steps,
+            round(seconds, 2),
+            self.num_episodes,
+            mean_reward=reward,
+            mean_length=length,
+            success_rate=success,
+            clean_success_rate=clean,
+            mean_collisions=collisions,
+            cut_short_rate=cut_short,
+            learner=learner,
         )
         self.points.append(point)
         return point
@@ -140,4 +165,5 @@ def _numbers(episode: EpisodeSummary) -> tuple[float, ...]:
         float(episode.is_success),
         float(is_clean),
         float(episode.num_collisions),
+        float(episode.is_cut_short),
     )

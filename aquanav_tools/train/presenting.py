@@ -44,7 +44,7 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
         title=f"Training in {' and '.join(caves)}",
         summary=f"{pipeline.lessons[0].algorithm} learned from {point.steps:,} decisions.",
         facts=tuple(facts),
-        warnings=notices,
+        warnings=(*notices, *([Notice("cut-short", point.caveat)] if point.caveat else ())),
         figures=(Figure(pictures / "learning.png", "The last 100 episodes; dotted where a lesson ends."),),
         tables=(_lessons(pipeline, journal.curve.points),),
         footer=f"aquanav {__version__}. Numbers for programs: train.json, curve.csv, validation.csv.",

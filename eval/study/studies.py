@@ -80,7 +80,8 @@ CAVES = Study(
 Pipelines as shipped (`paper`, `paper-end-to-end`, `paper-clip-01`, `paper-clip-02`, `paper-sparse`,
 `paper-safe`, `paper-careful`: 3 million decisions each), learned on the batch with 512 vehicles; the last policy of
 each run counts. Each is scored in 40 episodes per cave and current on the batch, acting without chance; a contact ends
-no episode. "han" is the scan of Han-sur-Lesse, as aquanav-build-cave closes it.""",
+no episode. "han" is the scan of Han-sur-Lesse, as aquanav-build-cave closes it. The curves, which choose by chance,
+dip where a lesson begins: its first episodes are cut short at random and count as failed.""",
 )
 
 BAYS = Study(

@@ -88,6 +88,21 @@ def test_ended_episodes_are_summed_up(tube: Path) -> None:
     envs.close()
 
 
+def test_first_episodes_that_run_out_of_time_are_told_as_cut_short(tube: Path) -> None:
+    # Of 40 decisions each at most: without thrust none reaches the goal, and each vehicle's first is shorter by chance.
+    envs = BatchedEnvs([read_scenario(tube)], dataclasses.replace(TINY, num_envs=4))
+    envs.seed(0)
+    envs.reset()
+    told: list[list[tuple[bool, int]]] = [[] for _ in range(4)]
+    for _ in range(120):
+        _, _, dones, infos = envs.step(np.tile([1, 1, 1], (4, 1)))
+        for n in np.flatnonzero(dones):
+            told[n].append((infos[n][SUMMARY].is_cut_short, infos[n][SUMMARY].length))
+    assert all(own[0][0] and own[0][1] <= 40 for own in told)
+    assert all(own[1:] and set(own[1:]) == {(False, 40)} for own in told)
+    envs.close()
+
+
 def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tube: Path) -> None:
     caves = [read_scenario(tube), read_scenario(still_tube)]
     settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, batch=32, buffer=160)

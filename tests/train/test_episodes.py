@@ -26,6 +26,15 @@ def test_curve_has_no_numbers_before_the_first_episode() -> None:
     assert math.isnan(LearningCurve().mark(1, 10, 0.1, {}).success_rate)
 
 
+def test_rates_with_episodes_cut_short_come_with_a_caveat() -> None:
+    curve = LearningCurve()
+    assert curve.mark(1, 10, 0.1, {}).caveat == ""
+    curve.add([{SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
+    assert curve.mark(1, 20, 0.2, {}).caveat == ""
+    curve.add([{SUMMARY: EpisodeSummary(1.0, 7, 0, False, is_cut_short=True)} for _ in range(3)])
+    assert curve.mark(1, 30, 0.3, {}).caveat.startswith("75% of these episodes were cut short")
+
+
 def test_curve_comes_back_from_its_table() -> None:
     curve = LearningCurve()
     curve.add([{SUMMARY: EpisodeSummary(10.0, 100, 0, True)}])
