@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -207,26 +207,38 @@ def curves(runs: Runs, column: int) -> tuple[Array, Array]:
 
 
 def draw_scores(study: Study, runs: Runs, path: Path) -> None:
-    """Draw collision-free success everywhere: mean over runs, and each run as a dot."""
+    """Draw collision-free success and collisions everywhere: mean over runs, and each run as a dot."""
     places, kept = common_places(study, runs), kept_variants(study, runs)
     groups = [(place, current) for place in places for current in study.currents]
     if len(study.currents) == 1:
         rows = [groups]
     else:
         rows = [[group for group in groups if group[0] == place] for place in places]
-    figure = new_figure(11.0, 2.3 * max(len(rows), 1.6))
+    figure = new_figure(13.0, 2.3 * max(len(rows), 1.6))
     for number, row in enumerate(rows):
-        axes = figure.add_subplot(len(rows), 1, number + 1)
-        for turn, variant in enumerate(kept):
-            values = [[run["scores"][p][c]["collision_free"] for p, c in row] for run in of(runs, variant)]
-            shares = 100.0 * np.array(values)
-            centres = np.arange(len(row)) + (turn - (len(kept) - 1) / 2.0) * 0.8 / len(kept)
-            axes.bar(centres, shares.mean(axis=0), 0.72 / len(kept), color=COLOURS[variant], alpha=0.55, label=variant)
-            for centre, dots in zip(centres, shares.T, strict=True):
-                axes.plot(np.full(len(dots), centre), dots, ".", color=INK, markersize=3.5)
-        axes.set(ylim=(0.0, 103.0), ylabel="Collision-free, %")
-        axes.set_xticks(range(len(row)), [p if c == AS_GIVEN else f"{p}, {c}" for p, c in row])
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.axes[0].legend(frameon=False, ncols=len(kept), loc="lower center", bbox_to_anchor=(0.5, 1.0), fontsize=9)
-    figure.tight_layout()
+        shares = figure.add_subplot(len(rows), 2, 2 * number + 1)
+        draw_bars(shares, runs, kept, row, lambda score: 100.0 * score["collision_free"])
+        shares.set(ylim=(0.0, 103.0), ylabel="Collision-free, %")
+        counts = figure.add_subplot(len(rows), 2, 2 * number + 2)
+        draw_bars(counts, runs, kept, row, lambda score: score["collisions"])
+        counts.set(ylim=(0.0, None), ylabel="Collisions per episode")
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.3 / figure.get_figheight()))
+    figure.legend(handles, labels, frameon=False, ncols=len(kept), loc="upper center", fontsize=9)
     save_figure(figure, path, DPI)
+
+
+def draw_bars(
+    axes: Any, runs: Runs, kept: Sequence[str], row: Sequence[tuple[str, str]], measure: Callable[[Any], float]
+) -> None:
+    """Draw a group of bars for each place and current in `row`, a bar for each variant."""
+    for turn, variant in enumerate(kept):
+        values = np.array(
+            [[measure(run["scores"][place][current]) for place, current in row] for run in of(runs, variant)]
+        )
+        centres = np.arange(len(row)) + (turn - (len(kept) - 1) / 2.0) * 0.8 / len(kept)
+        axes.bar(centres, values.mean(axis=0), 0.72 / len(kept), color=COLOURS[variant], alpha=0.55, label=variant)
+        for centre, dots in zip(centres, values.T, strict=True):
+            axes.plot(np.full(len(dots), centre), dots, ".", color=INK, markersize=3.5)
+    axes.set_xticks(range(len(row)), [p if c == AS_GIVEN else f"{p}, {c}" for p, c in row])
+    axes.spines[["top", "right"]].set_visible(False)
