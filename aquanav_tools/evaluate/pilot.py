@@ -16,7 +16,7 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
-from aquanav_tools.evaluate.recorder import Recorder
+from aquanav_tools.evaluate.recording import film_track, record_track
 from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
@@ -135,7 +135,6 @@ class Scribe:
 
     def __init__(self, output: Path, *, is_filming: bool) -> None:
         self._output, self._is_filming = output, is_filming
-        self._recorder = Recorder()
 
     def keep(self, flight: Flight, record: RecordRule, track: Track, metrics: EpisodeMetrics) -> Row:
         """Return the journal's row of an episode, when all that belongs to it is on disk."""
@@ -143,9 +142,9 @@ class Scribe:
         if record == "always" or (record == "failure" and not metrics.is_collision_free_success):
             name = RECORDING.format(index=flight.index)
             path = self._output / name
-            self._recorder.record(flight.scenario, track, path)
+            record_track(flight.scenario, track, path)
             if self._is_filming:
-                self._recorder.film(flight.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
+                film_track(flight.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
         write_trail(self._output, flight.index, track)
         return journal_row(metrics, name)
 

@@ -18,7 +18,7 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_condition
-from aquanav_tools.evaluate.recorder import Recorder
+from aquanav_tools.evaluate.recording import film_track, record_track
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.task import TaskOptions, choices_of
@@ -58,10 +58,9 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     is_batched = table["protocol"].get("backend") == "batch"
     fly = partial(_fly_in_wave, lambda: _policy(table, options)) if is_batched else partial(_fly_alone, policy)
     track, metrics = fly(flight, _rules(table["protocol"]))
-    recorder = Recorder()
-    recorder.record(scenario, track, output)
+    record_track(scenario, track, output)
     if options.film is not None:
-        recorder.film(scenario, track, options.film, options.view, progress)
+        film_track(scenario, track, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
     filmed = "" if options.film is None else f"\nFilm: {options.film}"

@@ -1,0 +1,56 @@
+"""A cave as the place of episodes."""
+
+from __future__ import annotations
+
+import functools
+
+from aquanav_tools.envs.cave_env import vehicle_of
+from aquanav_tools.envs.rendering import VehicleCamera
+from aquanav_tools.evaluate.energy import drag_power
+from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.evaluate.presets import CAVE
+from aquanav_tools.report.picture import CavePicture
+from aquanav_tools.report.recording.cave import CaveModel
+from aquanav_tools.report.recording.episode import DiveScene
+from aquanav_tools.report.track import Track
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.trial import try_out
+
+
+class CaveVenue:
+    """A cave; see `Venue`."""
+
+    task = CAVE
+
+    def __init__(self, cave: Scenario) -> None:
+        self._cave, self._vehicle = cave, vehicle_of(cave)
+        self.ways = tuple(start.geodesic_to_goal for start in cave.starts)
+
+    @functools.cached_property
+    def course(self) -> Course:
+        """What episodes are held against."""
+        return Course(
+            scenario=self._cave.name,
+            condition="",
+            width=2.0 * self._vehicle.capsule.radius,
+            route_length=self._cave.guide.length,
+            top_speed=try_out(self._vehicle, self._cave.settings.water.density).ahead,
+            power=functools.partial(drag_power, self._vehicle),
+        )
+
+    def picture(self) -> CavePicture:
+        """Return the cave, cut open."""
+        return CavePicture(self._cave)
+
+    def scene(self, track: Track) -> DiveScene:
+        """Return the cave with the hull: the same for all tracks."""
+        return self._scene
+
+    def camera(self, track: Track, view: str, size: tuple[int, int]) -> VehicleCamera:
+        """Return a camera behind or in the vehicle."""
+        return VehicleCamera(self._cave.cavity.mesh, self._vehicle.capsule, view, size)
+
+    @functools.cached_property
+    def _scene(self) -> DiveScene:
+        return DiveScene(CaveModel(self._cave), self._vehicle.capsule, original_pattern().directions)
