@@ -16,9 +16,9 @@ from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.reward import TERMS
+from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
-from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules, weights_of
+from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules
 from aquanav_tools.envs.surface_observation import SurfaceObservation, fill_surface
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.outlines import to_outline
@@ -84,7 +84,7 @@ class BoatBatch:
         check_batched(options, observation)
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths
-        self._weights = weights_of(options)
+        self._weights = boat_weights(options.reward)
         self._rules = episode_rules(options, self._weights, max_decisions)
         self._seas, self._shares = Seas(sea, options.current), options.current_range
         self.fleet = SeaFleet(boat, num, self._seas.num_waves, pattern, DT, SUBSTEPS, num_threads)

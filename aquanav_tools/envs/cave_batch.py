@@ -16,7 +16,7 @@ from aquanav_tools.envs.cave_env import _episode_rules, _water_of, vehicle_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
-from aquanav_tools.envs.reward import TERMS, RewardWeights, load_weights
+from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
@@ -81,7 +81,8 @@ class CaveBatch:
         options = task_options(task)
         check_batched(options, observation)
         water = _water_of(self.scenario, options.current)
-        weights, settings = load_weights(options.reward), self.scenario.settings
+        settings, craft = self.scenario.settings, vehicle_of(self.scenario, vehicle)
+        weights = cave_weights(options.reward, craft)
         rules = _episode_rules(self.scenario, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
         self.parts: tuple[str, ...] = DIVING
@@ -94,7 +95,7 @@ class CaveBatch:
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
             self.scenario,
-            vehicle_of(self.scenario, vehicle),
+            craft,
             _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
             num,
             water=water,

@@ -16,7 +16,7 @@ from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.progress import progress_measure
 from aquanav_tools.envs.rendering import VehicleCamera
-from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, load_weights, reward_terms
+from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.report.recording.live import LiveDive
@@ -80,6 +80,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     | collision | -1000 | -1000  | -100    | -10    | when it ends the episode                                  |
     | timeout   | 0     | 0      | 0       | -1     | when time runs out                                        |
 
+    The original's own vehicle pays -0.02 for proximity, as it did.
+
     ## Episode
     It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`, or
     with `starts="anywhere"` in any water that the vehicle can reach.
@@ -136,7 +138,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.vehicle = vehicle_of(self.scenario, vehicle)
         self.task = task_options(task)
         settings = self.scenario.settings
-        self._weights = load_weights(self.task.reward)
+        self._weights = cave_weights(self.task.reward, self.vehicle)
         self._rules = _episode_rules(self.scenario, self.task, self._weights, max_decisions)
         self._water = _water_of(self.scenario, self.task.current)
         self._current: Array = np.zeros(3)

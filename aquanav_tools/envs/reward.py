@@ -6,10 +6,12 @@ steps, and the rays are those after the decision, which the original also holds 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.vehicle_base import Vehicle
 
 
 @dataclass(frozen=True)
@@ -40,15 +42,14 @@ CAREFUL = RewardWeights(progress=10.0, time=-0.01, contact=-1.0, goal=50.0, coll
 SPARSE = RewardWeights(goal=10.0, collision=-10.0, timeout=-1.0, ends_on_collision=True)
 REWARDS = {"dense": DENSE, "safe": SAFE, "careful": CAREFUL, "sparse": SPARSE}
 """dense and safe: the original's code, -1000 being its "fast restart"; with dense, returns are near the 1200 that the
-paper reports. safe has a quarter of the original's price of nearness, -0.02 per step: in its caves, 8 m wide and
-crossed at 1.9 m/s, that takes 0.8 of the 10 that a metre earns, but 11 to 21 in ours, which are narrower and crossed
-at half the speed, so that policies learned to stay in the widest chamber. sparse: the paper's text. careful: chosen
-here. A decision in contact costs what half a metre pays, one that ends the episode what 10 m pay. At speed, all that
-can be gained within the discount's horizon (0.99: 100 decisions) is worth about 50; the goal pays as much, so that the
-value is even along the way. What came of it is in eval/results/train.md."""
-BOAT_PROXIMITY = -0.1
-"""In place of safe's price of nearness, for boats: the original's, five times its other vehicle's, which has four times
-the rays."""
+paper reports. safe has a quarter of the original's price of nearness, which its own vehicle pays whole: in its caves,
+8 m wide and crossed at 1.9 m/s, that takes 0.8 of the 10 that a metre earns, but 11 to 21 in ours, which are narrower
+and crossed at half the speed, so that policies learned to stay in the widest chamber. sparse: the paper's text.
+careful: chosen here. A decision in contact costs what half a metre pays, one that ends the episode what 10 m pay. At
+speed, all that can be gained within the discount's horizon (0.99: 100 decisions) is worth about 50; the goal pays as
+much, so that the value is even along the way. What came of it is in eval/results/train.md."""
+ORIGINAL_PROXIMITY, BOAT_PROXIMITY = -0.02, -0.1
+"""In place of safe's price of nearness, what the original's vehicle pays, and boats, which have a quarter of the rays."""
 TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
 
 
@@ -67,14 +68,33 @@ class Decision(NamedTuple):
     """running, success, collision or timeout."""
 
 
-def load_weights(preset: str) -> RewardWeights:
-    """Return the weights of a preset.
+def cave_weights(preset: str, vehicle: Vehicle) -> RewardWeights:
+    """Return the weights of a preset for a vehicle in a cave.
 
     Raises:
         InputError: there is no such preset.
     """
+    weights = _load(preset)
+    return _priced(weights, ORIGINAL_PROXIMITY) if isinstance(vehicle, OriginalVehicle) else weights
+
+
+def boat_weights(preset: str) -> RewardWeights:
+    """Return the weights of a preset for boats.
+
+    Raises:
+        InputError: there is no such preset.
+    """
+    return _priced(_load(preset), BOAT_PROXIMITY)
+
+
+def _load(preset: str) -> RewardWeights:
     check_choice("reward preset", preset, REWARDS)
     return REWARDS[preset]
+
+
+def _priced(weights: RewardWeights, proximity: float) -> RewardWeights:
+    """Return weights with another price of nearness, where they have one."""
+    return replace(weights, proximity=proximity if weights.proximity else 0.0)
 
 
 def reward_terms(weights: RewardWeights, decision: Decision) -> dict[str, float]:

@@ -16,7 +16,7 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
-from aquanav_tools.envs.reward import BOAT_PROXIMITY, TERMS, Decision, RewardWeights, load_weights, reward_terms
+from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, boat_weights, reward_terms
 from aquanav_tools.envs.sea_rendering import SeaCamera
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_observation import SurfaceObservation
@@ -129,7 +129,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self.task = task_options(task)
         check_choice("measure of progress on the surface", self.task.progress, ("panels",))
         self.vehicle = boat_of(vehicle)
-        self._weights = weights_of(self.task)
+        self._weights = boat_weights(self.task.reward)
         self._rules = episode_rules(self.task, self._weights, max_decisions)
         self._world = SeaWorld(self.vehicle, DT, SUBSTEPS)
         self.footprint = self._world.footprint
@@ -277,12 +277,6 @@ def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehi
         name = getattr(found, "name", found)
         raise InputError(f"{name!r} is no boat. Boats are `sim.boat.Boat`, and the original's, '{ORIGINAL_BOAT}'.")
     return found
-
-
-def weights_of(task: TaskOptions) -> RewardWeights:
-    """Return the weights of a task's reward for boats."""
-    weights = load_weights(task.reward)
-    return replace(weights, proximity=BOAT_PROXIMITY if weights.proximity else 0.0)
 
 
 def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int | None) -> EpisodeRules:

@@ -42,8 +42,8 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
         vertices, faces = _read_triangles(scene.with_name(scene.stem + SUFFIX))
         starts = np.array([start["position"] for start in table["starts"]], dtype=np.float64)
         level = float(np.median(starts[:, 2]))
-        boxes = {box["name"]: _box_corners(box) for box in table["boxes"]}
-        floor = boxes.pop(FLOOR)
+        walls = [_box_corners(box) for box in table["boxes"] if box["name"] != FLOOR]
+        floor = _floor_of(table["boxes"])
         edge = np.concatenate([floor[:, :2].min(axis=0), floor[:, :2].max(axis=0)])
         goal = Goal(_outline_of_box(_box_corners(table["goal"])))
         headings = np.radians([float(start["yaw_deg"]) for start in table["starts"]])
@@ -53,7 +53,7 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
         raise InputError(f"{scene} is no surface scene of the original: {type(cause).__name__} {cause}.") from cause
     vertices[:, 2] -= level
     rocks = [_rock(Mesh(*part)) for part in _parts(vertices, faces)]
-    rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in boxes.values()]
+    rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in walls]
     depth = level - float(floor[:, 2].max())
     berths = tuple(Berth(start[:2], float(heading)) for start, heading in zip(starts, headings, strict=True))
     sea = SeaMap(str(table["key"]), edge, depth, tuple(rocks), goal, berths, (), source=str(table["source"]))
@@ -107,6 +107,14 @@ def _read_triangles(path: Path) -> tuple[Array, Any]:
     vertices = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=np.float64)
     faces = [[int(corner.split("/")[0]) - 1 for corner in row[1:4]] for row in rows if row[:1] == ["f"]]
     return vertices, np.array(faces, dtype=np.int64)
+
+
+def _floor_of(boxes: list[dict[str, Any]]) -> Array:
+    """Return the (8, 3) corners of the sea bed's box."""
+    floors = [box for box in boxes if box["name"] == FLOOR]
+    if len(floors) != 1:
+        raise ValueError(f"it has {len(floors)} boxes named {FLOOR}, and should have one")
+    return _box_corners(floors[0])
 
 
 def _box_corners(box: dict[str, Any]) -> Array:

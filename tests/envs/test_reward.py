@@ -2,8 +2,19 @@ from __future__ import annotations
 
 import pytest
 
-from aquanav_tools.envs.reward import CAREFUL, DENSE, SAFE, SPARSE, TERMS, Decision, load_weights, reward_terms
+from aquanav_tools.envs.reward import (
+    CAREFUL,
+    DENSE,
+    SAFE,
+    SPARSE,
+    TERMS,
+    Decision,
+    boat_weights,
+    cave_weights,
+    reward_terms,
+)
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.vehicle import load_vehicle
 
 QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
 
@@ -37,6 +48,18 @@ def test_to_the_safe_swimming_at_1_m_per_s_pays_with_half_of_all_rays_cut_off_an
     assert total(SAFE, gained=0.1, cut_off=14.0) > 0.0 > total(SAFE, cut_off=14.0)
 
 
+def test_the_originals_vehicles_pay_the_originals_prices_of_nearness() -> None:
+    # Its code: -0.02 per step and ray under water, five times as much for the boat.
+    assert total(cave_weights("safe", load_vehicle("original-auv")), cut_off=28.0) == pytest.approx(-0.05 - 5 * 0.56)
+    assert total(boat_weights("safe"), cut_off=7.0) == pytest.approx(-0.05 - 5 * 0.7)
+    assert cave_weights("safe", load_vehicle("bluerov2")) == SAFE
+
+
+@pytest.mark.parametrize("preset", ["dense", "careful", "sparse"])
+def test_other_rewards_have_no_price_of_nearness_for_anybody(preset: str) -> None:
+    assert cave_weights(preset, load_vehicle("original-auv")).proximity == boat_weights(preset).proximity == 0.0
+
+
 @pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])
 def test_sparse_pays_for_the_outcome_only(outcome: str, reward: float) -> None:
     assert total(SPARSE, gained=2.0, num_contact_steps=1, cut_off=9.0, outcome=outcome) == reward
@@ -48,4 +71,4 @@ def test_terms_come_in_the_order_of_their_names() -> None:
 
 def test_unknown_preset_suggests_the_closest() -> None:
     with pytest.raises(InputError, match="Did you mean 'dense'"):
-        load_weights("dens")
+        boat_weights("dens")
