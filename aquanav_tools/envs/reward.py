@@ -49,7 +49,7 @@ careful: chosen here. A decision in contact costs what half a metre pays, one th
 speed, all that can be gained within the discount's horizon (0.99: 100 decisions) is worth about 50; the goal pays as
 much, so that the value is even along the way. What came of it is in eval/results/train.md."""
 ORIGINAL_PROXIMITY, BOAT_PROXIMITY = -0.02, -0.1
-"""In place of safe's price of nearness, what the original's vehicle pays, and boats, which have a quarter of the rays."""
+"""In place of safe's price of nearness: what the original's vehicle pays, and boats, with a quarter of its rays."""
 TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
 
 

@@ -1,19 +1,22 @@
 """Repeat the paper's comparisons: train every variant with many seeds, score every policy, keep numbers and plots.
 
     python eval/study/run.py caves                         # 10 seeds of all variants: hours on two idle cores
+    python eval/study/run.py original                      # the same in the original's caves, with its vehicle
     python eval/study/run.py bays --seeds 3                # the first three
     python eval/study/run.py caves --only curriculum safe  # these variants
     python eval/study/run.py caves --seeds 0               # only the page and its plots, from the runs that are kept
 
-Each run trains in a process of its own (aquanav-train), and is then scored (aquanav-eval). Cave policies are scored in
-the scan of Han-sur-Lesse too, which is left out where the data folder is absent. A finished run adds a line to
-eval/results/study-caves.jsonl or -bays.jsonl and is not repeated; one that was stopped goes on from its checkpoint.
+Each run trains in a process of its own (aquanav-train), and is then scored (aquanav-eval). What does not ship is built
+from the data folder first; without one, "caves" leaves out the scan of Han-sur-Lesse, and "original" cannot be run. A
+finished run adds a line to eval/results/study-NAME.jsonl and is not repeated; one that was stopped goes on from its
+checkpoint.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import dataclasses
 import json
 import sys
 import time
@@ -22,11 +25,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the study is no part of the package
 
-from eval.child import Ended, run_child
+from aquanav_tools.train.pipeline import read_pipeline
+from eval.study.commands import aquanav
 from eval.study.page import write_page
+from eval.study.places import built_places
 from eval.study.studies import AS_GIVEN, STUDIES, Study
 
 ROOT = Path(__file__).parents[2]
@@ -34,7 +40,6 @@ RESULTS = ROOT / "eval" / "results"
 EVALUATION_SEED = 1000
 MEANS = ("collisions", "mean_clearance", "min_clearance", "time", "spl")
 NUM_CURVE_POINTS = 30
-TIMEOUT = 4 * 3600.0
 
 
 def parse_arguments() -> argparse.Namespace:
@@ -61,7 +66,7 @@ def main() -> None:
     todo = [(name, seed) for seed in range(arguments.seeds) for name in names if (name, seed) not in done]
     print(f"{len(done)} runs are kept, {len(todo)} are to do.", flush=True)
     began = time.monotonic()
-    places = built_places(study, arguments) if todo else ()
+    places = built_places((*study.places, *study.caves.values()), arguments.data, arguments.output) if todo else {}
     with ThreadPoolExecutor(arguments.jobs) as threads:
         running = [threads.submit(run_variant, study, *one, places, arguments.output) for one in todo]
         for place, future in enumerate(as_completed(running), 1):
@@ -80,35 +85,21 @@ def read_runs(store: Path, study: Study) -> list[dict[str, Any]]:
     return sorted(map(json.loads, lines), key=lambda run: (list(study.variants).index(run["variant"]), run["seed"]))
 
 
-def built_places(study: Study, arguments: argparse.Namespace) -> tuple[str, ...]:
-    """Return the scenarios to score in; Han-sur-Lesse is built first."""
-    if "han" not in study.places:
-        return study.places
-    shipped = tuple(place for place in study.places if place != "han")
-    scan = arguments.data / "scan_han_sur_lesse" / "cave.stl"
-    if not scan.is_file():
-        print(f"There is no {scan}: Han-sur-Lesse is left out. Name its folder with --data.", flush=True)
-        return shipped
-    folder = arguments.output / "han"
-    if not (folder / "scenario.toml").is_file():
-        aquanav("build_cave", str(scan), "-o", str(folder), "--overwrite")
-    return (*shipped, str(folder))
-
-
-def run_variant(study: Study, name: str, seed: int, places: tuple[str, ...], output: Path) -> dict[str, Any]:
-    """Train and score one policy; return what the study keeps of it."""
+def run_variant(study: Study, name: str, seed: int, places: dict[str, str], output: Path) -> dict[str, Any]:
+    """Train and score one policy, in places by name and where they lie; return what the study keeps of it."""
     folder = output / f"{name}-{seed}"
     folder.mkdir(parents=True, exist_ok=True)
     pipeline = folder / "pipeline.toml"
-    pipeline.write_text(f'extends = "{study.variants[name]}"\n{study.settings}', encoding="utf-8")
+    pipeline.write_text(tomli_w.dumps(pipeline_table(study, name, places)), encoding="utf-8")
     training = aquanav("train", "--pipeline", str(pipeline), "--seed", str(seed), "-o", str(folder / "train"))
     conditions = ["--episodes", str(study.episodes), "--seed", str(EVALUATION_SEED), "--backend", "batch"]
     shares = [str(share) for share in study.currents.values() if share is not None]
     if shares:
         conditions += ["--current", "full", "--grid.current", *shares]
     policy = str(folder / "train" / study.policy)
+    scenarios = [places[place] for place in study.places if place in places]
     scoring = aquanav(
-        "evaluate", policy, "--scenario", *places, *conditions, "--record", "none", "-o", str(folder / "eval")
+        "evaluate", policy, "--scenario", *scenarios, *conditions, "--record", "none", "-o", str(folder / "eval")
     )
     results = json.loads((folder / "eval" / "results.json").read_text(encoding="utf-8"))
     card = json.loads((folder / "train" / "train.json").read_text(encoding="utf-8"))
@@ -125,17 +116,15 @@ def run_variant(study: Study, name: str, seed: int, places: tuple[str, ...], out
     }
 
 
-def aquanav(command: str, *arguments: str) -> Ended:
-    """Return how one of our commands ended.
-
-    Raises:
-        RuntimeError: it did not end well; the message has the end of what it said.
-    """
-    program = f"from aquanav_tools.cli.{command} import main; main()"
-    ended = run_child([sys.executable, "-c", program, *arguments], TIMEOUT)
-    if ended.exit_code != 0:
-        raise RuntimeError(f"{command} {' '.join(arguments)} ended with {ended.exit_code}: {ended.errors[-2000:]}")
-    return ended
+def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str, Any]:
+    """Return what a variant's pipeline file says: the shipped one with the study's settings and caves above it."""
+    table = {"extends": study.variants[name], **study.settings}
+    if study.caves:
+        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(study.variants[name], study.settings).lessons]
+        for lesson in lessons:
+            lesson["scenario"] = places[study.caves[lesson["scenario"]]]
+        table["lessons"] = [{key: value for key, value in lesson.items() if value is not None} for lesson in lessons]
+    return table
 
 
 def curve(path: Path) -> list[list[float]]:

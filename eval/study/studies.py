@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 AS_GIVEN = "as given"
 """What aquanav-eval calls the circumstances of a scenario that nothing changes."""
@@ -28,12 +29,12 @@ class Study:
     title: str
     variants: dict[str, str]
     """Pipelines by the names that the page gives them."""
-    settings: str
-    """Lines of TOML that count above every pipeline's own."""
+    settings: dict[str, Any]
+    """What counts above every pipeline's own."""
     policy: str
     """Which of a run's policies is scored."""
     places: tuple[str, ...]
-    """Scenarios to score in; "han" is built from its scan."""
+    """Scenarios to score in; `places.py` builds those that do not ship."""
     currents: dict[str, float | None]
     """Shares of each place's own current, by the names that the page gives them; None leaves it as it is."""
     episodes: int
@@ -43,30 +44,38 @@ class Study:
     """Where collisions and distances to the wall are compared."""
     method: str
     """How it was done, for the page."""
+    caves: dict[str, str] = field(default_factory=dict)
+    """Where to learn in place of a pipeline's own scenarios."""
 
+
+PAPER_VARIANTS = {
+    "curriculum": "paper",
+    "end-to-end": "paper-end-to-end",
+    "clip-0.1": "paper-clip-01",
+    "clip-0.2": "paper-clip-02",
+    "sparse": "paper-sparse",
+    "safe": "paper-safe",
+}
+PAPER_QUESTIONS = (
+    Question("Curriculum or end to end", "curriculum", "end-to-end", "it makes policies safer and more general"),
+    Question("Clip range 0.1 or 0.2", "clip-0.1", "clip-0.2", "small updates learn more steadily"),
+    Question("Dense or sparse reward", "curriculum", "sparse", "without a dense reward learning does not converge"),
+    Question("Safe or standard reward", "safe", "curriculum", "a price on nearness keeps policies off the walls"),
+)
+CURRENTS: dict[str, float | None] = {"still": 0.0, "half": 0.5, "full": 1.0}
+# 40 decisions of each of 512 vehicles make the original's buffer of 20,480.
+ON_THE_BATCH = {"backend": "batch", "num_envs": 512, "validation": []}
 
 CAVES = Study(
     title="The paper's questions: caves",
-    variants={
-        "curriculum": "paper",
-        "end-to-end": "paper-end-to-end",
-        "clip-0.1": "paper-clip-01",
-        "clip-0.2": "paper-clip-02",
-        "sparse": "paper-sparse",
-        "safe": "paper-safe",
-        "careful": "paper-careful",
-    },
-    # 40 decisions of each of 512 vehicles make the original's buffer of 20,480.
-    settings='backend = "batch"\nnum_envs = 512\nvalidation = []\n',
+    variants={**PAPER_VARIANTS, "careful": "paper-careful"},
+    settings=ON_THE_BATCH,
     policy="policy.zip",
     places=("cave-test-1", "cave-test-2", "cave-test-3", "han"),
-    currents={"still": 0.0, "half": 0.5, "full": 1.0},
+    currents=CURRENTS,
     episodes=40,  # each start of a shipped cave once
     questions=(
-        Question("Curriculum or end to end", "curriculum", "end-to-end", "it makes policies safer and more general"),
-        Question("Clip range 0.1 or 0.2", "clip-0.1", "clip-0.2", "small updates learn more steadily"),
-        Question("Dense or sparse reward", "curriculum", "sparse", "without a dense reward learning does not converge"),
-        Question("Safe or standard reward", "safe", "curriculum", "a price on nearness keeps policies off the walls"),
+        *PAPER_QUESTIONS,
         Question(
             "Careful or standard reward",
             "careful",
@@ -87,7 +96,7 @@ dip where a lesson begins: its first episodes are cut short at random and count 
 BAYS = Study(
     title="The paper's questions: bays",
     variants={"standard": "bay-standard", "safe": "bay-safe"},
-    settings="",
+    settings={},
     policy="best.zip",
     places=("bay-calm", "bay-breeze", "bay-rough"),
     currents={AS_GIVEN: None},
@@ -103,4 +112,26 @@ on the batch, acting without chance; a contact ends no episode. The curves dip w
 first contact ends an episode, so that the first episodes to end are those that failed.""",
 )
 
-STUDIES = {"caves": CAVES, "bays": BAYS}
+ORIGINAL = Study(
+    title="The paper's questions in its own caves",
+    variants=PAPER_VARIANTS,
+    settings=ON_THE_BATCH,
+    caves={"cave-train-1": "cave-easy", "cave-train-2": "cave-medium", "cave-train-3": "cave-medium"},
+    policy="policy.zip",
+    places=("cave-eval1", "cave-easy-3"),
+    currents=CURRENTS,
+    episodes=40,
+    questions=PAPER_QUESTIONS,
+    safety_place="cave-eval1",
+    method="""\
+The caves are the original's, as `aquanav import-original` places them, and so is the vehicle. The pipelines are those
+of [study-caves.md](study-caves.md), 3 million decisions each on the batch with 512 vehicles: the first lesson in
+cave-easy, the others in cave-medium (as in the original), end to end in cave-medium. Scored in caves that were not
+learned from: cave-eval1, a way of its own, and cave-easy-3, the first lesson's way at 0.6 of its width. The last policy
+of each run counts, in 40 episodes per cave and current on the batch, acting without chance; a contact ends no episode.
+Currents are ours (0.25 and 0.5 m/s through the narrowest section), since the original's are lost; `safe` has the
+original's price of nearness. The curves, which choose by chance, dip where a lesson begins: its first episodes are cut
+short at random and count as failed.""",
+)
+
+STUDIES = {"caves": CAVES, "original": ORIGINAL, "bays": BAYS}
