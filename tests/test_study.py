@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from aquanav_tools.evaluate.statistics import Estimate
+from aquanav_tools.train.pipeline import read_pipeline
 from eval.study import run as study_run
 from eval.study.page import improvement, markdown, verdict
-from eval.study.studies import CAVES, Question, Study
+from eval.study.places import built_places
+from eval.study.studies import CAVES, ORIGINAL, STUDIES, Question, Study
 
 SMALL = dataclasses.replace(
     CAVES,
@@ -106,6 +109,27 @@ def test_a_place_that_one_run_lacks_is_left_out() -> None:
     assert "| narrow, full | 100 ± 0 | 50 ± 0 |" in page
 
 
+@pytest.mark.parametrize(("study", "name"), [(study, name) for study in STUDIES.values() for name in study.variants])
+def test_a_variant_learns_as_its_pipeline_says_but_for_the_studys_settings_and_caves(
+    study: Study, name: str, tmp_path: Path
+) -> None:
+    places = {cave: f"built/{cave}" for cave in study.caves.values()}
+    path = tmp_path / "pipeline.toml"
+    path.write_text(tomli_w.dumps(study_run.pipeline_table(study, name, places)))
+    written, shipped = read_pipeline(path, {}), read_pipeline(study.variants[name], study.settings)
+    assert written.run == shipped.run
+    caves = [places[study.caves[lesson.scenario]] if study.caves else lesson.scenario for lesson in shipped.lessons]
+    assert [lesson.scenario for lesson in written.lessons] == caves
+    alike = [dataclasses.replace(a, scenario=b.scenario) for a, b in zip(shipped.lessons, written.lessons, strict=True)]
+    assert tuple(alike) == written.lessons
+
+
+def test_a_study_of_caves_that_are_not_there_says_what_is_missing(tmp_path: Path) -> None:
+    with pytest.raises(SystemExit, match="There is no"):
+        built_places(ORIGINAL.places, tmp_path, tmp_path / "out")
+    assert built_places(("cave-test-1", "han"), tmp_path, tmp_path / "out") == {"cave-test-1": "cave-test-1"}
+
+
 @pytest.fixture
 def results(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """A folder for what the small study finds."""
@@ -120,7 +144,7 @@ def test_runs_that_are_kept_are_not_repeated(
 ) -> None:
     asked: list[tuple[str, int]] = []
 
-    def run_variant(study: Study, name: str, seed: int, places: tuple[str, ...], output: Path) -> dict[str, Any]:
+    def run_variant(study: Study, name: str, seed: int, places: dict[str, str], output: Path) -> dict[str, Any]:
         asked.append((name, seed))
         if (name, seed) == ("sparse", 1) and len(asked) == 4:
             raise RuntimeError("the machine went down")
