@@ -20,7 +20,7 @@ from eval.study.studies import CAVES, ORIGINAL, STUDIES, Question, Study
 
 SMALL = dataclasses.replace(
     CAVES,
-    variants={"curriculum": "paper", "sparse": "paper-sparse"},
+    variants={"curriculum": {"extends": "paper"}, "sparse": {"extends": "paper-sparse"}},
     places=("wide", "narrow"),
     currents={"still": 0.0, "full": 1.0},
     questions=(Question("Dense or sparse", "curriculum", "sparse", "dense is better"),),
@@ -116,7 +116,8 @@ def test_a_variant_learns_as_its_pipeline_says_but_for_the_studys_settings_and_c
     places = {cave: f"built/{cave}" for cave in study.caves.values()}
     path = tmp_path / "pipeline.toml"
     path.write_text(tomli_w.dumps(study_run.pipeline_table(study, name, places)))
-    written, shipped = read_pipeline(path, {}), read_pipeline(study.variants[name], study.settings)
+    said = {**study.variants[name], **study.settings}
+    written, shipped = read_pipeline(path, {}), read_pipeline(said.pop("extends"), said)
     assert written.run == shipped.run
     caves = [places[study.caves[lesson.scenario]] if study.caves else lesson.scenario for lesson in shipped.lessons]
     assert [lesson.scenario for lesson in written.lessons] == caves

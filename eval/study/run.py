@@ -117,10 +117,11 @@ def run_variant(study: Study, name: str, seed: int, places: dict[str, str], outp
 
 
 def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str, Any]:
-    """Return what a variant's pipeline file says: the shipped one with the study's settings and caves above it."""
-    table = {"extends": study.variants[name], **study.settings}
+    """Return what a variant's pipeline file says, with the study's settings and caves above it."""
+    table = {**study.variants[name], **study.settings}
     if study.caves:
-        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(study.variants[name], study.settings).lessons]
+        said = {key: value for key, value in table.items() if key != "extends"}
+        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(table["extends"], said).lessons]
         for lesson in lessons:
             lesson["scenario"] = places[study.caves[lesson["scenario"]]]
         table["lessons"] = [{key: value for key, value in lesson.items() if value is not None} for lesson in lessons]
