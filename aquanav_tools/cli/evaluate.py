@@ -128,16 +128,17 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.reporting import estimate_text, percent, share
+    from aquanav_tools.evaluate.reporting import estimate_text, metres, percent, share
 
     summary = evaluation.summary
+    mean, least = metres(summary.means["mean_clearance"].mean), metres(summary.min_clearance)
     rows = {
         "success": percent(summary.success),
         "collision-free success": percent(summary.collision_free_success),
         "fails in at most": f"{share(summary.failure_bound)} of episodes, at 95 % confidence",
         "SPL": estimate_text(summary.means["spl"]),
         "collisions per 100 m": estimate_text(summary.collisions_per_100m),
-        "clearance, mean / smallest": f"{summary.means['mean_clearance'].mean:.2f} m / {summary.min_clearance:.2f} m",
+        "clearance, mean / smallest": f"{mean} m / {least} m",
     }
     count = f"{summary.episodes} episodes"
     if summary.distinct_episodes < summary.episodes:

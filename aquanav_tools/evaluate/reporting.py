@@ -121,6 +121,11 @@ def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
     return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
 
 
+def metres(value: float) -> str:
+    """Return a length to the centimetre, without the minus of one that rounds to nothing: 0.00 where a hull touches."""
+    return f"{round(value, 2) + 0.0:.2f}"
+
+
 def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
     own = episodes.rows(episodes.are("scenario", scenario.name))
     picture = venue_of(scenario).picture()
@@ -206,7 +211,7 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
         Fact(
             "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
         ),
-        Fact("clearance", f"{means['mean_clearance'].mean:.2f} m", f"smallest {summary.min_clearance:.2f} m"),
+        Fact("clearance", f"{means['mean_clearance'].mean:.2f} m", f"smallest {metres(summary.min_clearance)} m"),
         Fact("time", f"{means['time'].mean:.0f} s", f"path {means['path_length'].mean:.1f} m"),
     )
 
@@ -250,7 +255,7 @@ def _worst_table(episodes: EpisodeTable, recordings: Mapping[int, str]) -> Table
         rows.append(
             (
                 _link(episode, recordings), episode.scenario, episode.outcome, str(episode.collisions),
-                f"{episode.min_clearance:.2f}", f"{episode.progress:.1f}", f"{episode.time:.0f}",
+                metres(episode.min_clearance), f"{episode.progress:.1f}", f"{episode.time:.0f}",
                 f"aquanav-eval replay results.json --episode {episode.index}",
             )
         )  # fmt: skip
@@ -316,7 +321,7 @@ def _episode_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, 
     rows = tuple(
         (
             _link(episode, recordings), episode.scenario, episode.condition, str(episode.seed), str(episode.start),
-            episode.outcome, str(episode.collisions), f"{episode.min_clearance:.2f}", f"{episode.clearance_p5:.2f}",
+            episode.outcome, str(episode.collisions), metres(episode.min_clearance), metres(episode.clearance_p5),
             f"{episode.time:.1f}", f"{episode.path_length:.1f}", f"{episode.spl:.2f}",
             "" if episode.energy is None else f"{episode.energy:.0f}",
             episode.reason,

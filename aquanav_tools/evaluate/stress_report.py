@@ -13,7 +13,7 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
-from aquanav_tools.evaluate.reporting import percent, share, task_words
+from aquanav_tools.evaluate.reporting import metres, percent, share, task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_cases
@@ -212,7 +212,7 @@ def _worst_table(found: Stress) -> Table:
         (
             str(number), str(trial.case.start), f"{trial.way:.1f}", str(trial.case.seed), f"{trial.case.current:g}",
             f"{trial.case.sensor_noise:g}", _outcome(trial), str(trial.metrics.collisions),
-            f"{trial.metrics.progress:.1f}", f"{trial.metrics.min_clearance:.2f}",
+            f"{trial.metrics.progress:.1f}", metres(trial.metrics.min_clearance),
         )
         for number, trial in enumerate(found.worst[:NUM_SHOWN])
     )  # fmt: skip

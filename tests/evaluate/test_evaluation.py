@@ -26,6 +26,7 @@ from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
+from aquanav_tools.evaluate.reporting import metres
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.scenario.folder import write_scenario
@@ -308,3 +309,13 @@ def test_track_holds_the_environments_own_numbers(tube: Scenario) -> None:
     np.testing.assert_allclose(track.positions[0], tube.starts[4].pose.position)
     np.testing.assert_allclose(sum(track.reward_terms.values()), track.rewards)
     assert np.unique(track.positions, axis=0).shape == track.positions.shape  # states are kept, not a reused buffer
+
+
+def test_a_hull_that_overlaps_a_wall_by_less_than_the_last_digit_is_shown_as_touching_it() -> None:
+    assert [metres(value) for value in (-0.0004, 0.0, 0.004, -0.006, 1.236)] == [
+        "0.00",
+        "0.00",
+        "0.00",
+        "-0.01",
+        "1.24",
+    ]
