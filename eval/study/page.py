@@ -23,7 +23,8 @@ COLOURS = {
     "clip-0.2": IDLE,
     "sparse": MUTED,
     "careful": "#d6336c",
-    "standard": BLUE,
+    "standard": "#d6336c",
+    "31-values": "#0b7285",
     "safe": GOOD,
 }
 DPI = 110
