@@ -57,3 +57,38 @@ def test_a_file_that_is_no_scene_is_refused(tmp_path: Path) -> None:
         read_original_map(tmp_path / "train.json", 1.0)
     with pytest.raises(InputError, match="cannot be read"):
         read_original_map(tmp_path / "absent.json", 1.0)
+
+
+def upright_box(name: str, centre: list[float], half_extents: list[float]) -> dict[str, object]:
+    return {"name": name, "center": centre, "half_extents": half_extents, "axes_columns": np.eye(3).tolist()}
+
+
+def write_scene(folder: Path, boxes: list[dict[str, object]]) -> Path:
+    """A bed of 100 x 60 m at -10 m, water at 0 m, one rock of 4 x 4 m in the middle, a way from left to right."""
+    rock = trimesh.creation.box((4.0, 4.0, 12.0))
+    lines = [f"v {x} {y} {z}" for x, y, z in rock.vertices] + [f"f {a} {b} {c}" for a, b, c in rock.faces + 1]
+    (folder / "made_up_rocks.obj").write_text("\n".join(lines))
+    table = {
+        "key": "made-up",
+        "source": "a test",
+        "boxes": [upright_box("Floor", [0.0, 0.0, -12.0], [50.0, 30.0, 2.0]), *boxes],
+        "starts": [{"position": [-40.0, 0.0, 0.0], "yaw_deg": 0.0}],
+        "goal": upright_box("TargetPoint", [40.0, 0.0, 0.0], [0.5, 20.0, 5.0]),
+    }
+    scene = folder / "made_up.json"
+    scene.write_text(json.dumps(table))
+    return scene
+
+
+def test_walls_of_the_same_name_are_all_there(tmp_path: Path) -> None:
+    walls = [upright_box("Walls", [-10.0, y, 0.0], [1.0, 10.0, 5.0]) for y in (-20.0, 20.0)]
+    sea = read_original_map(write_scene(tmp_path, walls), CLEARANCE)
+    assert len(sea.rocks) == 3
+    for y in (-20.0, 20.0):
+        assert sea.clearance_at(np.array([-13.0, y])) == pytest.approx(2.0)
+
+
+def test_a_scene_with_two_sea_beds_is_refused(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path, [upright_box("Floor", [0.0, 0.0, -14.0], [50.0, 30.0, 2.0])])
+    with pytest.raises(InputError, match="2 boxes named Floor"):
+        read_original_map(scene, CLEARANCE)
