@@ -145,13 +145,13 @@ ORIGINAL = Study(
     method="""\
 The caves are the original's, as `aquanav import-original` places them, and so is the vehicle. The pipelines are those
 of [study-caves.md](study-caves.md), 3 million decisions each on the batch with 512 vehicles: the first lesson in
-cave-easy, the others in cave-medium (as in the original), end to end in cave-medium. As in the original's code, all but
-sparse and standard learn with the safe reward, at its price of nearness, and all but 31-values observe the vehicle's
-motion too, which the 31 values of the paper's text leave out. Scored in caves that were not learned from: cave-eval1, a
-way of its own, and cave-easy-3, the first lesson's way at 0.6 of its width. The last policy of each run counts, in 40
-episodes per cave and current on the batch, acting without chance; a contact ends no episode. Currents are ours (0.25
-and 0.5 m/s through the narrowest section), since the original's are lost. The curves, which choose by chance, dip where
-a lesson begins: its first episodes are cut short at random and count as failed.""",
+cave-easy, the others in cave-medium (as in the original), end to end in cave-medium. As in the original's code,
+policies learn with the safe reward at its price of nearness (but for sparse and standard) and observe the vehicle's
+motion, by the preset "full" (but for 31-values, by the preset "paper"). Scored in caves that were not learned from:
+cave-eval1, a way of its own, and cave-easy-3, the first lesson's way at 0.6 of its width. The last policy of each run
+counts, in 40 episodes per cave and current on the batch, acting without chance; a contact ends no episode. Currents are
+ours (0.25 and 0.5 m/s through the narrowest section), since the original's are lost. The curves, which choose by
+chance, dip where a lesson begins: its first episodes are cut short at random and count as failed.""",
 )
 
 STUDIES = {"caves": CAVES, "original": ORIGINAL, "bays": BAYS}
