@@ -26,7 +26,7 @@ def test_splits_are_fixed_and_share_no_cave() -> None:
     recipes = {name: read_shipped(name) for name in shipped_names("scenarios")}
     splits = {name: recipe.split for name, recipe in recipes.items()}
     assert [name for name, split in splits.items() if split == "test"] == ["cave-test-1", "cave-test-2", "cave-test-3"]
-    assert {name for name, split in splits.items() if split == "train"} == {f"cave-train-{n}" for n in range(1, 13)}
+    assert {name for name, split in splits.items() if split == "train"} == {f"cave-train-{n}" for n in range(1, 25)}
     assert sum(split == "validation" for split in splits.values()) == 2
     assert len({recipe.cave.seed for recipe in recipes.values()}) == len(recipes)
 
