@@ -24,7 +24,7 @@ COLOURS = {
     "sparse": MUTED,
     "careful": "#d6336c",
     "standard": "#d6336c",
-    "31-values": "#0b7285",
+    "31-values": "#9c6b30",
     "safe": GOOD,
 }
 DPI = 110
