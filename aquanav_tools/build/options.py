@@ -28,6 +28,11 @@ class PhotoScaleOptions(ScaleSources):
     passage_height: float | None = None
     """Typical height of the passage, m. A rough scale when nothing better is known; up is taken from the cameras."""
 
+    @property
+    def scaling(self) -> tuple[str, ...]:
+        """The options given that can tell the size of what the photos show."""
+        return super().scaling + (() if self.passage_height is None else ("passage_height",))
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.passage_height is not None and not self.passage_height > 0.0:

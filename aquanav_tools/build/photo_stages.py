@@ -4,44 +4,103 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.options import PhotoScaleOptions
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
-from aquanav_tools.errors import ReconstructionError
+from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
+from aquanav_tools.reconstruct.georeference.gps import count_gps
+from aquanav_tools.reconstruct.georeference.place import UNUSED
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
 HEIGHT_ERROR = 0.33
 """How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
+SCALE_OPTIONS = (
+    "--passage-height METRES for a rough scale by the passage's typical height, right to a third",
+    "--marker-size METRES for printed markers in the photos",
+    "--picks with --distance for measured distances, or with --stations for surveyed points",
+    "--positions FILE.csv for where the photos were taken",
+    "--depth-track FILE.csv for a depth sensor's record",
+    "--rig for two cameras side by side",
+)
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
 
-def preview_surface(cloud: PointCloud) -> Mesh:
-    """Return a coarse surface of a cloud of any scale."""
+def check_has_scale(options: BuildOptions) -> None:
+    """Refuse photos of which nothing can ever tell the size, before they are worked on for an hour.
+
+    Raises:
+        InputError: no source of scale is given.
+    """
+    if options.scale.scaling:
+        return
+    ways = list(SCALE_OPTIONS)
+    if options.input.is_dir():
+        with_gps, num_photos = count_gps(options.input)
+        if with_gps:
+            ways.append(f"--gps for the satellite positions in {with_gps} of {num_photos} files (above ground only)")
+    raise InputError(
+        f"Nothing tells how large the place in {options.input} is: photos alone have no scale, and no source of it is "
+        f"given. Nothing was done yet. Give one of these: {'; '.join(ways)}."
+    )
+
+
+def preview_surface(cloud: PointCloud, *, accept_thick: bool = False) -> Mesh:
+    """Return a coarse surface of a cloud of any scale; arguments and errors as of `surface_from_cloud`."""
     extent = np.percentile(cloud.points, 99, axis=0) - np.percentile(cloud.points, 1, axis=0)
-    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS).mesh
+    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS, accept_thick=accept_thick).mesh
 
 
 def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
     """Return the share of the view that is wall where the cameras were; true to any scale.
 
     Raises:
-        MeshError: the cameras were not inside of what they photographed: it is a facade or an object.
+        UnseenWallsError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
-    return check_enclosure(preview, reconstruction.camera_centres, "the cameras")
+    return check_enclosure(preview, reconstruction.camera_centres, "the cameras", reconstruction.camera_names)
 
 
-def cameras_inside(reconstruction: Reconstruction, preview: Mesh) -> BoolArray:
-    """Return the (N,) flags of cameras with walls around them; others may have stood outside before the entrance."""
-    inside: BoolArray = enclosure(preview, reconstruction.camera_centres) >= MIN_ENCLOSURE
-    return inside
+def look_for_cave(
+    reconstruction: Reconstruction, accept: Callable[[UnseenWallsError], None]
+) -> tuple[Mesh, BoolArray, float]:
+    """Return a coarse surface, which cameras are known to be in the water, and their share of the view that is wall.
+
+    Args:
+        reconstruction: in metres or not yet.
+        accept: raises the error it is given, or notes that the build goes on all the same.
+
+    Returns:
+        The surface; (N,) flags of cameras, for some may have stood outside before the entrance; the median share.
+
+    Raises:
+        UnseenWallsError: it is no cave.
+    """
+
+    def accept_here(error: UnseenWallsError) -> None:
+        unit = "" if reconstruction.is_metric else " (The scale comes later: lengths here are in the model's own unit.)"
+        accept(UnseenWallsError(error.code, f"{error.facts}{unit}", error.advice, error.places))
+
+    try:
+        preview = preview_surface(reconstruction.cloud)
+    except UnseenWallsError as error:
+        accept_here(error)
+        preview = preview_surface(reconstruction.cloud, accept_thick=True)
+    shares = enclosure(preview, reconstruction.camera_centres)
+    is_inside = shares >= MIN_ENCLOSURE
+    try:
+        check_is_cave(reconstruction, preview)
+    except UnseenWallsError as error:
+        accept_here(error)
+        is_inside = np.ones_like(is_inside)  # the walls do not tell, and wherever a camera was there is room
+    return preview, is_inside, float(np.median(shares))
 
 
 def in_metres(
@@ -52,16 +111,15 @@ def in_metres(
     Where something did, the height is held against it.
 
     Raises:
-        ReconstructionError: nothing tells the scale.
+        ReconstructionError: nothing that was given tells the scale.
     """
     if scale.passage_height is None:
         if reconstruction.is_metric:
             return reconstruction
+        reasons = " ".join(caution.message for caution in reconstruction.warnings if caution.code == UNUSED)
         raise ReconstructionError(
-            "The photos show a cave, but nothing tells its size: photos alone have no scale. Give printed markers "
-            "(--marker-size), a measured distance (--picks and --distance), survey stations (--picks and --stations), "
-            "camera positions (--positions FILE.csv), a depth sensor's track (--depth-track), a camera pair (--rig), "
-            "or a typical height with --passage-height. What was found so far is kept: run the same command with it."
+            f"The photos show a cave, but what was given does not tell its size. {reasons} What was found so far is "
+            f"kept: run the same command with one of these mended or added: {'; '.join(SCALE_OPTIONS)}."
         )
     height = free_height(preview, reconstruction.camera_centres)
     factor = scale.passage_height / height

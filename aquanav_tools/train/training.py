@@ -91,7 +91,8 @@ def train(
         journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
         was_finished = checkpoint is not None and bool(checkpoint.journal["is_finished"])
         if not was_finished:
-            with tqdm(total=pipeline.steps, initial=journal.steps, unit="step", disable=not show_progress) as bar:
+            is_hidden = None if show_progress else True  # None: where stderr is no terminal
+            with tqdm(total=pipeline.steps, initial=journal.steps, unit="step", disable=is_hidden) as bar:
                 _learn_all(_Run(pipeline, seed, record, journal, trials_in, bar), scenarios, checkpoint)
         if not (was_finished and (output_dir / REPORT_FILE).is_file()):
             present(output_dir, pipeline, journal)
