@@ -12,7 +12,8 @@ import numpy as np
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
+from aquanav_tools.cave.closing.close import refuse
+from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height, seen_height
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
 from aquanav_tools.reconstruct.georeference.gps import count_gps
@@ -30,6 +31,8 @@ SCALE_OPTIONS = (
     "--depth-track FILE.csv for a depth sensor's record",
     "--rig for two cameras side by side",
 )
+SEEN_HEIGHT_ERROR = 0.5
+"""The same where floor or ceiling were not seen; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
@@ -104,14 +107,26 @@ def look_for_cave(
 
 
 def in_metres(
-    reconstruction: Reconstruction, preview: Mesh, scale: PhotoScaleOptions, journal: Journal
+    reconstruction: Reconstruction,
+    preview: Mesh,
+    scale: PhotoScaleOptions,
+    journal: Journal,
+    accept: Callable[[UnseenWallsError], None] = refuse,
 ) -> Reconstruction:
     """Return the reconstruction scaled by the passage's typical height, where nothing better gave the scale.
 
     Where something did, the height is held against it.
 
+    Args:
+        reconstruction: with a scale or without.
+        preview: a coarse surface of it.
+        scale: what was given.
+        journal: is warned of a rough scale.
+        accept: see `look_for_cave`.
+
     Raises:
         ReconstructionError: nothing that was given tells the scale.
+        UnseenWallsError: floor and ceiling were not seen from any one place.
     """
     if scale.passage_height is None:
         if reconstruction.is_metric:
@@ -121,10 +136,10 @@ def in_metres(
             f"The photos show a cave, but what was given does not tell its size. {reasons} What was found so far is "
             f"kept: run the same command with one of these mended or added: {'; '.join(SCALE_OPTIONS)}."
         )
-    height = free_height(preview, reconstruction.camera_centres)
+    height, error, cause = _height(reconstruction, preview, accept)
     factor = scale.passage_height / height
     if reconstruction.is_metric:
-        if abs(np.log(factor)) > np.log1p(2.0 * HEIGHT_ERROR):
+        if abs(np.log(factor)) > np.log1p(2.0 * error):
             journal.warn(
                 "passage-height-differs",
                 f"The passage is {height:.1f} m high where the cameras were, {scale.passage_height:g} m were given. "
@@ -133,12 +148,24 @@ def in_metres(
         return reconstruction
     journal.warn(
         "rough-scale",
-        f"The scale comes from a passage height of {scale.passage_height:g} m alone and may be off by a third. "
-        "Give printed markers, a measured distance or camera positions for a metric model.",
+        f"The scale comes from a passage height of {scale.passage_height:g} m alone{cause} and may be off by "
+        f"{error:.0%}. Give printed markers, a measured distance or camera positions for a metric model.",
     )
-    statistics = {**reconstruction.statistics, "scale_error_percent_95": 100.0 * HEIGHT_ERROR}
+    statistics = {**reconstruction.statistics, "scale_error_percent_95": 100.0 * error}
     scaled = dataclasses.replace(reconstruction, statistics=statistics, is_metric=True)
     return scaled.moved(Sim3(factor, np.eye(3), np.zeros(3)))
+
+
+def _height(
+    reconstruction: Reconstruction, preview: Mesh, accept: Callable[[UnseenWallsError], None]
+) -> tuple[float, float, str]:
+    """Return the passage's height where the cameras were, how far that may be off, relative, and why."""
+    try:
+        return free_height(preview, reconstruction.camera_centres), HEIGHT_ERROR, ""
+    except UnseenWallsError as error:
+        accept(error)
+    height = seen_height(reconstruction.cloud.points, reconstruction.camera_centres)
+    return height, SEEN_HEIGHT_ERROR, ", taken for the height of what was seen, as floor or ceiling were not,"
 
 
 def write_found(reconstruction: Reconstruction, folder: Path) -> None:

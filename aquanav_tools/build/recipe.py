@@ -163,7 +163,7 @@ def _build_cave_of(
         with journal.stage("Checking that it is a cave"):
             accept = accepting(options.closing, journal)
             preview, is_inside, facts["camera_enclosure"] = look_for_cave(reconstruction, accept)
-            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal)
+            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal, accept)
             facts |= reconstruction.statistics
             write_found(reconstruction, options.output)
         evidence = photo_evidence(reconstruction, is_inside)

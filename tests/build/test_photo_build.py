@@ -15,11 +15,13 @@ import pytest
 import trimesh
 from PIL import Image
 
+from aquanav_tools.build.cave_stages import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
+from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
-from aquanav_tools.errors import MeshError, ReconstructionError
+from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import extract_features
@@ -95,6 +97,24 @@ def test_the_passage_height_gives_the_scale(tube_of_ten: tuple[Reconstruction, M
     assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(8.0, rel=0.04)
     assert [code for code, _ in journal.notices] == ["rough-scale"]
     assert scaled.statistics["scale_error_percent_95"] == 33.0
+
+
+def test_where_no_ceiling_was_seen_the_height_of_what_was_seen_gives_the_scale_if_that_is_accepted(
+    tube_of_ten: tuple[Reconstruction, Mesh],
+) -> None:
+    whole = tube_of_ten[0]
+    below = whole.cloud.points[:, 2] < 3.0  # of a tube of radius 5: no ceiling, walls up to 3 above its axis
+    assert whole.cloud.normals is not None
+    open_above = replace(whole, cloud=PointCloud(whole.cloud.points[below], whole.cloud.normals[below]))
+    preview, scale = preview_surface(open_above.cloud), PhotoScaleOptions(passage_height=4.0)
+    journal = Journal(silent)
+    with pytest.raises(UnseenWallsError, match="straight above 0 of them there is surface, straight below 9"):
+        in_metres(open_above, preview, scale, journal)
+    scaled = in_metres(open_above, preview, scale, journal, accepting(ClosingOptions(accept_open=True), journal))
+    # The 8 units that were seen become 4 m, less the 2 % left out below and above.
+    assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(0.5 * 40.0, rel=0.1)
+    assert [code for code, _ in journal.notices] == ["height-unknown", "rough-scale"]
+    assert scaled.statistics["scale_error_percent_95"] == 50.0
 
 
 def test_a_passage_height_that_differs_from_the_model_is_noted(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:

@@ -30,6 +30,8 @@ MIN_TUNNEL_HITS = 0.8
 """From a tunnel's wall this share of the rays before it meets rock; the outside of a cave sees little of itself ..."""
 MAX_TUNNEL_SHARE = 0.03
 """... on at most this share of its area. Measured: nine closed caves 0.0 %, blocks around a passage 10 to 20 %."""
+NUM_HEIGHT_SAMPLES, NUM_AROUND = 100_000, 1_000
+"""Points of a cloud, and those of them beside a viewpoint, between whose lowest and highest its height is taken."""
 NUM_TUNNEL_SAMPLES = 4_000
 TUNNEL_OFFSET = 1e-3
 """Rays that look for a tunnel start this far from the wall, m."""
@@ -48,15 +50,35 @@ def free_height(surface: Mesh, viewpoints: Array) -> float:
     """Return the median distance between floor and ceiling at (N, 3) points inside, in the surface's units.
 
     Raises:
-        MeshError: floor and ceiling are both seen from none of them.
+        UnseenWallsError: floor and ceiling are both seen from none of them.
     """
-    heights = _cast(surface, viewpoints, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])).sum(axis=1)
-    if not np.isfinite(heights).any():
-        raise MeshError(
+    heights = _cast(surface, viewpoints, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    if not np.isfinite(heights).all(axis=1).any():
+        up, down = np.isfinite(heights).sum(axis=0)
+        raise UnseenWallsError(
+            "height-unknown",
             f"None of the {len(viewpoints)} viewpoints has both floor and ceiling in the model, so the passage's "
-            "height is unknown. Take photos of both, or give camera positions with --positions."
+            f"height is unknown: straight above {up} of them there is surface, straight below {down}.",
+            "Take photos of both, or give another source of scale, such as camera positions with --positions.",
+            [(tuple(viewpoints[0].tolist()), "no floor and ceiling above and below")],
         )
+    heights = heights.sum(axis=1)
     return float(np.median(heights[np.isfinite(heights)]))
+
+
+def seen_height(points: Array, viewpoints: Array) -> float:
+    """Return the median height of what was seen around (N, 3) viewpoints, where floor or ceiling were not.
+
+    Args:
+        points: (K, 3) on the walls, in any unit.
+        viewpoints: (N, 3) inside.
+    """
+    from scipy.spatial import cKDTree
+
+    sample = points[:: max(1, len(points) // NUM_HEIGHT_SAMPLES)]
+    _, around = cKDTree(sample[:, :2]).query(viewpoints[:, :2], k=min(NUM_AROUND, len(sample)))
+    low, high = np.percentile(sample[around, 2], [2.0, 98.0], axis=1)
+    return float(np.median(high - low))
 
 
 def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
