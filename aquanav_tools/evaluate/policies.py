@@ -23,13 +23,12 @@ from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.policy.architecture import ExoticPolicyError
+from aquanav_tools.policy.archive import TRAINED
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
-TRAINED = "eval/policies", ".zip"
-"""Where trained policies that ship lie in the content, and how their names end."""
 SHIELD = "shield:"
 
 
