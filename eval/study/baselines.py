@@ -1,4 +1,4 @@
-"""Score the shipped baselines in the shipped test caves and in fresh caves of the same generator, still and full current.
+"""Score the shipped baselines in the test caves and in fresh caves of the same generator, in still water and full current.
 
     python eval/study/baselines.py                     # two hours on two idle cores, most of them the oracle's
     python eval/study/baselines.py --fresh 2 --episodes 4 --baselines reactive   # a first look, in some minutes
