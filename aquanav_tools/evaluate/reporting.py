@@ -13,6 +13,7 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
+from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
@@ -79,7 +80,7 @@ def write_report(
         title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
         summary=sentence(summary),
         facts=_facts(summary),
-        warnings=_warnings(summary),
+        warnings=_warnings(summary, episodes, provenance),
         figures=_plots(scenarios, journal, summary, pictures),
         tables=(_worst_table(episodes, recordings), _mean_table(summary), *_group_tables(groups)),
         sections=(
@@ -216,7 +217,7 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
     )
 
 
-def _warnings(summary: Summary) -> tuple[Notice, ...]:
+def _warnings(summary: Summary, episodes: EpisodeTable, provenance: Provenance) -> tuple[Notice, ...]:
     notices = []
     free = summary.collision_free_success
     if summary.distinct_episodes < summary.episodes:
@@ -233,11 +234,10 @@ def _warnings(summary: Summary) -> tuple[Notice, ...]:
         )
         notices.append(Notice("few-episodes", text))
     if summary.outcomes["failed"]:
-        text = (
-            f"In {summary.outcomes['failed']} episodes the policy itself failed: it raised an error, hung, or gave "
-            "what is no action. They count as failures; the table of episodes has the reasons."
+        text = failure_text(provenance.policy["name"], episodes)
+        notices.append(
+            Notice("policy-failed", f"{text} They count as failures; the table of episodes has the reasons.")
         )
-        notices.append(Notice("policy-failed", text))
     return tuple(notices)
 
 

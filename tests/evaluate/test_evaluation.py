@@ -214,7 +214,7 @@ class Broken:
     ("act", "reason"),
     [
         (lambda: 1 / 0, "ZeroDivisionError"),
-        (lambda: np.array([np.nan, 0.0, 0.0]), "not finite"),
+        (lambda: np.array([np.nan, 0.0, 0.0]), "got array([nan,  0.,  0.])"),
         (lambda: np.array([7, 0, 0]), "3 choices from 0 to 2"),
         (lambda: time.sleep(60.0), "no action within 0.2 s"),
     ],
