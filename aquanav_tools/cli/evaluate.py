@@ -160,25 +160,24 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.reporting import estimate_text, metres, percent, share
+    from aquanav_tools.evaluate.summary_text import bound, estimate_text, metres, percent, variety_text
 
     summary = evaluation.summary
+    bounded, limit = bound(summary)
     mean, least = metres(summary.means["mean_clearance"].mean), metres(summary.min_clearance)
     rows = {
         "success": percent(summary.success),
         "collision-free success": percent(summary.collision_free_success),
-        "fails in at most": f"{share(summary.failure_bound)} of episodes, at 95 % confidence",
+        bounded: f"{limit} of episodes, at 95 % confidence",
         "SPL": estimate_text(summary.means["spl"]),
         "collisions per 100 m": estimate_text(summary.collisions_per_100m),
         "clearance, mean / smallest": f"{mean} m / {least} m",
     }
-    count = f"{summary.episodes} episodes"
-    if summary.distinct_episodes < summary.episodes:
-        count += f" ({summary.distinct_episodes} different, which count)"
     places = ", ".join(map(str, options.scenario))
-    lines = [f"\n{policy} in {places}, {count}, 95 % intervals in brackets"]
-    lines += [f"  {name:<28}{value}" for name, value in rows.items()]
-    return "\n".join([*lines, "", _places(evaluation)])
+    lines = [f"\n{policy} in {places}, {summary.episodes} episodes, 95 % intervals in brackets"]
+    lines += [f"  {name:<29}{value}" for name, value in rows.items()]
+    variety = variety_text(evaluation.episodes, summary, evaluation.num_possible)
+    return "\n".join([*lines, "", variety, "", _places(evaluation)])
 
 
 def _places(evaluation: Evaluation) -> str:

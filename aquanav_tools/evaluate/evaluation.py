@@ -40,6 +40,8 @@ class Evaluation:
 
     summary: Summary
     episodes: EpisodeTable
+    num_possible: int | None
+    """Episodes that differ which there are; None for no end of them."""
     results: Path
     report: Path
     recordings: tuple[Path, ...]
@@ -90,7 +92,8 @@ def evaluate(
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
     run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(episodes) - before}
     (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
-    return Evaluation(summary, episodes, output / RESULTS, report, tuple(output / name for name in recordings.values()))
+    files = output / RESULTS, report, tuple(output / name for name in recordings.values())
+    return Evaluation(summary, episodes, plan.num_possible, *files)
 
 
 def _check_names(scenarios: Sequence[Place]) -> None:
@@ -185,6 +188,7 @@ def _provenance(plan: Plan, orders: Orders) -> Provenance:
         protocol={
             "backend": options.backend,
             "episodes": len(options.cases) or options.episodes,
+            "possible_episodes": plan.num_possible,
             "seed": options.seed,
             "observation": policy.observation,
             "action": policy.action,

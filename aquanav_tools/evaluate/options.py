@@ -59,8 +59,10 @@ class Case:
 class ProtocolOptions(TaskOptions):
     """Which episodes are run, under which rules: the table of a protocol file."""
 
-    episodes: int = 50
-    """Number of episodes per scenario and condition. All starts take their turn, in an order shuffled by the seed."""
+    episodes: int | None = None
+    """Number of episodes per scenario and condition. All starts take their turn, in an order shuffled by the seed.
+    Without it every listed start once, which is all there is where nothing is random (still water, no sensor noise);
+    where something is, every start equally often and 40 episodes at least."""
     seed: int = 0
     """Episode i of each scenario and condition has seed + i."""
     max_decisions: int | None = None
@@ -74,7 +76,7 @@ class ProtocolOptions(TaskOptions):
         super().__post_init__()
         if self.cases and (self.grid != Grid() or self.starts == "anywhere"):
             raise InputError("Cases name their starts and conditions; leave out the grid and --starts anywhere.")
-        if not 1 <= self.episodes <= MAX_EPISODES:
+        if self.episodes is not None and not 1 <= self.episodes <= MAX_EPISODES:
             raise InputError(
                 f"--episodes is {self.episodes}; an evaluation has 1 to {MAX_EPISODES}. Choose a number there."
             )

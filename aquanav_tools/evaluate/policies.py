@@ -87,6 +87,8 @@ class LoadedPolicy:
     """Form in which it acts."""
     task: str | None = None
     """Which it was made for; None for any."""
+    draws: bool = False
+    """Whether it may draw at random, which of code that is not ours nobody knows."""
 
 
 class RandomPolicy:
@@ -160,11 +162,13 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         return _baseline(spec)
     if SPEC.fullmatch(spec):
         own = OwnPolicy(spec)
-        return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action, None)
+        sha256 = file_hash(own.path) if own.path else None
+        return LoadedPolicy(own, spec, sha256, own.observation, own.action, draws=True)
     path = Path(spec)
     found = _load_file(path, is_trusted)
     fit = fitting_presets(found.observation_space, found.action_space, spec)
-    return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task)
+    draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
+    return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task, draws)
 
 
 def baseline_names() -> list[str]:
@@ -180,7 +184,7 @@ def _baseline(spec: str) -> LoadedPolicy:
         raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, baseline_names())}")
     policy = BASELINES[name]()
     task = CAVE if isinstance(policy, ReactivePolicy) else None
-    return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
+    return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task, isinstance(policy, RandomPolicy))
 
 
 def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:
@@ -211,4 +215,4 @@ def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
     if inner.task not in (None, CAVE):
         raise InputError(f"The shield keeps off the walls of caves, and {inner.name} steers a boat. Leave out shield:.")
     policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
-    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE)
+    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE, inner.draws)

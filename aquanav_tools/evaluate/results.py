@@ -21,7 +21,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
 
-FORMAT = 3
+FORMAT = 4
 SCHEMA = Path(__file__).with_name("results.schema.json")
 ROWS_AT_A_TIME = 1000
 """Of the Parquet file; memory need not hold them all."""

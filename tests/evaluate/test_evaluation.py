@@ -26,9 +26,9 @@ from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
-from aquanav_tools.evaluate.reporting import metres
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import Watch, run_episode
+from aquanav_tools.evaluate.summary_text import metres
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from tests.commands import run_here
