@@ -71,6 +71,7 @@ def _evaluate_one(options: EvaluateOptions, policy: str, folder: Path) -> str:
     """Evaluate a policy and print what came out; return why nothing did, where the policy failed in every episode."""
     from aquanav_tools.evaluate.failures import failure_text, is_failed_throughout
 
+    _tell_choice(policy)
     evaluation = _evaluate(options, policy, folder)
     text = failure_text(policy, evaluation.episodes)
     if is_failed_throughout(evaluation.episodes):
@@ -101,6 +102,13 @@ def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation
         return evaluate(options, show, policy, folder)
 
 
+def _tell_choice(policy: str) -> None:
+    from aquanav_tools.evaluate.policies import choice_text
+
+    if text := choice_text(policy):
+        print(text)
+
+
 @contextmanager
 def _episode_bar() -> Iterator[Progress]:
     from tqdm import tqdm
@@ -124,6 +132,7 @@ def _stress(options: StressOptions) -> None:
     from aquanav_tools.evaluate.stress import WORST, stress
     from aquanav_tools.evaluate.stress_report import verdict
 
+    _tell_choice(options.policy)
     with _episode_bar() as show:
         found = stress(options, show)
     files = f"Report:      {found.report}\nWorst cases: {options.output / WORST}, for aquanav-eval --protocol"

@@ -46,7 +46,7 @@ class ActionModel:
         check_choice("action form", name, ACTIONS)
         self._num = num = len(parts)
         self._commands = {choices: _command_of(parts, choices) for choices in np.ndindex((NUM_CHOICES,) * num)}
-        self._numbered = dict(enumerate(self._commands.values()))
+        self._numbered: dict[float, Command] = dict(enumerate(self._commands.values()))
         """By the number of the action; making a new one each time takes longer than all of the choices' checks."""
         self._rest = (0.0,) * (len(DIVING) - num)
         self.space, self._convert = self._forms()[name]

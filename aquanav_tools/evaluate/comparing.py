@@ -34,7 +34,7 @@ from aquanav_tools.types import Array
 RESULTS = "results.json"
 PAIRED_MEANS = ("spl", "collisions", "clearance_p5", "time", "energy")
 Key = tuple[str, str, int, int]
-FREE_RULES = {"episodes", "possible_episodes", "seed", "observation", "action", "grid", "cases", "conditions"}
+FREE_RULES = {"episodes", "seed", "observation", "action", "grid", "cases", "conditions"}
 """Of a protocol: what may differ between evaluations that are compared. Conditions are compared by their names."""
 
 
@@ -226,7 +226,7 @@ def _notes(first: Method, second: Method) -> Iterator[str]:
 
 def _num_possible(method: Method) -> int | None:
     """Return how many episodes that differ a method's first run could have met."""
-    count: int | None = method.tables[0]["protocol"]["possible_episodes"]
+    count: int | None = method.tables[0]["possible_episodes"]
     return count
 
 

@@ -180,6 +180,7 @@ def _recordings(fly: Flyer, orders: Orders, plan: Plan, journal: Journal) -> dic
 def _provenance(plan: Plan, orders: Orders) -> Provenance:
     options, policy = orders.options, plan.policy
     return Provenance(
+        possible_episodes=plan.num_possible,
         policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
         scenarios=[
             {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
@@ -188,7 +189,6 @@ def _provenance(plan: Plan, orders: Orders) -> Provenance:
         protocol={
             "backend": options.backend,
             "episodes": len(options.cases) or options.episodes,
-            "possible_episodes": plan.num_possible,
             "seed": options.seed,
             "observation": policy.observation,
             "action": policy.action,

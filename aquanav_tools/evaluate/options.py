@@ -95,10 +95,12 @@ class EvaluateOptions(ProtocolOptions):
     """How a policy is evaluated. Each field is an option of aquanav-eval."""
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
-    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), an ONNX file of ML-Agents, TorchScript (.pt,
-    with --trust), module:function for code of your own in the working directory, or a baseline: baseline:random,
-    baseline:reactive, baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before
-    any of them puts a safety shield around it. Several are taken for training runs of one method."""
+    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), the folder of a training run (its best.zip, or
+    policy.zip where it was not validated), an ONNX file of ML-Agents, TorchScript (.pt, with --trust), module:function
+    for code of your own in the working directory, or a baseline: baseline:random, baseline:reactive,
+    baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before any of them puts a
+    safety shield around it: it takes nine in ten collisions off random actions, but a good policy in strong current may
+    collide more with it than without, at ten times the cost. Several are taken for training runs of one method."""
     scenario: tuple[Path, ...]
     """Scenario folders."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))

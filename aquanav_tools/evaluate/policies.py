@@ -22,6 +22,7 @@ from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
+from aquanav_tools.policy.run_folder import KINDS, best_policy
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
@@ -147,8 +148,8 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     """Return the policy named by `spec`.
 
     Args:
-        spec: A path of an SB3 zip, of an ONNX file or of TorchScript; module:function; a baseline; or "shield:" before
-            any of these.
+        spec: A path of an SB3 zip, of an ONNX file, of TorchScript or of a training run's folder; module:function; a
+            baseline; or "shield:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
 
@@ -164,11 +165,23 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         own = OwnPolicy(spec)
         sha256 = file_hash(own.path) if own.path else None
         return LoadedPolicy(own, spec, sha256, own.observation, own.action, draws=True)
-    path = Path(spec)
+    path, name = Path(spec), Path(spec).name
+    if path.is_dir():
+        path = best_policy(path)
+        name = f"{path.resolve().parent.name}/{path.name}"
     found = _load_file(path, is_trusted)
     fit = fitting_presets(found.observation_space, found.action_space, spec)
     draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
-    return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task, draws)
+    return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws)
+
+
+def choice_text(spec: str) -> str:
+    """Return which policy of a training run's folder is taken; empty where `spec` names a policy by itself."""
+    folder = Path(spec.removeprefix(SHIELD))
+    if not folder.is_dir():
+        return ""
+    name = best_policy(folder).name
+    return f"{folder} is a training run's folder. Its {name} is taken: {KINDS[name]}."
 
 
 def baseline_names() -> list[str]:

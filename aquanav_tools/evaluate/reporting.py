@@ -16,7 +16,9 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance
+from aquanav_tools.evaluate.shield import CAVEAT
 from aquanav_tools.evaluate.statistics import Estimate, Proportion, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.summary_text import (
@@ -85,7 +87,7 @@ def write_report(
     sections = tuple(_place_section(scenario, journal, episodes, pictures) for scenario in scenarios)
     page = Page(
         title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
-        summary=f"{sentence(summary)} {variety_text(episodes, summary, provenance.protocol['possible_episodes'])}",
+        summary=f"{sentence(summary)} {variety_text(episodes, summary, provenance.possible_episodes)}",
         facts=_facts(summary),
         warnings=_warnings(summary, episodes, provenance),
         figures=_plots(scenarios, journal, summary, pictures),
@@ -212,6 +214,8 @@ def _warnings(summary: Summary, episodes: EpisodeTable, provenance: Provenance) 
             f"known to within {width:.0f} points."
         )
         notices.append(Notice("few-episodes", text))
+    if provenance.policy["name"].startswith(SHIELD):
+        notices.append(Notice("shielded", CAVEAT))
     if summary.outcomes["failed"]:
         text = failure_text(provenance.policy["name"], episodes)
         notices.append(

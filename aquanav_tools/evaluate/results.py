@@ -39,6 +39,8 @@ class Provenance:
     """The name, content hash and path of each."""
     protocol: dict[str, Any]
     """Resolved options that change the numbers."""
+    possible_episodes: int | None
+    """That differ, in these scenarios under these conditions; None for no end of them."""
 
     def identity(self, versions: dict[str, str]) -> dict[str, Any]:
         """Return what must be the same for two runs to give the same episodes."""

@@ -55,7 +55,7 @@ def failing(count: int, possible: int | None = None) -> Any:
     """Return an edit after which the first `count` episodes touched the wall."""
 
     def edit(table: dict[str, Any]) -> None:
-        table["protocol"]["possible_episodes"] = possible
+        table["possible_episodes"] = possible
         for episode in table["episodes"][:count]:
             episode["collisions"], episode["digest"] = 1, episode["digest"][::-1]
 
@@ -121,7 +121,7 @@ def test_training_runs_are_compared_by_run(evaluated: Path, tmp_path: Path) -> N
 
 def test_single_runs_without_a_common_episode_are_not_tested(compare: Any) -> None:
     def later(table: dict[str, Any]) -> None:
-        table["protocol"]["possible_episodes"] = None
+        table["possible_episodes"] = None
         for episode in table["episodes"]:
             episode["seed"] += 1000
 

@@ -259,6 +259,28 @@ def test_saved_policy_is_evaluated_with_its_hash(tmp_path: Path, run: Callable[.
     assert (table["protocol"]["observation"], table["protocol"]["action"]) == ("paper", "discrete")
 
 
+def test_folder_of_a_training_run_stands_for_its_best_policy_and_says_so(folder: Path, tmp_path: Path) -> None:
+    run = tmp_path / "train"
+    run.mkdir()
+    make_model(action="discrete", num_observations=31).save(run / "best.zip")
+    make_model(action="discrete", num_observations=44).save(run / "policy.zip")
+    flags = ("--episodes", 1, "--max-decisions", 3, "--record", "none", "-o", tmp_path / "eval")
+    result = aquanav_eval(run, "--scenario", folder, *flags)
+    assert result.returncode == 0, result.stderr
+    assert f"{run} is a training run's folder. Its best.zip is taken" in result.stdout
+    policy = json.loads((tmp_path / "eval" / "results.json").read_text())["policy"]
+    assert (policy["name"], policy["path"]) == ("train/best.zip", str(run))
+    assert policy["sha256"] == hashlib.sha256((run / "best.zip").read_bytes()).hexdigest()
+    again = aquanav_eval("replay", tmp_path / "eval", "--episode", 0)
+    assert "repeats to the bit" in again.stdout
+
+
+def test_folder_without_a_policy_is_refused(folder: Path, tmp_path: Path) -> None:
+    result = aquanav_eval(tmp_path, "--scenario", folder, "-o", tmp_path / "eval")
+    assert result.returncode == 2
+    assert "without best.zip or policy.zip" in result.stderr
+
+
 def test_contact_ends_the_episode_on_request(run: Callable[..., Any]) -> None:
     table = run("baseline:random", episodes=2, on_collision="end", record="none")
     assert {episode["outcome"] for episode in table["episodes"]} == {"collision"}
