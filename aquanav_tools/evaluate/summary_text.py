@@ -76,7 +76,7 @@ def variety_text(episodes: Sequence[EpisodeMetrics], summary: Summary, num_possi
         return f"{again}Nothing limits the number of different episodes here.{f' {advice}' if advice else ''}"
     cause = "Nothing here is random, so that each listed start leads to one episode"
     if _num_beginnings(episodes) < num_possible:
-        return f"{again}{cause}: there are {num_possible}. Leave out --episodes to run them all."
+        return f"{again}{cause}: there are {num_possible}, of which {summary.distinct_episodes} were run."
     return (
         f"{again}{cause}, and all {summary.distinct_episodes} were run: more tell nothing. The intervals are for other "
         "starts like these; to run some take --starts anywhere, or let something be random (--current, --sensor-noise)."
