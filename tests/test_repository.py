@@ -134,25 +134,6 @@ def test_every_command_leads_to_a_function(target: str) -> None:
     assert callable(getattr(importlib.import_module(module), function))
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_path_a_page_links_to_exists(page: str) -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", (REPOSITORY / page).read_text())
-    assert [link for link in links if not (REPOSITORY / page).parent.joinpath(link).exists()] == []
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_command_a_page_shows_exists(page: str) -> None:
-    shown = set(re.findall(r"^\s*(?:\.venv/bin/)?(aquanav[a-z-]*)\b", (REPOSITORY / page).read_text(), re.MULTILINE))
-    assert shown <= set(commands()) | {"aquanav"}
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_make_target_a_page_shows_exists(page: str) -> None:
-    targets = re.findall(r"^([a-z]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
-    shown = re.findall(r"(?:^ *|`)make ([a-z]+)", (REPOSITORY / page).read_text(), re.MULTILINE)
-    assert set(shown) <= set(targets)
-
-
 def test_the_wheel_carries_the_content_under_the_names_that_the_code_looks_for() -> None:
     carried = pyproject()["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
     folders = ("pipelines", "scenarios", "eval/protocols", "eval/policies")
