@@ -166,7 +166,7 @@ def _build_cave_of(
             work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal, accept)
             facts |= reconstruction.statistics
             write_found(reconstruction, options.output)
-        evidence = photo_evidence(reconstruction, is_inside)
+        evidence = photo_evidence(reconstruction, is_inside, accept_open=options.closing.accept_open)
         built = kept_scenario(reconstruction.cloud, options, journal, evidence, StageStore(work_dir))
     except AquanavError as error:
         if isinstance(error, ReconstructionError) and error.unregistered:
