@@ -18,7 +18,7 @@ from PIL import Image
 from aquanav_tools.build.cave_stages import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
@@ -81,6 +81,12 @@ def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> Non
     reconstruction = Reconstruction(cloud, cameras, UPRIGHT, tuple("abcdefghi"), (), {})
     with pytest.raises(MeshError, match=r"no cave.*: from the cameras, the scanned surface fills only \d+%"):
         check_is_cave(reconstruction, preview_surface(cloud))
+    accepted: list[UnseenWallsError] = []
+    _, is_inside, share = look_for_cave(reconstruction, accepted.append)
+    assert is_inside.all()  # walls that are missing tell of nobody that he stood outside
+    assert 0.1 < share < 0.5  # a facade 10 m wide and 8 m high, 6 m away
+    assert [error.code for error in accepted] == ["open-walls"]
+    assert "in the model's own unit" in accepted[0].facts  # nothing gave these photos a scale
 
 
 @pytest.fixture(scope="module")
