@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.time_stage import note_time
 from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
@@ -32,7 +33,7 @@ from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
+from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
 from aquanav_tools.types import Array, BoolArray, Capsule, Mesh, PointCloud
@@ -155,6 +156,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
     _note_weaknesses(built, options, journal)
+    note_time(scenario, journal)
     return built
 
 
@@ -176,6 +178,7 @@ def _settings(
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle,
         water=water_settings(options.water),
+        limits=LimitSettings(decisions=options.decisions),
         collision_error=collision.bound,
     )
 

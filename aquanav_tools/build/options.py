@@ -14,8 +14,10 @@ from aquanav_tools.cave.options import (
     StartOptions,
     WaterOptions,
 )
+from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
+from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
 """Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""
@@ -47,6 +49,9 @@ class BuildOptions:
     """Name of the scenario; the output folder's by default."""
     vehicle: str = "bluerov2"
     """Vehicle that must be able to pass; a shipped name or a .toml file."""
+    decisions: int = ORIGINAL_DECISIONS
+    """Longest episode, in decisions of 0.1 s. The default is the original's and grows where the way is long for the
+    vehicle; any other number is the limit."""
     seed: int = 0
     """Seed of every random draw."""
     quality: Quality = "standard"
@@ -66,6 +71,12 @@ class BuildOptions:
     starts: StartOptions = field(default_factory=StartOptions)
     water: WaterOptions = field(default_factory=WaterOptions)
     intake: IntakeOptions = field(default_factory=IntakeOptions)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.decisions <= MAX_DECISIONS:
+            raise InputError(
+                f"--decisions is {self.decisions}; an episode has 1 to {MAX_DECISIONS}. Choose a number there."
+            )
 
     @property
     def title(self) -> str:

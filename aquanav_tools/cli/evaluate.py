@@ -128,7 +128,7 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.reporting import estimate_text, metres, percent, share
+    from aquanav_tools.evaluate.reporting import estimate_text, infeasible_sentence, metres, percent, share
 
     summary = evaluation.summary
     mean, least = metres(summary.means["mean_clearance"].mean), metres(summary.min_clearance)
@@ -146,6 +146,8 @@ def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str
     places = ", ".join(map(str, options.scenario))
     lines = [f"\n{policy} in {places}, {count}, 95 % intervals in brackets"]
     lines += [f"  {name:<28}{value}" for name, value in rows.items()]
+    if summary.infeasible_episodes:
+        lines += ["", infeasible_sentence(summary)]
     lines += ["", f"Report:      {evaluation.report}", f"Numbers:     {evaluation.results}"]
     if evaluation.recordings:
         recorded = f"{len(evaluation.recordings)} of {summary.episodes} episodes"

@@ -61,7 +61,7 @@ class CaveBatch:
             observation: "paper" or "full".
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
-            max_decisions: Episode limit; None takes the scenario's.
+            max_decisions: Episode limit; None takes the scenario's, which grows with the way (`sim.time_limit`).
             rays: "field" traces them through the distance field, "mesh" casts them exactly, as PyBullet's environment
                 does, and takes several times as long.
             device: "cpu", "cuda" or "cuda:0".
@@ -83,14 +83,14 @@ class CaveBatch:
         water = _water_of(self.scenario, options.current)
         settings, craft = self.scenario.settings, vehicle_of(self.scenario, vehicle)
         weights = cave_weights(options.reward, craft)
-        rules = _episode_rules(self.scenario, options, weights, max_decisions)
+        rules = _episode_rules(self.scenario, craft, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
         self.ray_lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
-        self._max_decisions = rules.max_decisions
+        self.max_decisions = rules.max_decisions
         self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
@@ -124,7 +124,7 @@ class CaveBatch:
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
-        self.world.age(np.random.default_rng(seed).integers(self._max_decisions, size=self.num))
+        self.world.age(np.random.default_rng(seed).integers(self.max_decisions, size=self.num))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""

@@ -29,6 +29,7 @@ from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_world import footprint_of
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.trial import boat_speed
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 
 
@@ -57,6 +58,9 @@ class BayVenue:
             power=functools.partial(drag_power, self._boat) if isinstance(self._boat, OriginalVehicle) else None,
             num_controls=len(AFLOAT),
         )
+
+    def ideal_time(self, task: TaskOptions) -> None:
+        """Return None: wind and tide may carry a boat faster than it drives."""
 
     def picture(self) -> BayPicture:
         """Return the chart of the bay, or of each episode's."""

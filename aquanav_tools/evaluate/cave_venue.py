@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import Any
 
 from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.rendering import VehicleCamera
@@ -15,7 +17,9 @@ from aquanav_tools.report.recording.episode import DiveScene
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
-from aquanav_tools.sim.trial import try_out
+from aquanav_tools.sim.time_limit import ideal_time
+from aquanav_tools.sim.trial import top_speed
+from aquanav_tools.task import TaskOptions
 
 
 class CaveVenue:
@@ -25,6 +29,7 @@ class CaveVenue:
 
     def __init__(self, cave: Scenario) -> None:
         self._cave, self._vehicle = cave, vehicle_of(cave)
+        self._ideals: dict[Any, Callable[[float], float]] = {}
         self.ways = tuple(start.geodesic_to_goal for start in cave.starts)
 
     @functools.cached_property
@@ -35,9 +40,17 @@ class CaveVenue:
             condition="",
             width=2.0 * self._vehicle.capsule.radius,
             route_length=self._cave.guide.length,
-            top_speed=try_out(self._vehicle, self._cave.settings.water.density).ahead,
+            top_speed=top_speed(self._vehicle, self._cave.settings.water.density),
             power=functools.partial(drag_power, self._vehicle),
         )
+
+    def ideal_time(self, task: TaskOptions) -> Callable[[float], float]:
+        """Return the time that a way takes at best, with the most favourable share of the current."""
+        key = (task.current, task.current_range)
+        if key not in self._ideals:
+            low, high = (ideal_time(self._cave, self._vehicle, task.current, share) for share in task.current_range)
+            self._ideals[key] = lambda way: min(low(way), high(way))
+        return self._ideals[key]
 
     def picture(self) -> CavePicture:
         """Return the cave, cut open."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.comparison_report import write_comparison
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.options import CompareOptions
 from aquanav_tools.evaluate.paired import (
     PairedRates,
@@ -97,7 +97,12 @@ def _read_method(folder: Path) -> Method:
     tables = [read_results(path) for path in paths]
     names = list(dict.fromkeys(table["policy"]["name"] for table in tables))
     name = names[0] if len(names) == 1 else f"{folder.name} ({len(paths)} runs)"
-    return _method(name, tuple(tuple(episodes_of(table)) for table in tables))
+    return _method(name, tuple(tuple(_feasible(episodes_of(table))) for table in tables))
+
+
+def _feasible(episodes: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:
+    """Return the episodes whose limit left a policy time to arrive: the others tell nothing of it."""
+    return [episode for episode in episodes if episode.outcome != INFEASIBLE]
 
 
 def _method(name: str, runs: tuple[tuple[EpisodeMetrics, ...], ...]) -> Method:
@@ -182,7 +187,7 @@ def _table(methods: Sequence[Method], comparisons: Sequence[Comparison]) -> dict
                 "tasks": method.tasks,
                 "scores": method.scores.tolist(),
                 "iqm": dataclasses.asdict(method.iqm) if method.iqm else None,
-                "summary": dataclasses.asdict(method.summary),
+                "summary": method.summary.as_table(),
             }
             for method in methods
         ],

@@ -14,14 +14,14 @@ from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.journal import Journal, worst_first
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.results import Provenance
-from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, wilson
+from aquanav_tools.evaluate.statistics import UNKNOWN, Estimate, Proportion, episodes_for, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.track import FAILED, Trail
 from aquanav_tools.task import TaskOptions, choices_of
 
 NUM_CHARTS = 6
@@ -96,17 +96,32 @@ def write_report(
 
 def sentence(summary: Summary) -> str:
     """Return how it went, in one sentence."""
-    free = round(summary.collision_free_success.rate * summary.distinct_episodes)
+    free = round(summary.collision_free_success.rate * summary.counted_episodes)
     clearance = summary.means["mean_clearance"].mean
+    if not summary.counted_episodes:
+        return infeasible_sentence(summary)
     return (
-        f"It reached the goal without a collision in {free} of {summary.distinct_episodes} episodes, and kept "
+        f"It reached the goal without a collision in {free} of {summary.counted_episodes} episodes, and kept "
         f"{clearance:.2f} m clear of everything on average. With 95 % confidence it fails in at most "
         f"{share(summary.failure_bound)} of such episodes."
     )
 
 
+def infeasible_sentence(summary: Summary) -> str:
+    """Return what is said of episodes in which no policy could have arrived in time."""
+    count = summary.outcomes[INFEASIBLE]
+    return (
+        f"In {count} of {summary.episodes} episodes the time limit is shorter than the way takes at the vehicle's top "
+        "speed, so no policy could arrive. They ran out of time, and count neither as success nor as failure. Give "
+        "more time with --max-decisions; without it, and without a limit in the scenario, the limit follows from the "
+        "way."
+    )
+
+
 def percent(proportion: Proportion) -> str:
     """Return a rate with its interval: 80 % [66, 89]."""
+    if proportion == UNKNOWN:
+        return "not known"
     return f"{share(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
 
 
@@ -192,9 +207,14 @@ def _describe(episode: EpisodeMetrics) -> str:
 def _rates(summary: Summary) -> dict[str, tuple[float, tuple[float, float]]]:
     rates = {"collision-free": summary.collision_free_success}
     for outcome, count in summary.outcomes.items():
-        if outcome != "failed" or count:
+        if outcome not in (FAILED, INFEASIBLE) or count:
             rates[outcome] = wilson(count, summary.episodes)
     return {name: (rate.rate, (rate.low, rate.high)) for name, rate in rates.items()}
+
+
+def rate_text(rate: Proportion) -> str:
+    """Return a rate without its interval."""
+    return "not known" if rate == UNKNOWN else share(rate.rate)
 
 
 def _facts(summary: Summary) -> tuple[Fact, ...]:
@@ -204,9 +224,9 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
     free, success, means = summary.collision_free_success, summary.success, summary.means
     per_100m = summary.collisions_per_100m
     return (
-        Fact("collision-free success", share(free.rate), interval(free)),
+        Fact("collision-free success", rate_text(free), interval(free)),
         Fact("fails in at most", share(summary.failure_bound), "of episodes, at 95 % confidence"),
-        Fact("success", share(success.rate), interval(success)),
+        Fact("success", rate_text(success), interval(success)),
         Fact("SPL", f"{means['spl'].mean:.2f}", "success weighted by path length"),
         Fact(
             "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
@@ -219,6 +239,8 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
 def _warnings(summary: Summary) -> tuple[Notice, ...]:
     notices = []
     free = summary.collision_free_success
+    if summary.infeasible_episodes:
+        notices.append(Notice("infeasible-episodes", infeasible_sentence(summary)))
     if summary.distinct_episodes < summary.episodes:
         text = (
             f"Only {summary.distinct_episodes} of the {summary.episodes} episodes differ: nothing in them is random, "

@@ -53,8 +53,8 @@ def results_table(provenance: Provenance, summary: Summary, groups: Sequence[Gro
         "format": FORMAT,
         **dataclasses.asdict(provenance),
         "versions": versions(),
-        "summary": dataclasses.asdict(summary),
-        "groups": [dataclasses.asdict(group) for group in groups],
+        "summary": summary.as_table(),
+        "groups": [{"by": group.by, "name": group.name, "summary": group.summary.as_table()} for group in groups],
     }
     rounded: dict[str, Any] = _rounded(table)
     return rounded

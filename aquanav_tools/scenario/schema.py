@@ -16,6 +16,7 @@ from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
 from aquanav_tools.errors import did_you_mean
+from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.types import Mesh
 
 FORMAT = 1
@@ -141,13 +142,14 @@ class LimitSettings:
     """Physics step, s."""
     substeps: int = 5
     """Physics steps per agent decision."""
-    decisions: int = 2400
-    """Episode limit, in decisions."""
+    decisions: int = ORIGINAL_DECISIONS
+    """Episode limit, in decisions. The original's 2400 is a least, which grows where the way is long for the vehicle
+    (`sim.time_limit`); any other number is the limit."""
 
     def __post_init__(self) -> None:
         _check_range("limits.dt", self.dt, 1e-4, 0.1)
         _check_range("limits.substeps", self.substeps, 1, 1000)
-        _check_range("limits.decisions", self.decisions, 1, 1_000_000)
+        _check_range("limits.decisions", self.decisions, 1, MAX_DECISIONS)
 
 
 @dataclass(frozen=True)
