@@ -15,6 +15,7 @@ from aquanav_tools.cli.command import run_command
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 
 if TYPE_CHECKING:
+    from aquanav_tools.train.pipeline import Pipeline
     from aquanav_tools.train.training import Trained
 
 DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesson by lesson.
@@ -70,7 +71,7 @@ def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True)
-    print(_summary(trained, options.output, pipeline.lessons[-1].scenario))
+    print(_summary(trained, options.output, pipeline))
 
 
 def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
@@ -80,7 +81,7 @@ def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in names if name in named or f"no_{name}" in named}
 
 
-def _summary(trained: Trained, folder: Path, scenario: str) -> str:
+def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
     point, best = trained.point, trained.best
     deed = "This run was finished before; nothing was done. It learned" if trained.was_finished else "Learned"
     lines = [
@@ -97,5 +98,7 @@ def _summary(trained: Trained, folder: Path, scenario: str) -> str:
             f"Best in validation: after {best.steps} decisions, {best.clean_success_rate:.0%} collision-free success "
             f"({policy})."
         )
-    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {scenario}"]
+    vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
+    scenario = pipeline.lessons[-1].scenario
+    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {scenario}{vehicle}"]
     return "\n".join(lines)

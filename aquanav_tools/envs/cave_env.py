@@ -18,16 +18,15 @@ from aquanav_tools.envs.progress import progress_measure
 from aquanav_tools.envs.rendering import VehicleCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
-from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.envs.vehicles import prepared
+from aquanav_tools.errors import InputError
 from aquanav_tools.report.recording.live import LiveDive
-from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
 from aquanav_tools.sim.spheres import SphereSensor, find_ends
 from aquanav_tools.sim.time_limit import decision_limit
-from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import Water
 from aquanav_tools.task import TaskOptions, task_options
@@ -120,7 +119,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             scenario: A scenario folder, or a scenario in memory.
             observation: "paper", "full" or "original".
             action: "multidiscrete", "discrete" or "continuous".
-            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
+            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's. Starts at which another hull
+                touches the wall are left out, with a warning.
             max_decisions: Episode limit; None takes the scenario's, which grows with the way (`sim.time_limit`).
             render_mode: "rgb_array" for pictures by lamp light from `render`; "human" shows every state in rerun's
                 viewer, as fast as they come. A viewer that is there is used, else one is started.
@@ -131,13 +131,10 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown or senseless.
+            InputError: an option is unknown or senseless, or the vehicle's hull does not fit into the cave.
             ResourceError: no viewer can be started.
         """
-        self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
-        if not self.scenario.starts:
-            raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        self.vehicle = vehicle_of(self.scenario, vehicle)
+        self.scenario, self.vehicle = prepared(scenario, vehicle)
         self.task = task_options(task)
         settings = self.scenario.settings
         self._weights = cave_weights(self.task.reward, self.vehicle)
@@ -332,15 +329,6 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         }
         info.update(zip(TERM_KEYS, terms.values(), strict=True))
         return info
-
-
-def vehicle_of(scenario: Scenario, vehicle: str | Path | Vehicle | None = None) -> Vehicle:
-    """Return a vehicle by name or path of a TOML file; without one the scenario's."""
-    if isinstance(vehicle, Vehicle):
-        return vehicle
-    if vehicle is None and scenario.vehicle_toml:
-        return parse_vehicle(scenario.vehicle_toml, f"vehicle of the scenario {scenario.name}")
-    return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
 
 
 def _episode_rules(

@@ -6,8 +6,8 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.rendering import VehicleCamera
+from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.evaluate.presets import CAVE

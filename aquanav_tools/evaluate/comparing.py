@@ -72,7 +72,8 @@ def compare(options: CompareOptions) -> str:
     Raises:
         InputError: a folder holds no finished evaluation, or the evaluations have no scenario and condition in common.
     """
-    methods = tuple(_read_method(folder) for folder in options.evaluations)
+    vehicles: dict[tuple[str, str], str] = {}
+    methods = tuple(_read_method(folder, vehicles) for folder in options.evaluations)
     methods = _same_tasks(methods)
     comparisons = tuple(_compare(methods[0], other) for other in methods[1:])
     options.output.mkdir(parents=True, exist_ok=True)
@@ -90,14 +91,29 @@ def run_folders(policies: Sequence[str], output: Path) -> list[Path]:
     return [output / stem for stem in stems]
 
 
-def _read_method(folder: Path) -> Method:
+def _read_method(folder: Path, vehicles: dict[tuple[str, str], str]) -> Method:
+    """Return the evaluations in a folder; `vehicles` keeps who dived each scenario, by its name and hash."""
     paths = [folder / RESULTS] if (folder / RESULTS).is_file() else sorted(folder.glob(f"*/{RESULTS}"))
     if not paths:
         raise InputError(f"{folder} holds no {RESULTS}, nor do folders in it. Name the output of aquanav-eval.")
     tables = [read_results(path) for path in paths]
+    for table in tables:
+        _check_vehicles(table["scenarios"], vehicles, folder)
     names = list(dict.fromkeys(table["policy"]["name"] for table in tables))
     name = names[0] if len(names) == 1 else f"{folder.name} ({len(paths)} runs)"
     return _method(name, tuple(tuple(_feasible(episodes_of(table))) for table in tables))
+
+
+def _check_vehicles(scenarios: Sequence[dict[str, Any]], vehicles: dict[tuple[str, str], str], folder: Path) -> None:
+    for scenario in scenarios:
+        other = scenario.get("vehicle")
+        flown = f"{other['name']} (SHA-256 {other['sha256'][:12]})" if other else "the scenario's own"
+        known = vehicles.setdefault((scenario["name"], scenario["content_hash"]), flown)
+        if flown != known:
+            raise InputError(
+                f"The evaluations have different vehicles in {scenario['name']}: {flown} in {folder}, {known} before. "
+                "Their starts and ways are not the same. Evaluate both with the same --vehicle."
+            )
 
 
 def _feasible(episodes: Sequence[EpisodeMetrics]) -> list[EpisodeMetrics]:

@@ -370,10 +370,18 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
     ]
     for scenario in provenance.scenarios:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
+        if "vehicle" in scenario:
+            rows.append((f"vehicle in {scenario['name']}", _vehicle_text(scenario["vehicle"])))
     rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
     rows.append(("episodes flown", str(len(journal))))
     return Table("What was evaluated", ("", ""), tuple(rows))
+
+
+def _vehicle_text(vehicle: Mapping[str, Any]) -> str:
+    numbers = ", ".join(map(str, vehicle["left_out"]))
+    left_out = f"; it does not fit at the starts {numbers} of the scenario's files" if numbers else ""
+    return f"{vehicle['name']}, not the scenario's own{left_out}"
 
 
 def repeat_command(provenance: Provenance) -> str:
@@ -381,6 +389,8 @@ def repeat_command(provenance: Provenance) -> str:
     protocol = provenance.protocol
     words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
     words += [scenario["path"] for scenario in provenance.scenarios]
+    others = [scenario["vehicle"]["path"] for scenario in provenance.scenarios if "vehicle" in scenario]
+    words += ["--vehicle", others[0]] if others else []
     if "cases" in protocol:
         return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
     words += ["--episodes", protocol["episodes"], "--seed", protocol["seed"]]

@@ -43,7 +43,7 @@ class Summary:
     failure_bound: float
     """Probability of anything but collision-free success that is not exceeded with 95 % confidence."""
     outcomes: dict[str, int]
-    """Number of episodes per outcome."""
+    """Number of episodes per outcome; infeasible ones are named where there are any."""
     collisions_per_100m: Estimate
     """Collisions of all episodes over the way of all, per 100 m."""
     min_clearance: float
@@ -62,7 +62,7 @@ class Summary:
         """Return plain values for JSON; infeasible episodes are named where there are any."""
         table = dataclasses.asdict(self)
         if not self.infeasible_episodes:
-            del table["infeasible_episodes"], table["outcomes"][INFEASIBLE]
+            del table["infeasible_episodes"]
         return table
 
 
@@ -93,12 +93,17 @@ def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
         success=wilson(int(successes.sum()), counted) if counted else UNKNOWN,
         collision_free_success=wilson(clean, counted) if counted else UNKNOWN,
         failure_bound=failure_bound(counted - clean, counted) if counted else 1.0,
-        outcomes={outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES},
+        outcomes=_counts(table),
         collisions_per_100m=bootstrap_ratio(collisions.astype(float), distinct.column("path_length") / 100.0),
         min_clearance=float(table.column("min_clearance").min()),
         means=_means(distinct),
         infeasible_episodes=infeasible,
     )
+
+
+def _counts(table: EpisodeTable) -> dict[str, int]:
+    counts = {outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES}
+    return {outcome: count for outcome, count in counts.items() if count or outcome != INFEASIBLE}
 
 
 def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:

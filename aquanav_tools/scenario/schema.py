@@ -173,6 +173,19 @@ class ScenarioSettings:
             raise ValueError(f"vehicle = '{self.vehicle}' is no name of letters, digits, '-' and '_'.")
 
 
+@dataclass(frozen=True)
+class OtherVehicle:
+    """A vehicle that takes the place of a scenario's own."""
+
+    name: str
+    path: str
+    """Name or file, as it was given."""
+    sha256: str
+    """Of its file."""
+    left_out: tuple[int, ...] = ()
+    """Numbers of the scenario's starts that are not among its starts now, since the hull does not fit there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """A cave ready to dive in."""
@@ -192,6 +205,8 @@ class Scenario:
     """All passages of the cave; empty when nobody looked for them."""
     content_hash: str = ""
     """SHA-256 over the hashes of all its files; empty before it is written."""
+    other_vehicle: OtherVehicle | None = None
+    """Whose hull, starts and ways these are where that is not the vehicle in the files."""
     folder: Path | None = None
     """Where it was read from."""
 

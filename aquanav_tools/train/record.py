@@ -135,8 +135,11 @@ def _identity(pipeline: Pipeline, seed: int, scenarios: Sequence[Place], validat
     return plain
 
 
-def _named(scenario: Place) -> dict[str, str]:
-    return {"name": scenario.name, "content_hash": scenario.content_hash}
+def _named(scenario: Place) -> dict[str, Any]:
+    named: dict[str, Any] = {"name": scenario.name, "content_hash": scenario.content_hash}
+    if scenario.other_vehicle is not None:
+        named["vehicle"] = dataclasses.asdict(scenario.other_vehicle)
+    return named
 
 
 def _differences(found: Any, wanted: Any, where: str = "") -> Any:

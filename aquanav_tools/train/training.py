@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 from aquanav_tools.envs.batch import check_batched
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
@@ -67,7 +67,8 @@ def train(
         show_progress: Whether to show a bar with the time left on stderr.
 
     Raises:
-        InputError: the folder holds another run, or an algorithm is not installed.
+        InputError: the folder holds another run, the vehicle does not fit into a scenario, or an algorithm is not
+            installed.
         ScenarioError: a scenario cannot be read.
         ResourceError: the disk is full, or a worker was killed.
         TrainingError: learning diverged.
@@ -76,12 +77,15 @@ def train(
         for lesson in pipeline.lessons:
             check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
+    vehicle = pipeline.run.vehicle
     scenarios = [
-        [scenario] if scenario else [read_place(name) for name in lesson.scenarios] for lesson in pipeline.lessons
+        [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.scenarios)]
+        for lesson in pipeline.lessons
     ]
-    trials_in = [read_place(name) for name in pipeline.run.validation]
+    trials_in = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
     places = [one for group in scenarios for one in group]
     _check_task(pipeline, [*places, *trials_in])
+    say_left_out([*places, *trials_in])
     record = RunRecord(output_dir, pipeline, seed, places, trials_in)
     with _writable(output_dir):
         if overwrite:
