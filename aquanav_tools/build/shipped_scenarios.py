@@ -20,11 +20,11 @@ from aquanav_tools.cave.scan.resolution import Resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, WORK_SUFFIX, named_folder
-from aquanav_tools.shipped import shipped_path
+from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
 from aquanav_tools.tables import from_table, read_toml
@@ -60,6 +60,12 @@ def read_shipped(name: str) -> ShippedScenario:
     Raises:
         InputError: there is none of that name, or its file has an unknown key or a value that makes no sense.
     """
+    known = shipped_names(CONTENT)
+    if name not in known:
+        raise InputError(
+            f"aquanav ships no scenario '{name}'. The nearest names are {', '.join(near_names(name, known))}; "
+            "`aquanav scenarios` lists all."
+        )
     path = shipped_path(CONTENT, name)
     return from_table(ShippedScenario, read_toml(path), path.name)
 

@@ -128,7 +128,8 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.reporting import estimate_text, infeasible_sentence, metres, percent, share
+    from aquanav_tools.evaluate.reporting import estimate_text, metres, percent, share
+    from aquanav_tools.evaluate.summary import infeasible_sentence
 
     summary = evaluation.summary
     mean, least = metres(summary.means["mean_clearance"].mean), metres(summary.min_clearance)

@@ -15,9 +15,9 @@ from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
-from aquanav_tools.evaluate.results import Provenance
+from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.statistics import UNKNOWN, Estimate, Proportion, episodes_for, wilson
-from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
+from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary, infeasible_sentence
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
@@ -104,17 +104,6 @@ def sentence(summary: Summary) -> str:
         f"It reached the goal without a collision in {free} of {summary.counted_episodes} episodes, and kept "
         f"{clearance:.2f} m clear of everything on average. With 95 % confidence it fails in at most "
         f"{share(summary.failure_bound)} of such episodes."
-    )
-
-
-def infeasible_sentence(summary: Summary) -> str:
-    """Return what is said of episodes in which no policy could have arrived in time."""
-    count = summary.outcomes[INFEASIBLE]
-    return (
-        f"In {count} of {summary.episodes} episodes the time limit is shorter than the way takes at the vehicle's top "
-        "speed, so no policy could arrive. They ran out of time, and count neither as success nor as failure. Give "
-        "more time with --max-decisions; without it, and without a limit in the scenario, the limit follows from the "
-        "way."
     )
 
 
@@ -371,17 +360,11 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
     for scenario in provenance.scenarios:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
         if "vehicle" in scenario:
-            rows.append((f"vehicle in {scenario['name']}", _vehicle_text(scenario["vehicle"])))
+            rows.append((f"vehicle in {scenario['name']}", vehicle_text(scenario["vehicle"])))
     rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
     rows.append(("episodes flown", str(len(journal))))
     return Table("What was evaluated", ("", ""), tuple(rows))
-
-
-def _vehicle_text(vehicle: Mapping[str, Any]) -> str:
-    numbers = ", ".join(map(str, vehicle["left_out"]))
-    left_out = f"; it does not fit at the starts {numbers} of the scenario's files" if numbers else ""
-    return f"{vehicle['name']}, not the scenario's own{left_out}"
 
 
 def repeat_command(provenance: Provenance) -> str:

@@ -57,6 +57,13 @@ def scenario_row(scenario: Place, path: str) -> dict[str, Any]:
     return row
 
 
+def vehicle_text(vehicle: dict[str, Any]) -> str:
+    """Return what a report says of the vehicle in a `scenario_row`."""
+    numbers = ", ".join(map(str, vehicle["left_out"]))
+    left_out = f"; it does not fit at the starts {numbers} of the scenario's files" if numbers else ""
+    return f"{vehicle['name']}, not the scenario's own{left_out}"
+
+
 def results_table(provenance: Provenance, summary: Summary, groups: Sequence[Group]) -> dict[str, Any]:
     """Return the table that results.json holds, without its episodes."""
     table = {

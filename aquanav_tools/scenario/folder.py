@@ -13,7 +13,7 @@ import weakref
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.errors import ScenarioError, did_you_mean
+from aquanav_tools.errors import ScenarioError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.flow_file import read_flow, write_flow
@@ -66,9 +66,10 @@ def read_scenario(folder: str | Path) -> Scenario:
     """
     folder = scenario_folder(folder)
     if not (folder / SETTINGS_FILE).is_file():
+        near = near_names(folder.name, [*scenario_names(), *shipped_names(BAYS)])
         raise ScenarioError(
             f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished, "
-            f"or a shipped scenario.{did_you_mean(str(folder), [*scenario_names(), *shipped_names(BAYS)])}"
+            f"or a shipped scenario; the nearest names are {', '.join(near)}, and `aquanav list` has all."
         )
     table = read_toml(folder / SETTINGS_FILE, ScenarioError)
     if table.pop("format", None) != FORMAT:

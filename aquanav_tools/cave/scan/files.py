@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.cave.scan.foreign import told_instead
 from aquanav_tools.cave.scan.thinning import EvenThinner, thinned_caution
-from aquanav_tools.errors import InputError, ResourceError, did_you_mean
+from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 TABLE_SUFFIXES = (".xyz", ".txt", ".csv", ".pts", ".asc")
@@ -38,8 +39,7 @@ def read_surface(path: Path) -> tuple[Mesh | PointCloud, tuple[tuple[str, str], 
 
     known = {f".{name}" for name in trimesh.available_formats()}
     if suffix not in known:
-        every = known | {*TABLE_SUFFIXES, *LAS_SUFFIXES}
-        raise InputError(f"{path.name} has no known scan format ('{suffix}').{did_you_mean(suffix, every)}")
+        raise InputError(told_instead(path, known | {*TABLE_SUFFIXES, *LAS_SUFFIXES}))
     _check_announced(path, suffix)
     try:
         loaded = trimesh.load(path, process=False)
