@@ -158,8 +158,9 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
 
 def _outcome(track: Track, geodesic: float, course: Course) -> str:
     """Return how an episode ended: a timeout is the limit's fault where nothing could have arrived within it."""
-    is_late = track.outcome == "timeout" and course.ideal is not None
-    return INFEASIBLE if is_late and course.ideal(geodesic) > float(track.times[-1]) else track.outcome
+    if track.outcome != "timeout" or course.ideal is None:
+        return track.outcome
+    return INFEASIBLE if course.ideal(geodesic) > float(track.times[-1]) else track.outcome
 
 
 def digest_of(track: Track) -> str:

@@ -47,6 +47,9 @@ HORIZON = 12
 """Decisions flown ahead: longer than it takes to stop."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
+STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
+"""Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
+that is narrower would hold it up for ever."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +99,7 @@ class OraclePolicy:
         if self._env is None:
             raise InputError("The oracle knows a map: call its board(env) before its reset.")
         self._pending = deque([IDLE] * self._env.task.action_delay)
+        self._made, self._waited = 0.0, 0
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return [ballast, steer, thrust]; of the observation it only needs its own trim."""
@@ -110,12 +114,20 @@ class OraclePolicy:
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:
-        pursuit = Command(*self._steer(state, trim, current)[:3])
+        *steered, _, made = self._steer(state, trim, current)
+        pursuit, margin = Command(*steered), self._margin(made)
         room, _ = self._foresee(state, trim, current, pursuit)
-        if room >= MARGIN:
+        if room >= margin:
             return pursuit
         foreseen = {command: self._foresee(state, trim, current, command) for command in CHOICES}
-        return max(CHOICES, key=lambda command: (min(foreseen[command][0], MARGIN), foreseen[command][1]))
+        return max(CHOICES, key=lambda command: (min(foreseen[command][0], margin), foreseen[command][1]))
+
+    def _margin(self, made: float) -> float:
+        """Return the clearance to ask for, m, when so much way is made, m."""
+        self._waited += 1
+        if made > self._made + STRIDE:
+            self._made, self._waited = made, 0
+        return MARGIN * 0.5 ** min(self._waited // PATIENCE, MAX_HALVINGS)
 
     def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
         """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""

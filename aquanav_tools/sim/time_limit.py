@@ -21,9 +21,9 @@ from aquanav_tools.types import Array
 AMPLE = 2.0
 """In a passage of 113 m, which takes 114 s at best, the oracle arrived from every start within the original's 240 s,
 also in full current."""
-SLACK = 4.0
-"""Chosen: a policy keeps half of its speed against a full current (`schema.PRESETS`), and slows down by as much again
-where it is narrow. See tests/evaluate/test_time_limit.py."""
+SLACK = 6.0
+"""The oracle took up to 3.8 times the ideal in 439 m of Jaskinia Mietusia Wyznia, 0.55 m wide where it is narrowest and
+in still water; a current takes more."""
 ROUND = 100
 """Limits are multiples of so many decisions, so that rounding in a vehicle's top speed does not show."""
 LEAST_SPEED = 1e-3

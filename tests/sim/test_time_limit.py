@@ -36,7 +36,7 @@ def test_the_original_limit_stays_where_it_is_twice_the_ideal(length: float, mon
 @pytest.mark.parametrize("length", [150.0, 439.0, 2000.0])
 def test_a_long_way_leaves_time_for_at_least_twice_the_ideal(length: float, monkeypatch: pytest.MonkeyPatch) -> None:
     ideal = length / TOP_SPEED / 0.1
-    assert limit(length, monkeypatch) == pytest.approx(2400 + 4.0 * (ideal - 1200.0), abs=150.0)
+    assert limit(length, monkeypatch) == pytest.approx(2400 + 6.0 * (ideal - 1200.0), abs=150.0)
     assert limit(length, monkeypatch) >= 2.0 * ideal
 
 
