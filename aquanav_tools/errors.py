@@ -61,6 +61,12 @@ class TrainingError(AquanavError):
     exit_code = 7
 
 
+class PolicyError(AquanavError):
+    """A policy could not act: it raised an error, hung, or gave what is no action."""
+
+    exit_code = 8
+
+
 FEW_NAMES = 12
 """So many are listed; of more, the nearest."""
 

@@ -14,6 +14,7 @@ from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.places import make_env
 from aquanav_tools.envs.sea_rendering import SeaCamera, hull_of
+from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
 from aquanav_tools.errors import InputError
@@ -61,6 +62,10 @@ class BayVenue:
 
     def ideal_time(self, task: TaskOptions) -> None:
         """Return None: wind and tide may carry a boat faster than it drives."""
+
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether there are waves, wind or a tide, whose directions and gusts each episode draws."""
+        return not Seas(self._bay.settings.sea, task.current).is_still
 
     def picture(self) -> BayPicture:
         """Return the chart of the bay, or of each episode's."""

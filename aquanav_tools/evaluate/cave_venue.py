@@ -6,6 +6,8 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
+
 from aquanav_tools.envs.rendering import VehicleCamera
 from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.evaluate.energy import drag_power
@@ -19,6 +21,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import ideal_time
 from aquanav_tools.sim.trial import top_speed
+from aquanav_tools.sim.water import is_constant
 from aquanav_tools.task import TaskOptions
 
 
@@ -51,6 +54,14 @@ class CaveVenue:
             low, high = (ideal_time(self._cave, self._vehicle, task.current, share) for share in task.current_range)
             self._ideals[key] = lambda way: min(low(way), high(way))
         return self._ideals[key]
+
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether the water draws gusts, eddies or waves, or its share of a current, for each episode."""
+        low, high = task.current_range
+        current = self._cave.settings.water.current if task.current is None else task.current
+        flows = not is_constant(self._cave, task.current)
+        has_shares = low != high and (flows or (np.ndim(current) > 0 and bool(np.any(current))))
+        return high > 0.0 and (flows or has_shares)
 
     def picture(self) -> CavePicture:
         """Return the cave, cut open."""

@@ -76,17 +76,6 @@ class Group:
     summary: Summary
 
 
-def infeasible_sentence(summary: Summary) -> str:
-    """Return what is said of episodes in which no policy could have arrived in time."""
-    count = summary.outcomes[INFEASIBLE]
-    return (
-        f"In {count} of {summary.episodes} episodes the time limit is shorter than the way takes at the vehicle's top "
-        "speed, so no policy could arrive. They ran out of time, and count neither as success nor as failure. Give "
-        "more time with --max-decisions; without it, and without a limit in the scenario, the limit follows from the "
-        "way."
-    )
-
-
 def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
     """Return the summary of at least one episode.
 

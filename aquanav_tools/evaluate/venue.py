@@ -44,6 +44,9 @@ class Venue(Protocol):
     def ideal_time(self, task: TaskOptions) -> Callable[[float], float] | None:
         """Return the time that a way of some length to the goal takes at best, s; None where that is not known."""
 
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether the water alone makes episodes from one start differ."""
+
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""
 

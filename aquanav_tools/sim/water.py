@@ -93,7 +93,7 @@ class Water:
             else np.zeros(7)
         )
         self._swell_phase = 0.0
-        self.is_constant = not self.strength and not self._swell.any()
+        self.is_constant = is_constant(scenario, current)
         """Whether the water has one velocity at all places and times."""
         self._rng = np.random.default_rng(0)
         self._velocity = np.empty(3)
@@ -170,6 +170,13 @@ def mean_velocities(scenario: Scenario, current: Current | None, points: Array) 
         still = np.zeros_like(points)
         return still if scenario.flow is None else _strength(chosen) * scenario.flow.velocity(points)
     return np.broadcast_to(np.array(chosen, dtype=np.float64), points.shape)
+
+
+def is_constant(scenario: Scenario, current: Current | None = None) -> bool:
+    """Return whether the water of a scenario, or another current in it, has one velocity at all places and times."""
+    settings = scenario.settings.water
+    has_waves = settings.surface is not None and settings.waves.height > 0.0
+    return not _strength(settings.current if current is None else current) and not has_waves
 
 
 def _strength(current: Current) -> float:

@@ -68,7 +68,7 @@ def test_evaluations_of_different_vehicles_are_not_compared(finished: Path) -> N
     assert aquanav_eval(*words(finished, "own")).returncode == 0
     done = aquanav_eval("compare", finished / "out", finished / "own", "-o", finished / "compare")
     assert done.returncode == 2
-    assert "different vehicles in tube: the scenario's own" in done.stderr
+    assert "Different vehicles dived tube: long (" in done.stderr and "its own vehicle with" in done.stderr
 
 
 def test_a_hull_that_does_not_fit_is_refused_before_anything_flies(finished: Path) -> None:
