@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import TrainingError
+from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
@@ -19,7 +20,7 @@ from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.record import BEST_FILE, RunRecord
+from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.validation import Validation, measure
 
 

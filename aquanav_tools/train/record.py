@@ -16,6 +16,7 @@ from typing import Any
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
+from aquanav_tools.policy.run_folder import BEST_FILE, POLICY_FILE
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
@@ -27,7 +28,6 @@ from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.validation import Trial
 
 FORMAT = 2
-POLICY_FILE, BEST_FILE = "policy.zip", "best.zip"
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
 LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")

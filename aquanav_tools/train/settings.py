@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.task import TaskOptions
@@ -37,9 +37,6 @@ class TrainSettings(TaskOptions):
     code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="careful", kw_only=True)
-    """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
-    alone."""
     num_envs: int = 8
     """Environments, each with its own vehicle."""
     mirrored: bool = False
