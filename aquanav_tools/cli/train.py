@@ -82,7 +82,8 @@ def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
 
 def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
     """Return the settings that the command line names; a default is no wish, and the pipeline may say otherwise."""
-    named = {argument.split("=")[0].removeprefix("--").replace("-", "_") for argument in arguments}
+    options = [argument for argument in arguments if argument.startswith("--")]  # in `--backend batch`, batch is none
+    named = {option.split("=")[0].removeprefix("--").replace("-", "_") for option in options}
     names = [field.name for field in dataclasses.fields(settings)]
     return {name: getattr(settings, name) for name in names if name in named or f"no_{name}" in named}
 

@@ -57,8 +57,11 @@ def test_what_the_command_line_says_counts_above_the_pipeline(monkeypatch: pytes
     monkeypatch.setattr("aquanav_tools.train.training.train", keep)
     # 0.2 is the default, and said all the same; 0.1 is what lessons 2 and 3 of the file have.
     assert exit_code("--pipeline", "paper", "--clip", "0.2", "--workers=2", "--no-normalise") == 2
+    assert exit_code("--pipeline", "paper", "--backend", "batch") == 2
     assert [lesson.clip for lesson in pipelines[0].lessons] == [0.2, 0.2, 0.2]
     assert [lesson.learning_rate for lesson in pipelines[0].lessons] == [3e-4, 3e-4, 1.5e-4]
+    # "batch" is a backend there, and no option of that name.
+    assert [lesson.batch for lesson in pipelines[1].lessons] == [1024, 1024, 1024]
     assert pipelines[0].run.workers == 2 and not pipelines[0].lessons[0].normalise
 
 
