@@ -15,21 +15,21 @@ from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
-from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
+from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.own_code import SPEC, OwnPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
+from aquanav_tools.policy.architecture import ExoticPolicyError
+from aquanav_tools.policy.archive import TRAINED
 from aquanav_tools.policy.run_folder import KINDS, best_policy
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
-TRAINED = "eval/policies", ".zip"
-"""Where trained policies that ship lie in the content, and how their names end."""
 SHIELD = "shield:"
 
 

@@ -29,14 +29,16 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
     plot_learning(_learning(journal), pictures / "learning.png")
-    point, best = journal.curve.points[-1], journal.best
+    point, best, final = journal.curve.points[-1], journal.best, journal.final
     facts = [
         Fact("decisions", f"{point.steps:,}", f"{point.episodes:,} episodes"),
-        Fact("collision-free success", f"{point.clean_success_rate:.0%}", "of the last episodes of the last lesson"),
         Fact(
             "wall time", f"{point.seconds / 60:.0f} min", f"{point.steps / max(point.seconds, 1e-9):,.0f} decisions/s"
         ),
     ]
+    if final is not None:
+        about = f"of the last policy, in {final.episodes} whole episodes of the last lesson"
+        facts.insert(1, Fact("collision-free success", f"{final.clean_success_rate:.0%}", about))
     if best is not None:
         facts.insert(1, Fact("best in validation", f"{best.clean_success_rate:.0%}", f"after {best.steps:,} decisions"))
     caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.scenarios)
