@@ -11,17 +11,24 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.water.field import field_from_dense
+from aquanav_tools.evaluate.options import Grid
+from aquanav_tools.evaluate.results import Provenance, results_table, write_results
+from aquanav_tools.evaluate.summary import group, summarise
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sea.generate import generate_map
 from aquanav_tools.sea.sea_map import write_map
 from aquanav_tools.sim.vehicle import VEHICLE_DIR
+from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.train.checkpoint import Checkpoint, write_checkpoint
 from aquanav_tools.types import Mesh
-from tests.build.original.files import write_fbx
+from tests.build.original.files import prefab_of, write_fbx
 from tests.cave.survey.example import LOOPS
 from tests.cave.survey.test_image import version_3, version_8
 from tests.caves import tube_scenario
 from tests.conftest import REPOSITORY
 from tests.evaluate import onnx_files
+from tests.evaluate.test_metrics import episode
+from tests.sea.test_original_map import write_scene
 
 Writer = Callable[[Path], object]
 
@@ -151,6 +158,46 @@ def _write_fbx(path: Path) -> None:
     write_fbx(path, Mesh(corners, faces), globals_={"UpAxis": 2, "UnitScaleFactor": 1.0})
 
 
+def _write_results(path: Path) -> None:
+    """Write the results of two episodes."""
+    episodes = [
+        episode(index=0, digest="0" * 64),
+        episode(index=1, seed=8, outcome="timeout", time_ratio=None, digest="f" * 64),
+    ]
+    policy = {"name": "baseline:reactive", "sha256": None, "path": "baseline:reactive", "is_trusted": False}
+    scenarios = [{"name": "tube", "content_hash": "0" * 64, "path": "tube"}]
+    protocol: dict[str, Any] = {
+        "backend": "pybullet",
+        "episodes": 2,
+        "seed": 7,
+        "observation": "full",
+        "action": "multidiscrete",
+    }
+    protocol |= {**choices_of(TaskOptions()), "max_decisions": None, "grid": dataclasses.asdict(Grid())}
+    protocol["conditions"] = [{"name": "as given", "changes": {}, "region": None}]
+    provenance = Provenance(policy, scenarios, protocol)
+    table = results_table(provenance, summarise(episodes), group(episodes))
+    write_results(table, episodes, path)
+
+
+def _write_checkpoint(path: Path) -> None:
+    import torch
+
+    path.mkdir()
+    learner = {"parameters": {"w": torch.zeros(4, 3)}, "num_timesteps": 7, "generators": ["text"]}
+    write_checkpoint(Checkpoint(0, False, learner, {"curve": [1.0, 2.0], "seconds": 3.0}), path)
+
+
+def _write_scene(path: Path) -> None:
+    path.mkdir()
+    write_scene(path, [])
+
+
+def _write_prefabs(path: Path) -> None:
+    path.mkdir()
+    (path / "panels.prefab").write_text(prefab_of(np.array([[2.0 * n, 0.1 * n, 0.0] for n in range(5)])))
+
+
 def _copied(*parts: str) -> Writer:
     return lambda path: path.write_bytes(REPOSITORY.joinpath(*parts).read_bytes())
 
@@ -186,5 +233,13 @@ WRITERS: dict[str, Writer] = {
     "pipeline-paper.toml": _copied("pipelines", "train", "paper.toml"),
     "bay-drawn.toml": _text('format = 1\nvehicle = "otter"\nsea = "calm"\n[rocks]\ndensity = 0.1\n'),
     "bay-map.json": lambda path: write_map(generate_map(0), path),
+    "boat-otter.toml": _copied("aquanav_tools", "sim", "boats", "otter.toml"),
+    "map-drawn.json": lambda path: write_map(generate_map(0), path),
+    "original": _write_scene,
+    "prefabs": _write_prefabs,
+    "checkpoint": _write_checkpoint,
+    "results-two.json": _write_results,
+    "protocol-robustness.toml": _copied("eval", "protocols", "robustness.toml"),
+    "positions-four.csv": _text("name,x,y,z\n" + "".join(f"{n}.jpg,{n}.5,-{n}.25,0.125\n" for n in range(4))),
     "fbx-tetrahedron.fbx": _write_fbx,
 }
