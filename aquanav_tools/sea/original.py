@@ -47,14 +47,16 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
         edge = np.concatenate([floor[:, :2].min(axis=0), floor[:, :2].max(axis=0)])
         goal = Goal(_outline_of_box(_box_corners(table["goal"])))
         headings = np.radians([float(start["yaw_deg"]) for start in table["starts"]])
+        rocks = [_rock(Mesh(*part)) for part in _parts(vertices - [0.0, 0.0, level], faces)]
+        rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in walls]
+        depth = level - float(floor[:, 2].max())
+        berths = tuple(Berth(start[:2], float(heading)) for start, heading in zip(starts, headings, strict=True))
+        sea = SeaMap(str(table["key"]), edge, depth, tuple(rocks), goal, berths, (), source=str(table["source"]))
     except NOT_A_TABLE as cause:
-        raise InputError(f"{scene} is no surface scene of the original: {type(cause).__name__} {cause}.") from cause
-    vertices[:, 2] -= level
-    rocks = [_rock(Mesh(*part)) for part in _parts(vertices, faces)]
-    rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in walls]
-    depth = level - float(floor[:, 2].max())
-    berths = tuple(Berth(start[:2], float(heading)) for start, heading in zip(starts, headings, strict=True))
-    sea = SeaMap(str(table["key"]), edge, depth, tuple(rocks), goal, berths, (), source=str(table["source"]))
+        raise InputError(
+            f"{scene} with its rocks is no surface scene of the original: {type(cause).__name__} {cause}. Export both "
+            "again."
+        ) from cause
     return _with_ways(sea, clearance)
 
 
