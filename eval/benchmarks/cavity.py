@@ -38,7 +38,7 @@ FACES_PER_METRE = 32.3
 END_MARGIN = 2.5
 """Nothing nearer to the ends counts, m: they are torn up to 0.6 m deep and the passage is 3 m wide."""
 NUM_SAMPLES = 50_000
-SMOKE_TRIANGLES = 10_000
+SMOKE_TRIANGLES = 15_000
 
 
 def make_scan(num_triangles: int, folder: Path) -> None:
