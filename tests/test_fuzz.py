@@ -27,6 +27,12 @@ def test_a_few_damaged_files_of_every_format_are_read_or_refused() -> None:
 
 
 @pytest.mark.slow
+def test_two_thousand_damaged_files_are_read_or_refused() -> None:
+    assert ", 0 faults" in run_fuzz("--cases", 60, "--salt", 2)
+
+
+@pytest.mark.slow
+@pytest.mark.nightly
 def test_ten_thousand_damaged_files_are_read_or_refused() -> None:
     last = run_fuzz("--cases", 290, "--salt", 1).splitlines()[-1]
     assert int(last.split(" files")[0]) >= 10_000
