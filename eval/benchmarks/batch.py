@@ -36,7 +36,7 @@ from eval.benchmarks.env import fine_tube
 from eval.smoke import parser_of
 
 Act = Callable[[np.ndarray], np.ndarray]
-OPTIONS = {"observation": "paper", "action": "continuous", "reward": "safe"}
+OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "reward": "safe"}
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
 
@@ -110,11 +110,12 @@ def pybullet_env(kind: str, num: int, scenario: Scenario) -> Any:
 def parts(scenario: Scenario, num: int, rays: str) -> None:
     """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
     env = PlaceVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
+    task: Any = env._task
     obs = env.reset()
     spent: dict[str, float] = {}
     for decision in range(40):
         env.step_async(steer(obs))
-        for launch in env._task.world._decision[0]:
+        for launch in task.world._decision[0]:
             start = time.process_time()
             launch.launch()
             if decision >= 10:

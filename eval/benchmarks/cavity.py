@@ -109,7 +109,11 @@ def _compare(mesh: Any, truth: Any, path: Any) -> dict[str, Any]:
     if solid.volume < 0.0:  # wound inwards, as open3d's Poisson does: turned round without blame
         mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1])
         solid = mesh.to_trimesh()
-    facts = {"triangles": len(mesh.faces), "is_volume": bool(solid.is_volume), "components": int(solid.body_count)}
+    facts: dict[str, Any] = {
+        "triangles": len(mesh.faces),
+        "is_volume": bool(solid.is_volume),
+        "components": int(solid.body_count),
+    }
     points = resample(path, 0.05)
     points = points[(points[:, 0] > END_MARGIN) & (points[:, 0] < LENGTH - END_MARGIN)]
     facts |= {
@@ -166,7 +170,7 @@ def markdown(rows: list[dict[str, Any]], triangles: int, load: float) -> str:
         "|" + "---|" * 13,
     ]
     lines += ["| " + " | ".join(_row(row)) + " |" for row in rows]
-    stages = next((row["stages"] for row in rows if "stages" in row), [])
+    stages: list[dict[str, Any]] = next((row["stages"] for row in rows if "stages" in row), [])
     lines += ["", "| our stage | s | peak memory (MB) |", "|---|---|---|"]
     lines += [f"| {stage['title']} | {stage['seconds']:.1f} | {stage['peak_memory_mb']:.0f} |" for stage in stages]
     return "\n".join(lines) + "\n"

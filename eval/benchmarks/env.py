@@ -32,6 +32,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+import pybullet
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
@@ -41,7 +42,6 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim import bullet
 from aquanav_tools.types import Mesh
 from eval.smoke import parser_of
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
@@ -186,18 +186,18 @@ def breakdown(env: CaveEnv, size: Size) -> dict[str, float]:
 
 def bullet_steps(env: CaveEnv, size: Size) -> tuple[float, float]:
     """Return how many of the physics steps of a random decision ask Bullet, and the microseconds of one in Bullet."""
-    step, durations = bullet.pybullet.stepSimulation, []
+    step, durations = pybullet.stepSimulation, []
 
     def timed(physicsClientId: int) -> None:
         start = time.perf_counter()
         step(physicsClientId=physicsClientId)
         durations.append(time.perf_counter() - start)
 
-    bullet.pybullet.stepSimulation = timed
+    pybullet.stepSimulation = timed  # which the environment calls through the module
     try:
         per_decision(env, act_at_random, size)
     finally:
-        bullet.pybullet.stepSimulation = step
+        pybullet.stepSimulation = step
     # Other processes only ever lengthen a duration, so the lower quartile is nearer to what it takes than the mean.
     return len(durations) / (size.decisions * size.repeats), float(np.percentile(durations or [np.nan], 25)) * 1e6
 

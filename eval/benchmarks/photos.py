@@ -135,7 +135,7 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
         flags += ["--positions", str(photos / "positions.csv")]
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
-    result = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
+    result: dict[str, Any] = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
     result |= {"seconds": ended.seconds, "cpu_seconds": ended.cpu_seconds}
     result |= {"sentence": sentence(ended).replace(f"{folder}/", "")}
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])
