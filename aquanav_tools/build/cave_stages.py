@@ -36,6 +36,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array, BoolArray, Capsule, Mesh, PointCloud
 from aquanav_tools.values import kept_value
 
@@ -152,7 +153,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
         statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
     settings = _settings(options, kind, guide, vehicle.name, collision)
-    vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
+    vehicle_toml = read_text(vehicle_path(options.vehicle))
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
     _note_weaknesses(built, options, journal)

@@ -21,6 +21,7 @@ from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
 from aquanav_tools.scenario.shipped import BAYS, SETTINGS_FILE, scenario_folder, scenario_names
 from aquanav_tools.shipped import shipped_names
 from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.text_files import read_text
 
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
 VEHICLE_FILE = "vehicle.toml"
@@ -90,7 +91,7 @@ def read_scenario(folder: str | Path) -> Scenario:
         field=geometry.read_field(folder / "field.npz"),
         guide=guide,
         starts=geometry.read_starts(folder / "starts.json"),
-        vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
+        vehicle_toml=read_text(folder / VEHICLE_FILE, ScenarioError) if VEHICLE_FILE in hashes else "",
         flow=read_flow(folder / FLOW_FILE) if FLOW_FILE in hashes else None,
         network=geometry.read_network(folder / "guide.json"),
         content_hash=content,
