@@ -31,7 +31,7 @@ from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
@@ -288,8 +288,17 @@ def _place(text: str, cavity: Cavity) -> Array | None:
 
 
 def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
-    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m."""
+    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m.
+
+    Raises:
+        MeshError: no sample lies in water.
+    """
     indices, clearance = field.water()
+    if not len(indices):
+        raise MeshError(
+            f"The water is nowhere as wide as the distance between two samples, {field.spacing:.2g} m: no vehicle of "
+            "that size fits in. Check --unit, or choose a smaller vehicle with --vehicle."
+        )
     roomy = indices[clearance >= 0.5 * field.max_clearance]
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])

@@ -109,6 +109,7 @@ def _build_from_scan(options: BuildOptions, journal: Journal, staged: Path) -> B
         inputs = {options.input.name: file_hash(options.input)}
     for code, sentence in scan.cautions:
         journal.warn(code, sentence)
+        journal.announce(f"Look ({code}): {sentence}")
     if scan.offset.any():
         journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
     facts: dict[str, Any] = {"offset": scan.offset.tolist()}
