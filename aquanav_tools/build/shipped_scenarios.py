@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -77,8 +78,9 @@ def build_shipped(
     if (folder / SETTINGS_FILE).is_file():
         return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
-    work.mkdir(parents=True, exist_ok=True)
-    with locked(work, waits=True):
+    with locked(work, waits=True), contextlib.ExitStack() as ending:
+        # While it is held: who waits for it then makes another one.
+        ending.callback(shutil.rmtree, work, ignore_errors=True)
         if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)
@@ -95,9 +97,7 @@ def build_shipped(
             water=recipe.water,
             overwrite=True,
         )
-        result = build_made_up(closing, options, journal, {options.input.name: file_hash(options.input)})
-    shutil.rmtree(work, ignore_errors=True)
-    return result
+        return build_made_up(closing, options, journal, {options.input.name: file_hash(options.input)})
 
 
 def _made_up(name: str, recipe: ShippedScenario) -> Closing:
