@@ -58,7 +58,8 @@ class BuildOptions:
     """Of photos: draft to see whether they are enough, high where time does not matter. The forecast tells what each
     takes."""
     overwrite: bool = False
-    """Replace another scenario in the output folder. (Of photos, what was finished is taken up without it.)"""
+    """Replace another scenario in the output folder, once the new one is complete. (Of photos, what was finished is
+    taken up without it.)"""
     survey: Path | None = None
     """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
     recipe: Path | None = None
