@@ -141,6 +141,11 @@ def test_without_any_scale_the_build_asks_for_one_before_it_does_anything(photos
     assert not (tmp_path / "out").exists()
 
 
+def test_where_there_are_no_photos_that_is_said_and_not_that_they_have_no_scale(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("none yet")
+    assert "holds 0 photos" in run(tmp_path, "-o", tmp_path / "out").stderr
+
+
 def test_satellite_positions_in_the_photos_are_named_among_the_ways_to_a_scale(tmp_path: Path) -> None:
     for n in range(3):
         exif = Image.Exif()
