@@ -118,9 +118,9 @@ class EvaluateOptions(ProtocolOptions):
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; in caves it
-    draws other gusts than PyBullet from the same seeds. It takes neither the original's policies, sensor noise, delays
-    nor policies that look at the map."""
+    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; an episode is
+    the same whatever flies beside it. In caves it draws other gusts than PyBullet from the same seeds. It takes neither
+    the original's policies, sensor noise, delays nor policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""
@@ -148,11 +148,8 @@ class EvaluateOptions(ProtocolOptions):
             )
         if self.backend == "batch" and self.ray is not None:
             raise InputError("A batch flies in this process. Leave out --ray, or --backend batch.")
-        if self.backend == "batch" and (self.workers is not None or self.cases):
-            raise InputError(
-                "A batch flies in this process and draws the gusts of all its episodes from one seed, so it takes "
-                "neither --workers nor a protocol of cases. Leave them out, or --backend batch."
-            )
+        if self.backend == "batch" and self.workers is not None:
+            raise InputError("A batch flies in this process. Leave out --workers, or --backend batch.")
 
 
 @dataclass(frozen=True, kw_only=True)
