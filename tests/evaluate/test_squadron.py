@@ -127,12 +127,13 @@ def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had
     path = tmp_path / "policy.zip"
     make_model(RecurrentPPO, net_arch=[16]).save(path)
     smooth, broken = NetworkPolicy(path), NetworkPolicy(path)
-    layers = broken._layers
+    outputs = broken._outputs
 
-    def fail_for_many(features: Any) -> Any:
-        if len(features) > 1:
+    def fail_for_many(observations: Any, places: Any) -> Any:
+        found = outputs(observations, places)
+        if len(places) > 1:
             raise MemoryError("too many")
-        return layers(features)
+        return found
 
     seen = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3, 44)).astype(np.float32)
     for number, rows in enumerate(seen):
@@ -140,11 +141,11 @@ def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had
         if number % 2:  # also at the first decision, and where places joined
             np.testing.assert_allclose(broken.think(rows), known, atol=1e-6)
             continue
-        monkeypatch.setattr(broken, "_layers", fail_for_many)
+        monkeypatch.setattr(broken, "_outputs", fail_for_many)
         with pytest.raises(MemoryError):
             broken.think(rows)
         alone = [broken.think(rows[[place]], np.array([place]))[0] for place in (2, 0, 1)]
-        monkeypatch.setattr(broken, "_layers", layers)
+        monkeypatch.setattr(broken, "_outputs", outputs)
         np.testing.assert_allclose(alone, known[[2, 0, 1]], atol=1e-6)
 
 
