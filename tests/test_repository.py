@@ -46,9 +46,8 @@ def requirements(python: str) -> list[Requirement]:
     """Return what pyproject.toml asks for, to build, run and develop, under a version of Python."""
     tables = pyproject()
     project = tables["project"]
-    texts = (
-        project["dependencies"] + project["optional-dependencies"]["dev"] + project["optional-dependencies"]["cluster"]
-    )
+    extras = project["optional-dependencies"]
+    texts = project["dependencies"] + extras["dev"] + extras["cluster"] + extras["tensorboard"]
     texts += tables["build-system"]["requires"]
     found = [Requirement(text) for text in texts]
     return [need for need in found if need.marker is None or need.marker.evaluate({"python_version": python})]

@@ -15,6 +15,7 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
 from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
@@ -57,6 +58,7 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
         "turned_share": built.surface.turned_share,
         "enclosure": built.enclosure,
         "water": current_facts(built.scenario),
+        "time": time_facts(built.scenario),
         "num_starts": len(built.scenario.starts),
         "handles": [
             {"centre": one.centre.tolist(), "length": one.length, "is_pillar": one.is_pillar} for one in built.handles

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -21,11 +22,11 @@ from aquanav_tools.cave.scan.resolution import Resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, WORK_SUFFIX, named_folder
-from aquanav_tools.shipped import shipped_path
+from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
 from aquanav_tools.tables import from_table, read_toml
@@ -61,6 +62,12 @@ def read_shipped(name: str) -> ShippedScenario:
     Raises:
         InputError: there is none of that name, or its file has an unknown key or a value that makes no sense.
     """
+    known = shipped_names(CONTENT)
+    if name not in known:
+        raise InputError(
+            f"aquanav ships no scenario '{name}'. The nearest names are {', '.join(near_names(name, known))}; "
+            "`aquanav scenarios` lists all."
+        )
     path = shipped_path(CONTENT, name)
     return from_table(ShippedScenario, read_toml(path), path.name)
 
@@ -78,15 +85,14 @@ def build_shipped(
     if (folder / SETTINGS_FILE).is_file():
         return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
-    work.mkdir(parents=True, exist_ok=True)
-    with locked(work, waits=True):
+    with locked(work, waits=True), contextlib.ExitStack() as ending:
+        # While it is held: who waits for it then makes another one.
+        ending.callback(shutil.rmtree, work, ignore_errors=True)
         if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)
         journal.announce(f"Building {name}, {recipe.title}, in {folder}: about a minute on a free core, and only once.")
-        result = build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
-    shutil.rmtree(work, ignore_errors=True)
-    return result
+        return build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
 
 
 def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, journal: Journal) -> BuildResult:

@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.places import Place, say_left_out
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.episode_table import EpisodeTable
@@ -21,7 +21,14 @@ from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, RecordRule, 
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
-from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
+from aquanav_tools.evaluate.results import (
+    Provenance,
+    results_table,
+    scenario_row,
+    versions,
+    write_episodes,
+    write_results,
+)
 from aquanav_tools.evaluate.summary import Summary, group, summarise
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
@@ -40,6 +47,8 @@ class Evaluation:
 
     summary: Summary
     episodes: EpisodeTable
+    num_possible: int | None
+    """Episodes that differ which there are; None for no end of them."""
     results: Path
     report: Path
     recordings: tuple[Path, ...]
@@ -73,6 +82,7 @@ def evaluate(
     output = orders.output
     plan = make_plan(orders)
     _check_names(plan.scenarios)
+    say_left_out(plan.scenarios)
     fly = _flyer(plan, options)
     provenance = _provenance(plan, orders)
     journal = _open_journal(output, provenance, options.resume)
@@ -90,7 +100,8 @@ def evaluate(
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
     run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(episodes) - before}
     (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
-    return Evaluation(summary, episodes, output / RESULTS, report, tuple(output / name for name in recordings.values()))
+    files = output / RESULTS, report, tuple(output / name for name in recordings.values())
+    return Evaluation(summary, episodes, plan.num_possible, *files)
 
 
 def _check_names(scenarios: Sequence[Place]) -> None:
@@ -177,9 +188,10 @@ def _recordings(fly: Flyer, orders: Orders, plan: Plan, journal: Journal) -> dic
 def _provenance(plan: Plan, orders: Orders) -> Provenance:
     options, policy = orders.options, plan.policy
     return Provenance(
+        possible_episodes=plan.num_possible,
         policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
         scenarios=[
-            {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
+            scenario_row(scenario, str(folder))
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)
         ],
         protocol={

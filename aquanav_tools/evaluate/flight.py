@@ -10,11 +10,11 @@ from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
-from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
-from aquanav_tools.task import TaskOptions, choices_of, task_options
+from aquanav_tools.task import TaskOptions, choices_of
 
 LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
 """Options that an environment reads anew whenever they count, so that it is kept when only these change."""
@@ -37,7 +37,6 @@ class Hangar:
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
         self._policy, self._options, self._watch = policy, options, watch or Watch()
         self._env: PlaceEnv | None = None
-        self._course: Course | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
     def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
@@ -56,7 +55,7 @@ class Hangar:
         task = task_of(flight, self._options)
         place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
-        if self._env is None or self._course is None or not is_here:
+        if self._env is None or not is_here:
             self.close()
             self._env = make_env(
                 flight.scenario,
@@ -66,9 +65,8 @@ class Hangar:
                 **choices_of(task),
             )
             self._place = place
-            self._course = course_of(flight)
         self._env.task = task
-        return self._env, replace(self._course, condition=flight.condition.name)
+        return self._env, course_of(flight, task)
 
 
 @contextmanager
@@ -86,11 +84,12 @@ def numbered(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     return tuple(replace(flight, index=index) for index, flight in enumerate(flights))
 
 
-def course_of(flight: Flight) -> Course:
-    """Return what a flight is held against."""
-    return replace(venue_of(flight.scenario).course, condition=flight.condition.name)
+def course_of(flight: Flight, task: TaskOptions) -> Course:
+    """Return what a flight under some rules is held against."""
+    venue = venue_of(flight.scenario)
+    return replace(venue.course, condition=flight.condition.name, ideal=venue.ideal_time(task))
 
 
 def task_of(flight: Flight, options: ProtocolOptions) -> TaskOptions:
     """Return the task's options under a flight's condition."""
-    return task_options({**choices_of(options), **flight.condition.changes})
+    return task_under(flight.condition, options)

@@ -8,14 +8,23 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
-from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
+from aquanav_tools.evaluate.protocol import (
+    Condition,
+    case_condition,
+    conditions_of,
+    plan_case,
+    plan_condition,
+    starts_in,
+    task_under,
+)
 from aquanav_tools.evaluate.recording import film_track, record_track
 from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.evaluate.venue import venue_of
@@ -51,6 +60,8 @@ class Plan:
     conditions: tuple[Condition, ...]
     flights: tuple[Flight, ...]
     """All episodes in their order: by scenario, then by condition."""
+    num_possible: int | None
+    """Episodes that differ which there are in these scenarios under these conditions; None for no end of them."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +82,13 @@ def make_plan(orders: Orders) -> Plan:
     """Load the policy and the scenarios and plan all episodes.
 
     Raises:
-        InputError: the policy cannot be used, no start lies in a condition's region, or the seal does not fit.
+        InputError: the policy cannot be used, the vehicle does not fit into a scenario, no start lies in a condition's
+            region, or the seal does not fit.
         ScenarioError: a scenario cannot be read.
     """
     options = orders.options
     policy = orders.load(orders.policy)
-    scenarios = tuple(read_place(path) for path in options.scenario)
+    scenarios = tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     flights = [
@@ -88,9 +100,23 @@ def make_plan(orders: Orders) -> Plan:
     if options.cases:
         flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
         conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
-    plan = Plan(policy, scenarios, conditions, numbered(flights))
+    plan = Plan(policy, scenarios, conditions, numbered(flights), _num_possible(policy, scenarios, conditions, options))
     _check_seal(plan, orders.seal)
     return plan
+
+
+def _num_possible(
+    policy: LoadedPolicy, scenarios: tuple[Place, ...], conditions: tuple[Condition, ...], options: EvaluateOptions
+) -> int | None:
+    if options.cases:
+        return None
+    counts = [
+        possible_episodes(place, task_under(condition, options), len(starts_in(place, condition)), policy.draws)
+        for place in scenarios
+        for condition in conditions
+    ]
+    found = [count for count in counts if count is not None]
+    return sum(found) if len(found) == len(counts) else None
 
 
 def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
@@ -104,9 +130,11 @@ def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
 
 
 def seal_of(plan: Plan) -> dict[str, str | None]:
-    """Return the hashes of the policy and of the scenarios by their names."""
+    """Return the hashes of the policy, of the scenarios and of vehicles in place of theirs, by their names."""
     scenarios: dict[str, str | None] = {f"scenario {item.name}": item.content_hash for item in plan.scenarios}
-    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios
+    others = [item.other_vehicle for item in plan.scenarios if item.other_vehicle is not None]
+    vehicles = {f"vehicle {other.name}": other.sha256 for other in others}
+    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios | vehicles
 
 
 def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:

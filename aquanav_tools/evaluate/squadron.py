@@ -114,7 +114,7 @@ class Squadron:
         ]
         with self._watch.kept():
             states = self._fly(task, seats)
-        course = course_of(batch[0])
+        course = course_of(batch[0], task_of(batch[0], self._options))
         flown = []
         for place, (flight, seat) in enumerate(zip(batch, seats, strict=True)):
             rows = {name: values[:, place] for name, values in states.items()}

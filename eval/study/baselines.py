@@ -1,10 +1,10 @@
-"""Score the shipped baselines in the test caves and in fresh caves of the same generator, in still water and full current.
+"""Score the shipped baselines in the test caves and in fresh caves of the same generator, still and at full current.
 
     python eval/study/baselines.py                     # two hours on two idle cores, most of them the oracle's
     python eval/study/baselines.py --fresh 2 --episodes 4 --baselines reactive   # a first look, in some minutes
 
-The fresh caves are drawn, by a rule from fixed seeds, from the ranges that the training caves span. Nothing was tuned on
-them. Built caves and finished evaluations in the output folder are kept. Writes eval/results/baselines.md.
+The fresh caves are drawn, by a rule from fixed seeds, from the ranges that the training caves span. Nothing was tuned
+on them. Built caves and finished evaluations in the output folder are kept. Writes eval/results/baselines.md.
 """
 
 from __future__ import annotations
@@ -144,11 +144,11 @@ def page(scores: dict[str, list[dict[str, Any]]], tests: list[str], fresh: list[
         "# Baselines",
         "",
         "`python eval/study/baselines.py`. Collision-free success (the goal reached without one touch) in percent; "
-        f"{episodes} episodes per cave and current, with seeds from 0. The {len(fresh)} fresh caves are drawn by a rule "
-        f"(seed {FRESH_SEED}) from the ranges that the training caves span; nothing was tuned on them. random, reactive "
-        "and reference fly on the batch, the oracle, which knows the map, in PyBullet.",
+        f"{episodes} episodes per cave and current, with seeds from 0. The {len(fresh)} fresh caves are drawn by a "
+        f"rule (seed {FRESH_SEED}) from the ranges that the training caves span; nothing was tuned on them. random, "
+        "reactive and reference fly on the batch, the oracle, which knows the map, in PyBullet.",
         "",
-        f"| baseline | {len(tests)} test caves, still | full current | {len(fresh)} fresh caves, still | full current |",
+        f"| baseline | {len(tests)} test caves, still | full current | {len(fresh)} fresh, still | full current |",
         "|---|---|---|---|---|",
     ]
     for baseline, flown in scores.items():
