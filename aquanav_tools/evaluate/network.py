@@ -53,7 +53,7 @@ class NetworkPolicy:
         self.normaliser = parts.pop(self._kind.features, None)
         """What scales observations first, where the policy learned with that."""
         lstm = parts.pop(LSTM, None)
-        self._lstm = None if lstm is None else pad_lstm(lstm)
+        self._lstm: Any = None if lstm is None else pad_lstm(lstm)
         self._num_outputs = _num_outputs(self._kind, settings, self.action_space, path)
         self._layers = pad_layers(torch.nn.Sequential(*(layer for part in parts.values() for layer in _flat(part))))
         self._memory: Any = None
