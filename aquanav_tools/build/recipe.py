@@ -33,6 +33,8 @@ from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_
 from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
+from aquanav_tools.cave.survey.caves import choose_cave
+from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError, ReconstructionError, ResourceError
 from aquanav_tools.provenance import file_hash
@@ -98,7 +100,7 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
     facts: dict[str, Any] = {"offset": scan.offset.tolist()}
     survey, evidence = None, NO_EVIDENCE
     if options.survey is not None:
-        survey = read_survey(options.survey)
+        survey = choose_cave(read_survey(options.survey), options.cave)
         inputs[options.survey.name] = file_hash(options.survey)
         evidence = survey_evidence(survey, scan.offset)
     try:
@@ -109,7 +111,9 @@ def _build_from_scan(options: BuildOptions, journal: Journal) -> BuildResult:
         raise
     if survey is not None:
         facts["survey"] = hold_against(survey, built.scenario.cavity.mesh, scan.offset, journal)
-    return _finish(built, scan.surface, options, journal, inputs, facts)
+    # Coordinates far from zero are those of a map, y grid north; those of a survey have compass bearings.
+    has_north = survey is not None or bool(scan.offset.any())
+    return _finish(built, scan.surface, options, journal, inputs, facts, has_north=has_north)
 
 
 def build_made_up(closing: Closing, options: BuildOptions, journal: Journal, inputs: dict[str, str]) -> BuildResult:
@@ -127,7 +131,7 @@ def build_made_up(closing: Closing, options: BuildOptions, journal: Journal, inp
 
 def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:
     with journal.stage("Reading the survey"):
-        survey = read_survey(options.input)
+        survey = choose_cave(read_survey(options.input), options.cave)
         inputs = {options.input.name: file_hash(options.input)}
     with journal.stage("Modelling the walls"):
         walls = model_walls(survey, journal)
@@ -138,7 +142,8 @@ def _build_from_survey(options: BuildOptions, journal: Journal) -> BuildResult:
         options.output.mkdir(parents=True, exist_ok=True)
         _report_failure(error, options, journal, inputs, facts, walls.surface)
         raise
-    return _finish(built, walls.surface, options, journal, inputs, facts)
+    legs = survey_legs(survey, walls.offset)
+    return _finish(built, walls.surface, options, journal, inputs, facts, has_north=True, survey=legs)
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal) -> BuildResult:
@@ -179,7 +184,7 @@ def _build_cave_of(
             facts["unregistered"] = list(error.unregistered)
         _report_failure(error, options, journal, inputs, facts, work=work)
         raise
-    return _finish(built, reconstruction.cloud, options, journal, inputs, facts, work)
+    return _finish(built, reconstruction.cloud, options, journal, inputs, facts, work, options.scale.knows_north)
 
 
 def _photo_settings(options: BuildOptions) -> ReconstructOptions:
@@ -201,6 +206,8 @@ def _finish(
     inputs: dict[str, str],
     facts: dict[str, Any],
     work: PhotoWork | None = None,
+    has_north: bool = False,
+    survey: SurveyLegs | None = None,
 ) -> BuildResult:
     """Write everything into a partial folder first and move it into place, scenario.toml last."""
     folder = options.output
@@ -210,10 +217,11 @@ def _finish(
         scenario = write_scenario(built.scenario, partial)
         colours = _colours_of(scan, scenario.cavity.mesh)
         write_glb(scenario.cavity, scenario.collision, partial / "cave.glb", colours)
-        draw_cave(scenario, partial / "cave.png")
+        draw_cave(scenario, partial / "cave.png", has_north)
         record_cave(CaveModel(scenario), partial / "build.rrd")
     with journal.stage("Drawing the cave"):
-        cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
+        branches = [branch.points for branch in scenario.network.branches]
+        cave = map_of(scenario, built.passability.marked, branches, has_north, survey)
         drawings = write_drawings(cave, scenario, built.statistics.rose, partial / DRAWINGS_DIR)
     sections: list[Section] = []
     if work is not None:
@@ -223,8 +231,8 @@ def _finish(
     sections.append(current_section(scenario, cave, partial / DRAWINGS_DIR))
     sections.append(outputs.stage_section(journal, partial / DRAWINGS_DIR))
     figures = (*drawings, Figure(partial / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, built.narrows, figures, journal, sections)
-    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave, built.narrows)}
+    page = cave_page(built, cave, figures, journal, sections)
+    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(
         {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, partial / "report.json"
