@@ -33,10 +33,11 @@ from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array, BoolArray, Capsule, Mesh, PointCloud
 from aquanav_tools.values import kept_value
 
@@ -149,11 +150,11 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     with journal.stage("Simplifying the collision mesh"):
         collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * vehicle.capsule.radius)
     with journal.stage("Measuring the cave"):
-        fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
+        fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel, closed.mesh)
         statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
     settings = _settings(options, kind, guide, vehicle.name, collision)
-    vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
+    vehicle_toml = read_text(vehicle_path(options.vehicle))
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
     built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, passability, handles, collision)
     _note_weaknesses(built, options, journal)
@@ -213,7 +214,7 @@ def _close(
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
     found = _close_at(resolution, scan, options, journal, min_portal, evidence)
     points = _sample(found.surface.points, np.random.default_rng(options.seed))
-    misfit = measure_fit(found.cavity, points, resolution.voxel).median
+    misfit = measure_fit(found.cavity, points, resolution.voxel, found.closed.mesh).median
     coarser = VOXELS_OF_MISFIT * misfit
     is_loose = misfit > MAX_MEDIAN_VOXELS * resolution.voxel
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
@@ -292,8 +293,17 @@ def _place(text: str, cavity: Cavity) -> Array | None:
 
 
 def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
-    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m."""
+    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m.
+
+    Raises:
+        MeshError: no sample lies in water.
+    """
     indices, clearance = field.water()
+    if not len(indices):
+        raise MeshError(
+            f"The water is nowhere as wide as the distance between two samples, {field.spacing:.2g} m: no vehicle of "
+            "that size fits in. Check --unit, or choose a smaller vehicle with --vehicle."
+        )
     roomy = indices[clearance >= 0.5 * field.max_clearance]
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])
@@ -327,6 +337,13 @@ def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) 
             f"Points of the {words.name} lie {fit.median:.3f} m from the cavity (median), 95 % within "
             f"{fit.percentile_95:.3f} m; a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the "
             "picture.",
+        )
+    cut_share = 1.0 - built.scenario.cavity.volume / built.closed.mesh.volume
+    if options.closing.cut and cut_share > 0.5:
+        journal.warn(
+            "large-cut",
+            f"The cuts take away {cut_share:.0%} of the water. The last three numbers of a cut point towards the part "
+            "that goes; turn them round if the wrong one went.",
         )
     if statistics.num_portals < 2:
         journal.warn(

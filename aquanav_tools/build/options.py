@@ -46,8 +46,8 @@ class BuildOptions:
     """One build, from input to scenario folder."""
 
     input: Path
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
-    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
+    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""
@@ -63,7 +63,8 @@ class BuildOptions:
     """Of photos: draft to see whether they are enough, high where time does not matter. The forecast tells what each
     takes."""
     overwrite: bool = False
-    """Replace another scenario in the output folder. (Of photos, what was finished is taken up without it.)"""
+    """Replace another scenario in the output folder, once the new one is complete. (Of photos, what was finished is
+    taken up without it.)"""
     survey: Path | None = None
     """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
     cave: str = ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -86,15 +87,14 @@ def build_shipped(
     if (folder / SETTINGS_FILE).is_file():
         return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
-    work.mkdir(parents=True, exist_ok=True)
-    with locked(work, waits=True):
+    with locked(work, waits=True), contextlib.ExitStack() as ending:
+        # While it is held: who waits for it then makes another one.
+        ending.callback(shutil.rmtree, work, ignore_errors=True)
         if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)
         journal.announce(f"Building {name}, {recipe.title}, in {folder}: about a minute on a free core, and only once.")
-        result = build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
-    shutil.rmtree(work, ignore_errors=True)
-    return result
+        return build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
 
 
 def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, journal: Journal) -> BuildResult:

@@ -21,6 +21,7 @@ from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
+from aquanav_tools.text_files import read_json
 
 FORMAT = 4
 SCHEMA = Path(__file__).with_name("results.schema.json")
@@ -110,11 +111,9 @@ def read_results(path: Path) -> dict[str, Any]:
 
     if not path.is_file():
         raise InputError(f"There is no file {path}. Name the results.json, or the folder, of a finished evaluation.")
+    table: dict[str, Any] = read_json(path)
     try:
-        table: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         check_results(table)
-    except (UnicodeDecodeError, json.JSONDecodeError) as cause:
-        raise InputError(f"{path} is not JSON: {cause}. Run the evaluation again.") from cause
     except jsonschema.ValidationError as cause:
         place = "/".join(map(str, cause.absolute_path)) or "the top"
         raise InputError(

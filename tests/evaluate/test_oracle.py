@@ -12,10 +12,10 @@ from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.shipped import shipped_names
 from aquanav_tools.sim.vehicle import known_vehicles
 from tests.evaluate.test_policies import score
 from tests.evaluate.winding import winding_scenario
+from tests.shipped_caves import shipped_caves
 
 NEAR_ZERO = 0.05
 """Random successes without a collision: 1 in 20."""
@@ -86,16 +86,14 @@ def test_oracle_that_has_no_map_says_so() -> None:
         OraclePolicy().reset(0)
 
 
-@pytest.mark.slow  # half an hour: builds the scenarios, and 20 episodes each with both policies
-@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("name", shipped_caves())
 @pytest.mark.parametrize("current", [None, "still", "full"])
 def test_oracle_dives_through_every_shipped_scenario_without_a_collision(name: str, current: str | None) -> None:
     summary = score(read_scenario(name), "baseline:oracle", 20, max_decisions=2400, current=current)
     assert summary.collision_free_success.rate == 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("name", shipped_caves())
 def test_random_stays_near_zero_in_every_shipped_scenario(name: str) -> None:
     # A collision decides already, so the episode may end with it.
     summary = score(read_scenario(name), "baseline:random", 20, max_decisions=2400, on_collision="end")

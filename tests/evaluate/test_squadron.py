@@ -159,7 +159,8 @@ def test_failing_policy_costs_its_episode_only(run: Run, tmp_path: Path) -> None
 
     table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6)
     outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
-    assert outcomes[1] == ("failed", "RuntimeError: a bad day")
+    assert outcomes[1][0] == "failed"
+    assert outcomes[1][1].startswith("RuntimeError: a bad day (test_squadron.py, line ")
     assert {outcomes[0], outcomes[2]} == {("infeasible", "")}
 
 
@@ -184,7 +185,7 @@ def _fail() -> None:
 @pytest.mark.parametrize(
     ("stumble", "reason"),
     [
-        (_fail, "RuntimeError: a bad day"),
+        (_fail, f"RuntimeError: a bad day (test_squadron.py, line {_fail.__code__.co_firstlineno + 1})"),
         (lambda: np.zeros((0, 1)), "ValueError: it gave 0 thoughts about 1 vehicles"),
         (lambda: time.sleep(3600.0), "gave no action within 2 s"),
     ],

@@ -105,7 +105,7 @@ def test_the_rose_of_a_circle_is_round() -> None:
 def test_fit_counts_the_distance_of_points_to_the_surface() -> None:
     cavity = box_with()
     points = np.array([[-2.0, 5.0, 0.0], [-2.1, 6.0, 0.0], [3.0, 7.0, 1.0], [0.0, 8.0, 3.3]])
-    fit = measure_fit(cavity, points, 0.2)
+    fit = measure_fit(cavity, points, 0.2, cavity.mesh)
     assert (fit.median, fit.within_voxel) == pytest.approx((0.05, 0.75))
 
 
