@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 
 from aquanav_tools.cave.mesh.contact import CapsuleChecker
-from aquanav_tools.cave.route.narrows import find_narrows
+from aquanav_tools.cave.route.passability import measure_passability
 from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError, ScenarioError
@@ -143,8 +143,8 @@ def _ways(scenario: Scenario, radius: float, positions: Array) -> Array:
 
 
 def _too_tight(scenario: Scenario, vehicle: Vehicle) -> str:
-    narrows = find_narrows(scenario.guide.centreline, scenario.cavity, 2.0 * vehicle.capsule.radius)
-    narrowest = min(narrows, key=lambda narrow: narrow.width)
+    line, width = scenario.guide.centreline, 2.0 * vehicle.capsule.radius
+    narrowest = measure_passability(scenario.cavity, scenario.field, line, width).narrowest
     return (
         f"{_size(vehicle)} finds no way to the goal of {scenario.name}, which was built for "
         f"{vehicle_of(scenario).name}: the passage is {narrowest.width:.2f} m wide where it is narrowest, "
