@@ -64,6 +64,23 @@ def test_oracle_finds_a_goal_that_is_out_of_sight_without_a_collision() -> None:
     assert summary.collision_free_success.rate == 1.0
 
 
+def test_oracle_goes_on_where_there_is_less_room_than_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.MARGIN", 2.0)  # a passage of 1.1 m leaves 0.93 m beside the hull
+    summary = score(winding_scenario(), "baseline:oracle", 2)
+    assert summary.success.rate == 1.0
+
+
+def test_oracle_finds_a_way_that_a_coarse_map_does_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = CaveEnv(winding_scenario())
+    env.reset(seed=0, options={"start": 0})
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10,))
+    with pytest.raises(InputError, match="No way as wide as the vehicle"):
+        OraclePolicy().board(env)
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10, 300_000))
+    OraclePolicy().board(env)
+    env.close()
+
+
 def test_oracle_that_has_no_map_says_so() -> None:
     with pytest.raises(InputError, match="call its board"):
         OraclePolicy().reset(0)

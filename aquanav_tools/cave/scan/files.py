@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.scan.announced import check_announced, check_count
+from aquanav_tools.cave.scan.foreign import told_instead
 from aquanav_tools.cave.scan.las import read_las
-from aquanav_tools.errors import AquanavError, InputError, did_you_mean
+from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.text_files import check_utf8
 from aquanav_tools.types import Array, Mesh, PointCloud
 
@@ -33,8 +34,7 @@ def read_surface(path: Path) -> tuple[Mesh | PointCloud, tuple[tuple[str, str], 
     if suffix in LAS_SUFFIXES:
         return read_las(path)
     if suffix not in MESH_SUFFIXES:
-        every = (*MESH_SUFFIXES, *TABLE_SUFFIXES, *LAS_SUFFIXES)
-        raise InputError(f"{path.name} has no known scan format ('{suffix}').{did_you_mean(suffix, every)}")
+        raise InputError(told_instead(path, {*MESH_SUFFIXES, *TABLE_SUFFIXES, *LAS_SUFFIXES}))
     check_announced(path, suffix)
     loaded = _loaded(path, suffix)
     vertices = np.array(loaded.vertices, dtype=np.float64)
