@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.text_files import read_json
 
 REPORT_FILE = "report.json"
 
@@ -21,7 +21,7 @@ def cave_facts(folder: Path) -> list[tuple[str, str]]:
     Raises:
         InputError: the build stopped, or is of a version that did not measure this.
     """
-    report = json.loads((folder / REPORT_FILE).read_text(encoding="utf-8"))
+    report = read_json(folder / REPORT_FILE)
     if "error" in report:
         raise InputError(f"The build in {folder} stopped: {report['error']}")
     if "passability" not in report:

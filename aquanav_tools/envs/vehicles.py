@@ -19,6 +19,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import OtherVehicle, Scenario
 from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle, vehicle_path
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array
 
 _adapted: weakref.WeakKeyDictionary[Scenario, dict[object, Scenario]] = weakref.WeakKeyDictionary()
@@ -61,7 +62,7 @@ def dived_by(scenario: Scenario, vehicle: str | Path) -> Scenario:
     craft = load_vehicle(path)
     if craft == vehicle_of(scenario):
         return scenario
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path)
     known = _adapted.setdefault(scenario, {})
     if text not in known:
         roomy = with_room_for(scenario, craft)
