@@ -51,8 +51,8 @@ class Options(BuildOptions):
     """The command line."""
 
     input: tyro.conf.Positional[Path]
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
-    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
+    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Scenario folder to write."""
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
@@ -119,7 +119,7 @@ def _summary(folder: Path) -> str:
     return (
         f"A passage of {numbers['route_length']:.1f} m, {numbers['volume']:.1f} m3, {numbers['num_triangles']} "
         f"triangles, watertight; {numbers['num_portals']} portals, {numbers['num_panels']} panels, "
-        f"{report['num_starts']} starts, narrowest clearance {numbers['min_clearance']:.2f} m.\n"
+        f"{report['num_starts']} starts.\n{report['passability']['text']}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
         f"Recording: rerun {folder / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {folder}"
