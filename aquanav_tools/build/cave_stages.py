@@ -49,6 +49,8 @@ MIN_OBSERVED_SHARE = 0.9
 MAX_DROPPED_SHARE = 0.05
 MAX_MEDIAN_VOXELS = 0.25
 """Half of the scan lies at most this far from the cavity, and 95 % within a voxel; or the report says so."""
+MAX_CUT_SHARE = 0.5
+"""Cuts that take away more of the water than this are warned of."""
 VOXELS_OF_MISFIT = 5.0
 """Relief and noise look alike before closing. Where half of the scan then turns out to lie farther from the cavity, it
 was noise, and the voxel becomes this many times that distance; never larger than the vehicle's radius."""
@@ -115,6 +117,7 @@ def build_scenario(
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
     closing = _closing(scan, options, journal, load_vehicle(options.vehicle).capsule.radius, evidence, store)
+    _note_large_cut(closing, options, journal)
     if measured is not None:
         observed = _near_points(closing.cavity, measured, 2.0 * closing.resolution.voxel)
         closing = replace(closing, cavity=replace(closing.cavity, observed=observed))
@@ -160,6 +163,18 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     _note_weaknesses(built, options, journal)
     note_time(scenario, journal)
     return built
+
+
+def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -> None:
+    """Warn where the user's cuts take most of the cave: a direction may be the wrong way round."""
+    share = 1.0 - closing.cavity.volume / closing.closed.mesh.volume
+    if options.closing.cut and share > MAX_CUT_SHARE:
+        sentence = (
+            f"The cuts take away {share:.0%} of the water. The last three numbers of a cut point towards the part that "
+            "goes; turn them round if the wrong one went."
+        )
+        journal.announce(f"Look (large-cut): {sentence}")
+        journal.warn("large-cut", sentence)
 
 
 def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
@@ -337,13 +352,6 @@ def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) 
             f"Points of the {words.name} lie {fit.median:.3f} m from the cavity (median), 95 % within "
             f"{fit.percentile_95:.3f} m; a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the "
             "picture.",
-        )
-    cut_share = 1.0 - built.scenario.cavity.volume / built.closed.mesh.volume
-    if options.closing.cut and cut_share > 0.5:
-        journal.warn(
-            "large-cut",
-            f"The cuts take away {cut_share:.0%} of the water. The last three numbers of a cut point towards the part "
-            "that goes; turn them round if the wrong one went.",
         )
     if statistics.num_portals < 2:
         journal.warn(
