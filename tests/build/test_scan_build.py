@@ -253,14 +253,25 @@ def test_a_scan_that_is_no_cave_ends_with_a_sentence_and_a_report(
 
 
 def test_a_cut_ends_the_cave_and_the_route_goes_where_it_is_told(scan: Path, tmp_path: Path) -> None:
-    flags = ("--cut", 5.5, 0, 0, 1, 0, 0, "--entrance", "5.5,0,0", "--goal", "0.1,0,0", "--starts.count", 4)
+    more = ("--starts.count", 4, "--starts.min-goal-distance", 0.5, "--starts.last-share", 1)
+    flags = ("--cut", 2.9, 0, 0, 1, 0, 0, "--entrance", "2.9,0,0", "--goal", "0.1,0,0", *more)
     result = run(scan, "-o", tmp_path / "out", *flags)
     assert result.returncode == 0, result.stderr
+    assert "warning (large-cut): The cuts take away 52% of the water" in result.stderr
     scenario = read_scenario(tmp_path / "out")
     ends = sorted(portal.centre[0] for portal in scenario.cavity.portals)
-    assert ends == pytest.approx([0.0, 5.5], abs=1e-3)
-    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 5.5, rel=1e-3)
+    assert ends == pytest.approx([0.0, 2.9], abs=1e-3)
+    assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 2.9, rel=1e-3)
     assert scenario.guide.centres[0][0] > scenario.guide.centres[-1][0]
+    fit = json.loads((tmp_path / "out" / "report.json").read_text())["fit"]
+    assert fit["percentile_95"] < 1e-4  # the half that was cut off is up to 3.1 m away
+
+
+def test_a_gallery_on_its_end_is_told_before_the_work_and_in_the_report(scan: Path, tmp_path: Path) -> None:
+    result = run(scan, "-o", tmp_path / "out", "--up", "x", "--cut", *"4 9 0 1 0 0".split())
+    assert "Look (stands-on-end): With --up x the cave is a shaft: 6 high and 2 by 2 wide" in result.stderr
+    warnings = json.loads((tmp_path / "out" / "report.json").read_text())["warnings"]
+    assert [warning["code"] for warning in warnings] == ["stands-on-end"]
 
 
 def test_an_unknown_portal_is_answered_with_those_there_are(scan: Path, tmp_path: Path) -> None:
