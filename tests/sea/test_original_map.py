@@ -99,6 +99,12 @@ def test_rocks_that_are_damaged_are_refused(tmp_path: Path, line: str) -> None:
         read_original_map(scene, CLEARANCE)
 
 
+def test_a_wall_without_extent_is_refused(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path, [upright_box("Walls", [0.0, 20.0, 0.0], [1.0, 0.0, 5.0])])
+    with pytest.raises(InputError, match="a box has no extent in x or y"):
+        read_original_map(scene, CLEARANCE)
+
+
 def test_a_scene_with_two_sea_beds_is_refused(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, [upright_box("Floor", [0.0, 0.0, -14.0], [50.0, 30.0, 2.0])])
     with pytest.raises(InputError, match="2 boxes named Floor"):
