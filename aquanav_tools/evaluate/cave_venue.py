@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 
 from aquanav_tools.envs.cave_env import vehicle_of
-from aquanav_tools.envs.rendering import VehicleCamera
+from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.evaluate.presets import CAVE
@@ -14,6 +14,7 @@ from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import DiveScene
 from aquanav_tools.report.track import Track
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
 
@@ -49,8 +50,8 @@ class CaveVenue:
 
     def camera(self, track: Track, view: str, size: tuple[int, int]) -> VehicleCamera:
         """Return a camera behind or in the vehicle."""
-        return VehicleCamera(self._cave.cavity.mesh, self._vehicle.capsule, view, size)
+        return VehicleCamera(self._cave, self._vehicle.capsule, vehicle_mesh(self._vehicle), view, size)
 
     @functools.cached_property
     def _scene(self) -> DiveScene:
-        return DiveScene(CaveModel(self._cave), self._vehicle.capsule, original_pattern().directions)
+        return DiveScene(CaveModel(self._cave), vehicle_mesh(self._vehicle), original_pattern().directions)

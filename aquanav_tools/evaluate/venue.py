@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol
 
+from aquanav_tools.envs.pictures.film import Camera
 from aquanav_tools.envs.places import Place
-from aquanav_tools.envs.rendering import Camera
 from aquanav_tools.evaluate.bay_venue import BayVenue
 from aquanav_tools.evaluate.cave_venue import CaveVenue
 from aquanav_tools.evaluate.metrics import Course
@@ -47,7 +47,7 @@ class Venue(Protocol):
         """Return what the recording of a track shows around the vehicle."""
 
     def camera(self, track: Track, view: str, size: tuple[int, int]) -> Camera:
-        """Return what takes the pictures of a track in their order, of a width and height in px.
+        """Return what takes the pictures of a track in their order, once, of a width and height in px.
 
         Raises:
             InputError: there is no such view.
