@@ -16,7 +16,7 @@ from aquanav_tools.cave.measure.sections import cross_sections, station_spacing
 from aquanav_tools.cave.route.narrows import Narrow
 from aquanav_tools.cave.survey.write import write_svx
 from aquanav_tools.report.cave_map import CaveMap, Mark
-from aquanav_tools.report.html import Fact, Figure, Page, Section
+from aquanav_tools.report.html import Fact, Figure, Model, Page, Section
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
 from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
 from aquanav_tools.report.views import draw_views
@@ -102,6 +102,7 @@ def cave_page(
     figures: Sequence[Figure],
     journal: Journal,
     sections: Sequence[Section] = (),
+    models: Sequence[Model] = (),
 ) -> Page:
     """Return the report of a finished build; further sections tell how the photos fared and what the stages cost."""
     numbers = built.statistics
@@ -121,6 +122,7 @@ def cave_page(
             portal_table(built),
             station_table(cave),
         ),
+        models=tuple(models),
         sections=tuple(sections),
         footer=footer(),
     )
