@@ -61,6 +61,12 @@ class TrainingError(AquanavError):
     exit_code = 7
 
 
+class PolicyError(AquanavError):
+    """A policy could not act: it raised an error, hung, or gave what is no action."""
+
+    exit_code = 8
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """Return " Did you mean 'x'?" for the closest known name, else the list of known names."""
     known = list(known)

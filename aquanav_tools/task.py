@@ -16,9 +16,10 @@ MAX_DELAY = 100
 class TaskOptions:
     """The rules of the task. Each field is an option of aquanav-train, aquanav-eval and the environment."""
 
-    reward: Literal["dense", "safe", "careful", "sparse"] = "dense"
-    """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
-    alone."""
+    reward: Literal["dense", "safe", "careful", "sparse"] = "careful"
+    """What is paid for: progress (dense); progress away from walls (safe); progress with a price on contacts that
+    counts (careful); the outcome alone (sparse). dense is the original benchmark's. No rate of success depends on it,
+    but that sparse ends an episode at its first contact."""
     progress: Literal["panels", "geodesic", "original"] = "panels"
     """How the reward measures the way to go: along the guide's panels, by the shortest way through the water, or by the
     original's chain of panel centres."""

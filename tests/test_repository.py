@@ -46,9 +46,8 @@ def requirements(python: str) -> list[Requirement]:
     """Return what pyproject.toml asks for, to build, run and develop, under a version of Python."""
     tables = pyproject()
     project = tables["project"]
-    texts = (
-        project["dependencies"] + project["optional-dependencies"]["dev"] + project["optional-dependencies"]["cluster"]
-    )
+    extras = project["optional-dependencies"]
+    texts = project["dependencies"] + extras["dev"] + extras["cluster"] + extras["tensorboard"]
     texts += tables["build-system"]["requires"]
     found = [Requirement(text) for text in texts]
     return [need for need in found if need.marker is None or need.marker.evaluate({"python_version": python})]
@@ -132,25 +131,6 @@ def _code_lines(function: ast.FunctionDef) -> int:
 def test_every_command_leads_to_a_function(target: str) -> None:
     module, function = target.split(":")
     assert callable(getattr(importlib.import_module(module), function))
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_path_a_page_links_to_exists(page: str) -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", (REPOSITORY / page).read_text())
-    assert [link for link in links if not (REPOSITORY / page).parent.joinpath(link).exists()] == []
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_command_a_page_shows_exists(page: str) -> None:
-    shown = set(re.findall(r"^\s*(?:\.venv/bin/)?(aquanav[a-z-]*)\b", (REPOSITORY / page).read_text(), re.MULTILINE))
-    assert shown <= set(commands()) | {"aquanav"}
-
-
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/design.md"])
-def test_every_make_target_a_page_shows_exists(page: str) -> None:
-    targets = re.findall(r"^([a-z]+):", (REPOSITORY / "Makefile").read_text(), re.MULTILINE)
-    shown = re.findall(r"(?:^ *|`)make ([a-z]+)", (REPOSITORY / page).read_text(), re.MULTILINE)
-    assert set(shown) <= set(targets)
 
 
 def test_the_wheel_carries_the_content_under_the_names_that_the_code_looks_for() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -83,21 +84,31 @@ def build_shipped(
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)
         journal.announce(f"Building {name}, {recipe.title}, in {folder}: about a minute on a free core, and only once.")
-        with journal.stage("Making up the cave"):
-            closing = _made_up(name, recipe)
-        options = BuildOptions(
-            input=shipped_path(CONTENT, name),
-            output=folder,
-            name=name,
-            vehicle=recipe.vehicle,
-            panels=recipe.panels,
-            starts=recipe.starts,
-            water=recipe.water,
-            overwrite=True,
-        )
-        result = build_made_up(closing, options, journal, {options.input.name: file_hash(options.input)})
+        result = build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
     shutil.rmtree(work, ignore_errors=True)
     return result
+
+
+def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, journal: Journal) -> BuildResult:
+    """Build the scenario of a recipe, named after its file, into a folder; what lies there is replaced.
+
+    Raises:
+        AquanavError: the cave cannot be made, or the vehicle cannot pass.
+    """
+    name = recipe_path.stem
+    with journal.stage("Making up the cave"):
+        closing = _made_up(name, recipe)
+    options = BuildOptions(
+        input=recipe_path,
+        output=folder,
+        name=name,
+        vehicle=recipe.vehicle,
+        panels=recipe.panels,
+        starts=recipe.starts,
+        water=recipe.water,
+        overwrite=True,
+    )
+    return build_made_up(closing, options, journal, {recipe_path.name: file_hash(recipe_path)})
 
 
 def _made_up(name: str, recipe: ShippedScenario) -> Closing:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from aquanav_tools.cli.command import run_command
+from aquanav_tools.errors import PolicyError
 from aquanav_tools.evaluate.options import CompareOptions, EvaluateOptions, ReplayOptions, StressOptions
 
 if TYPE_CHECKING:
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
 
 DESCRIPTION = (
     "Score a policy in scenarios on fixed seeded starts. Writes results.json, episodes.parquet, report.html and rerun "
-    "recordings. Policy files are read without running any code from them, unless --trust is given.\n\n"
+    "recordings. Policy files are read without running any code from them, unless --trust is given. Ends with exit "
+    "code 8 where the policy itself failed in every episode: by an error, by hanging, or by what is no action.\n\n"
     "Example: aquanav-eval policy.zip --scenario out/han --episodes 50 --seed 0 -o out/eval\n"
     "Also: aquanav-eval compare out/a out/b, aquanav-eval replay out/eval --episode 17, and aquanav-eval stress "
     "policy.zip --scenario out/han (each has --help)."
@@ -29,6 +31,7 @@ STRESS = (
     "Search for the starts, currents and sensor noise that break a policy, beside as many cases drawn at random, and "
     "save the worst as a protocol for aquanav-eval."
 )
+CORRECT = "Correct the policy and run again."
 REPLAY = "Fly an episode of an evaluation again, check that it repeats to the bit, and record it."
 
 
@@ -48,15 +51,37 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:
-    """Evaluate each policy with a progress bar and print what came out; compare several."""
-    if len(options.policies) == 1:
-        print(_table(options, options.policies[0], _evaluate(options, options.policies[0], options.output)))
-        return
-    from aquanav_tools.evaluate.comparing import run_folders
+    """Evaluate each policy with a progress bar and print what came out; compare several.
 
-    for policy, folder in zip(options.policies, run_folders(options.policies, options.output), strict=True):
-        print(_table(options, policy, _evaluate(options, policy, folder)))
-    _compare(CompareOptions((options.output,), options.output))
+    Raises:
+        PolicyError: a policy itself failed in every episode. What was found is on disk all the same.
+    """
+    if len(options.policies) == 1:
+        failures = [_evaluate_one(options, options.policies[0], options.output)]
+    else:
+        from aquanav_tools.evaluate.comparing import run_folders
+
+        folders = run_folders(options.policies, options.output)
+        failures = [_evaluate_one(options, *pair) for pair in zip(options.policies, folders, strict=True)]
+        _compare(CompareOptions((options.output,), options.output))
+    if any(failures):
+        raise PolicyError(f"{' '.join(filter(None, failures))} Nothing was measured. {CORRECT}")
+
+
+def _evaluate_one(options: EvaluateOptions, policy: str, folder: Path) -> str:
+    """Evaluate a policy and print what came out; return why nothing did, where the policy failed in every episode."""
+    from aquanav_tools.evaluate.failures import failure_text, is_failed_throughout
+
+    _tell_choice(policy)
+    evaluation = _evaluate(options, policy, folder)
+    text = failure_text(policy, evaluation.episodes)
+    if is_failed_throughout(evaluation.episodes):
+        print(f"\n{_places(evaluation)}")
+        return text
+    print(_table(options, policy, evaluation))
+    if text:
+        print(f"warning: {text} They count as failures.", file=sys.stderr)
+    return ""
 
 
 def _defaults(arguments: Sequence[str]) -> EvaluateOptions | None:
@@ -78,6 +103,13 @@ def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation
         return evaluate(options, show, policy, folder)
 
 
+def _tell_choice(policy: str) -> None:
+    from aquanav_tools.evaluate.policies import choice_text
+
+    if text := choice_text(policy):
+        print(text)
+
+
 @contextmanager
 def _episode_bar() -> Iterator[Progress]:
     from tqdm import tqdm
@@ -97,13 +129,23 @@ def _episode_bar() -> Iterator[Progress]:
 
 
 def _stress(options: StressOptions) -> None:
+    from aquanav_tools.evaluate.failures import failure_text, is_failed_throughout
     from aquanav_tools.evaluate.stress import WORST, stress
     from aquanav_tools.evaluate.stress_report import verdict
 
+    _tell_choice(options.policy)
     with _episode_bar() as show:
         found = stress(options, show)
+    files = f"Report:      {found.report}\nWorst cases: {options.output / WORST}, for aquanav-eval --protocol"
+    episodes = [trial.metrics for trial in (*found.drawn, *found.searched)]
+    text = failure_text(found.policy, episodes)
+    if is_failed_throughout(episodes):
+        print(f"\n{files}")
+        raise PolicyError(f"{text} Nothing was found out about its dives. {CORRECT}")
     print(f"\n{found.policy} in {found.scenario.name}: {verdict(found)}\n")
-    print(f"Report:      {found.report}\nWorst cases: {options.output / WORST}, for aquanav-eval --protocol")
+    print(files)
+    if text:
+        print(f"warning: {text} They count as failures.", file=sys.stderr)
 
 
 def _compare(options: CompareOptions) -> None:
@@ -128,26 +170,30 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.reporting import estimate_text, metres, percent, share
+    from aquanav_tools.evaluate.summary_text import bound, estimate_text, metres, percent, variety_text
 
     summary = evaluation.summary
+    bounded, limit = bound(summary)
     mean, least = metres(summary.means["mean_clearance"].mean), metres(summary.min_clearance)
     rows = {
         "success": percent(summary.success),
         "collision-free success": percent(summary.collision_free_success),
-        "fails in at most": f"{share(summary.failure_bound)} of episodes, at 95 % confidence",
+        bounded: f"{limit} of episodes, at 95 % confidence",
         "SPL": estimate_text(summary.means["spl"]),
         "collisions per 100 m": estimate_text(summary.collisions_per_100m),
         "clearance, mean / smallest": f"{mean} m / {least} m",
     }
-    count = f"{summary.episodes} episodes"
-    if summary.distinct_episodes < summary.episodes:
-        count += f" ({summary.distinct_episodes} different, which count)"
     places = ", ".join(map(str, options.scenario))
-    lines = [f"\n{policy} in {places}, {count}, 95 % intervals in brackets"]
-    lines += [f"  {name:<28}{value}" for name, value in rows.items()]
-    lines += ["", f"Report:      {evaluation.report}", f"Numbers:     {evaluation.results}"]
+    lines = [f"\n{policy} in {places}, {summary.episodes} episodes, 95 % intervals in brackets"]
+    lines += [f"  {name:<29}{value}" for name, value in rows.items()]
+    variety = variety_text(evaluation.episodes, summary, evaluation.num_possible)
+    return "\n".join([*lines, "", variety, "", _places(evaluation)])
+
+
+def _places(evaluation: Evaluation) -> str:
+    """Return where the files of an evaluation lie."""
+    lines = [f"Report:      {evaluation.report}", f"Numbers:     {evaluation.results}"]
     if evaluation.recordings:
-        recorded = f"{len(evaluation.recordings)} of {summary.episodes} episodes"
+        recorded = f"{len(evaluation.recordings)} of {evaluation.summary.episodes} episodes"
         lines.append(f"Recordings:  {recorded}; look at one with: rerun {evaluation.recordings[0]}")
     return "\n".join(lines)

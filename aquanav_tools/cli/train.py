@@ -23,17 +23,23 @@ DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesso
   aquanav-train --pipeline paper -o out/paper         the paper's curriculum, 3 million decisions
   aquanav-train --pipeline paper --clip 0.1 --seed 3  the same with another clip range in all lessons
   aquanav-train --pipeline mine.toml                  a file like those in pipelines/train
+  aquanav-train --scenario caves/mine --init out/old  begin with the policy of another run
 
 Shipped pipelines: paper, paper-batch (the same on one batch of 512 vehicles, in less time), paper-end-to-end,
 paper-clip-01, paper-clip-02, paper-sparse, paper-safe, paper-careful (a contact costs a hundred times as much),
 paper-recurrent, paper-sac, quick, reference (keeps off walls in caves it never saw; it made what is in eval/policies).
 Options given here count above the file's, in all lessons.
 
-The output folder gets policy.zip (the last policy) and best.zip (the best in validation), both with their observation
-scaling inside, policy.onnx and policy.pt (of the best, else the last), train.json (settings, versions, content hashes),
-curve.csv, validation.csv, report.html, curve.rrd for rerun, and tensorboard/.
+The output folder gets policy.zip (the last policy) and, with --validation, best.zip (the best in validation), both
+with their observation scaling inside, policy.onnx and policy.pt (of the best, else the last), train.json (settings,
+versions, content hashes), curve.csv, validation.csv, report.html, curve.rrd for rerun, and tensorboard/ (to see it,
+install the extra: pip install 'aquanav[tensorboard]').
 
-A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy."""
+PPO learns from whole buffers. Unless --buffer names one, it is chosen so that a short run has at least 30 updates and
+ends at the steps asked for, or just after them. The command says what it will learn from.
+
+A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy. With
+more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length."""
 
 
 @dataclass(frozen=True)
@@ -69,8 +75,8 @@ def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     pipeline = read_pipeline(options.pipeline, said)
     from aquanav_tools.train.training import train
 
-    trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True)
-    print(_summary(trained, options.output, pipeline.lessons[-1].scenario))
+    trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)
+    print(_summary(trained, options.output, pipeline.lessons[-1]))
 
 
 def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
@@ -80,22 +86,28 @@ def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
     return {name: getattr(settings, name) for name in names if name in named or f"no_{name}" in named}
 
 
-def _summary(trained: Trained, folder: Path, scenario: str) -> str:
-    point, best = trained.point, trained.best
+def _summary(trained: Trained, folder: Path, lesson: TrainSettings) -> str:
+    point, best, final = trained.point, trained.best, trained.final
     deed = "This run was finished before; nothing was done. It learned" if trained.was_finished else "Learned"
-    lines = [
-        f"{deed} from {point.steps} decisions in {point.seconds:.0f} s: {point.success_rate:.0%} of the last episodes "
-        f"reached the goal, {point.clean_success_rate:.0%} without a collision, {point.mean_collisions:.1f} collisions "
-        "per episode."
-    ]
-    if point.caveat:
-        lines.append(point.caveat)
+    lines = [f"{deed} from {point.steps:,} decisions in {point.seconds:.0f} s."]
+    if final is not None:
+        lines.append(
+            f"The last policy reached the goal in {final.success_rate:.0%} of {final.episodes} whole episodes in "
+            f"{_named(lesson.scenarios)} (PyBullet, without chance in its actions), in {final.clean_success_rate:.0%} "
+            f"without a collision; {final.mean_collisions:.1f} collisions per episode."
+        )
     policy = folder / "policy.zip"
-    if best is not None:
+    if best is None:
+        lines.append("There is no best.zip: it needs scenarios to try the policy in while it learns (--validation).")
+    else:
         policy = folder / "best.zip"
         lines.append(
-            f"Best in validation: after {best.steps} decisions, {best.clean_success_rate:.0%} collision-free success "
+            f"Best in validation: after {best.steps:,} decisions, {best.clean_success_rate:.0%} collision-free success "
             f"({policy})."
         )
-    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {scenario}"]
+    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {lesson.scenario}"]
     return "\n".join(lines)
+
+
+def _named(scenarios: Sequence[str]) -> str:
+    return scenarios[0] if len(scenarios) == 1 else f"{len(scenarios)} scenarios"

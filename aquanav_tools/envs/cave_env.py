@@ -69,7 +69,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     | 41-43 | command  | the last ballast, steer and thrust           | 1                       |
 
     ## Reward
-    The sum of these terms, each in `info["reward/<name>"]`:
+    The sum of these terms, each in `info["reward/<name>"]`; `reward="careful"` unless another is named:
 
     | name      | dense | safe   | careful | sparse | unit                                                      |
     |-----------|-------|--------|---------|--------|-----------------------------------------------------------|

@@ -34,6 +34,12 @@ class Seas:
         """How many waves a sea is the sum of."""
         return self._state.num_waves if self._state.wind_speed > 0.0 else 0
 
+    @property
+    def is_still(self) -> bool:
+        """Whether the water is flat and nothing flows or blows."""
+        tide = self._state.current if self._tide is None else self._tide
+        return self._state.wind_speed == 0.0 and not np.any(tide)
+
     def draw(self, rng: np.random.Generator, depth: float, shares: tuple[float, float]) -> tuple[SeaWater, float]:
         """Return the sea of an episode over a bed of a depth (m), and the share of its current, drawn from a range."""
         wind, tide = rng.uniform(-180.0, 180.0), rng.uniform(-np.pi, np.pi)

@@ -69,8 +69,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     | 14-15 | command  | the last steer and thrust                | 1                         |
 
     ## Reward
-    The terms and weights of `CaveEnv`, each in `info["reward/<name>"]`, with -0.1 for the sensor's term of "safe", as
-    in the original. Progress is metres gained towards the goal as the crow flies.
+    The terms, weights and default of `CaveEnv`, each in `info["reward/<name>"]`, with -0.1 for the sensor's term of
+    "safe", as in the original. Progress is metres gained towards the goal as the crow flies.
 
     ## Episode
     It starts at rest; unless the bay is fixed, in another bay each time, with its own start and goal, drawn from the

@@ -14,6 +14,7 @@ from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.places import make_env
+from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
 from aquanav_tools.errors import InputError
@@ -30,6 +31,7 @@ from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_world import footprint_of
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.trial import boat_speed
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 
 
@@ -58,6 +60,10 @@ class BayVenue:
             power=functools.partial(drag_power, self._boat) if isinstance(self._boat, OriginalVehicle) else None,
             num_controls=len(AFLOAT),
         )
+
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether there are waves, wind or a tide, whose directions and gusts each episode draws."""
+        return not Seas(self._bay.settings.sea, task.current).is_still
 
     def picture(self) -> BayPicture:
         """Return the chart of the bay, or of each episode's."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import functools
 
+import numpy as np
+
 from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.evaluate.energy import drag_power
@@ -17,6 +19,8 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.trial import try_out
+from aquanav_tools.sim.water import is_constant
+from aquanav_tools.task import TaskOptions
 
 
 class CaveVenue:
@@ -39,6 +43,14 @@ class CaveVenue:
             top_speed=try_out(self._vehicle, self._cave.settings.water.density).ahead,
             power=functools.partial(drag_power, self._vehicle),
         )
+
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether the water draws gusts, eddies or waves, or its share of a current, for each episode."""
+        low, high = task.current_range
+        current = self._cave.settings.water.current if task.current is None else task.current
+        flows = not is_constant(self._cave, task.current)
+        has_shares = low != high and (flows or (np.ndim(current) > 0 and bool(np.any(current))))
+        return high > 0.0 and (flows or has_shares)
 
     def picture(self) -> CavePicture:
         """Return the cave, cut open."""

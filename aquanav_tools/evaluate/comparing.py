@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,24 +12,30 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.comparison_report import write_comparison
+from aquanav_tools.evaluate.comparison_report import SIGNIFICANT, summary_text, write_comparison
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import CompareOptions
 from aquanav_tools.evaluate.paired import (
     PairedRates,
+    RunRates,
     compare_means,
     compare_rates,
+    compare_runs,
+    episodes_to_tell,
     probability_of_improvement,
     share_won,
 )
 from aquanav_tools.evaluate.results import episodes_of, read_results
 from aquanav_tools.evaluate.statistics import Estimate, stratified_iqm
 from aquanav_tools.evaluate.summary import Summary, summarise
+from aquanav_tools.report.track import FAILED
 from aquanav_tools.types import Array
 
 RESULTS = "results.json"
 PAIRED_MEANS = ("spl", "collisions", "clearance_p5", "time", "energy")
 Key = tuple[str, str, int, int]
+FREE_RULES = {"episodes", "seed", "observation", "action", "grid", "cases", "conditions"}
+"""Of a protocol: what may differ between evaluations that are compared. Conditions are compared by their names."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +52,14 @@ class Method:
     """Interquartile mean of the scores over training runs; None for a single run."""
     summary: Summary
     """Of the episodes of all runs."""
+    tables: tuple[dict[str, Any], ...]
+    """The results.json of each run, without its episodes."""
+
+    @property
+    def reward(self) -> str | None:
+        """The reward that returns are of; None where runs differ in it."""
+        names = {table["protocol"]["reward"] for table in self.tables}
+        return names.pop() if len(names) == 1 else None
 
 
 @dataclass(frozen=True)
@@ -57,17 +71,26 @@ class Comparison:
     improvement: float
     """Probability that a training run of the first scores higher than one of the second, ties half, mean over tasks."""
     num_pairs: int
-    """Episodes that both met; the rest of this needs some, and a single run of each."""
+    """Different episodes that both met; the next four need some, and a single run of each."""
+    are_all: bool
+    """Whether no other episodes that differ exist under these rules."""
     rates: PairedRates | None
     """Of collision-free success."""
+    num_to_tell: int | None
+    """Episodes that would tell the two apart, were the difference as seen; None where they are told apart, where none
+    was seen, or without pairs."""
     won: Estimate | None
     """Share of the episodes in which the first had the higher SPL, ties half."""
     differences: dict[str, Estimate]
     """Mean of the first less the second, for some metrics."""
+    runs: RunRates | None
+    """Of collision-free success by training run; needs two or more of each method."""
+    notes: tuple[str, ...]
+    """What the reader must know: rules that differ, policies that failed by themselves."""
 
 
 def compare(options: CompareOptions) -> str:
-    """Write comparison.json and report.html and return what to tell.
+    """Write comparison.json and report.html and return what to tell: a verdict on each pair, and where the files lie.
 
     Raises:
         InputError: a folder holds no finished evaluation, or the evaluations have no scenario and condition in common.
@@ -79,7 +102,7 @@ def compare(options: CompareOptions) -> str:
     path = options.output / "comparison.json"
     path.write_text(json.dumps(_table(methods, comparisons), indent=2, allow_nan=False) + "\n", encoding="utf-8")
     report = write_comparison(methods, comparisons, options.output)
-    return f"Report:      {report}\nNumbers:     {path}"
+    return "\n".join(["", summary_text(methods, comparisons), "", f"Report:      {report}", f"Numbers:     {path}"])
 
 
 def run_folders(policies: Sequence[str], output: Path) -> list[Path]:
@@ -95,12 +118,13 @@ def _read_method(folder: Path) -> Method:
     if not paths:
         raise InputError(f"{folder} holds no {RESULTS}, nor do folders in it. Name the output of aquanav-eval.")
     tables = [read_results(path) for path in paths]
-    names = list(dict.fromkeys(table["policy"]["name"] for table in tables))
-    name = names[0] if len(names) == 1 else f"{folder.name} ({len(paths)} runs)"
-    return _method(name, tuple(tuple(episodes_of(table)) for table in tables))
+    name = tables[0]["policy"]["name"] if len(tables) == 1 else f"{folder.name} ({len(tables)} runs)"
+    runs = tuple(tuple(episodes_of(table)) for table in tables)
+    without = tuple({key: value for key, value in table.items() if key != "episodes"} for table in tables)
+    return _method(name, runs, without)
 
 
-def _method(name: str, runs: tuple[tuple[EpisodeMetrics, ...], ...]) -> Method:
+def _method(name: str, runs: tuple[tuple[EpisodeMetrics, ...], ...], tables: tuple[dict[str, Any], ...]) -> Method:
     tasks = tuple(dict.fromkeys(_task(episode) for run in runs for episode in run))
     common = tuple(task for task in tasks if all(any(_task(episode) == task for episode in run) for run in runs))
     if not common:
@@ -110,7 +134,7 @@ def _method(name: str, runs: tuple[tuple[EpisodeMetrics, ...], ...]) -> Method:
     scores = np.array([[_rate(run, task) for task in common] for run in runs])
     everything = [episode for run in runs for episode in run if _task(episode) in common]
     iqm = stratified_iqm(scores) if len(runs) > 1 else None
-    return Method(name, runs, common, scores, iqm, summarise(everything))
+    return Method(name, runs, common, scores, iqm, summarise(everything), tables)
 
 
 def _same_tasks(methods: tuple[Method, ...]) -> tuple[Method, ...]:
@@ -123,7 +147,7 @@ def _same_tasks(methods: tuple[Method, ...]) -> tuple[Method, ...]:
     for number, method in enumerate(methods):
         runs = tuple(tuple(episode for episode in run if _task(episode) in common) for run in method.runs)
         name = method.name if names.count(method.name) == 1 else f"{method.name}, {number + 1}"
-        renamed.append(_method(name, runs))
+        renamed.append(_method(name, runs, method.tables))
     return tuple(renamed)
 
 
@@ -131,38 +155,79 @@ def _compare(first: Method, second: Method) -> Comparison:
     improvement = float(
         np.mean(
             [
-                probability_of_improvement(first.scores[:, column], second.scores[:, second.tasks.index(task)])
-                for column, task in enumerate(first.tasks)
+                probability_of_improvement(one, two)
+                for one, two in zip(first.scores.T, _in_order(second, first.tasks).T, strict=True)
             ]
         )
     )
     pairs = _pairs(first, second) if len(first.runs) == len(second.runs) == 1 else []
+    several = min(len(first.runs), len(second.runs)) > 1
+    runs = compare_runs(first.scores.mean(axis=1), _in_order(second, first.tasks).mean(axis=1)) if several else None
+    found = Comparison(
+        first.name, second.name, improvement, 0, False, None, None, None, {}, runs, tuple(_notes(first, second))
+    )
     if not pairs:
-        return Comparison(first.name, second.name, improvement, 0, None, None, {})
+        return found
 
     def column(name: str, side: int) -> Array:
         return np.array([getattr(pair[side], name) for pair in pairs], dtype=float)
 
-    return Comparison(
-        first=first.name,
-        second=second.name,
-        improvement=improvement,
+    rates = compare_rates(*(column("is_collision_free_success", side).astype(bool) for side in (0, 1)))
+    possible = [_num_possible(method) for method in (first, second)]
+    return dataclasses.replace(
+        found,
         num_pairs=len(pairs),
-        rates=compare_rates(*(column("is_collision_free_success", side).astype(bool) for side in (0, 1))),
+        are_all=all(count is not None and count <= len(pairs) for count in possible),
+        rates=rates,
+        num_to_tell=episodes_to_tell(rates) if rates.p_value >= SIGNIFICANT else None,
         won=share_won(column("spl", 0), column("spl", 1)),
         differences={name: compare_means(column(name, 0), column(name, 1)) for name in PAIRED_MEANS},
     )
 
 
 def _pairs(first: Method, second: Method) -> list[tuple[EpisodeMetrics, EpisodeMetrics]]:
-    """Return the episodes that both met, each pair of results once."""
-    others = {_key(episode): episode for episode in second.runs[0]}
-    pairs = [(episode, others[_key(episode)]) for episode in first.runs[0] if _key(episode) in others]
+    """Return the episodes that both met, each pair of results once. Where nothing is random, seeds do not matter."""
+    are_fixed = None not in (_num_possible(first), _num_possible(second))
+
+    def key(episode: EpisodeMetrics) -> Key:
+        return episode.scenario, episode.condition, 0 if are_fixed else episode.seed, episode.start
+
+    others = {key(episode): episode for episode in second.runs[0]}
+    pairs = [(episode, others[key(episode)]) for episode in first.runs[0] if key(episode) in others]
     return list({(one.scenario, one.digest, two.digest): (one, two) for one, two in pairs}.values())
 
 
-def _key(episode: EpisodeMetrics) -> Key:
-    return episode.scenario, episode.condition, episode.seed, episode.start
+def _in_order(method: Method, tasks: Sequence[str]) -> Array:
+    """Return the (runs, tasks) scores of a method with the tasks in another order."""
+    return method.scores[:, [method.tasks.index(task) for task in tasks]]
+
+
+def _notes(first: Method, second: Method) -> Iterator[str]:
+    """Yield what the reader of a comparison must know."""
+    rules = [method.tables[0]["protocol"] for method in (first, second)]
+    for name in sorted({*rules[0], *rules[1]} - FREE_RULES):
+        one, two = (table.get(name) for table in rules)
+        if one != two:
+            yield f"They were flown under different rules: {name} {one} for {first.name}, {two} for {second.name}."
+    hashes = [
+        {item["name"]: item["content_hash"] for item in method.tables[0]["scenarios"]} for method in (first, second)
+    ]
+    for name in hashes[0].keys() & hashes[1].keys():
+        if hashes[0][name] != hashes[1][name]:
+            yield f"The scenario {name} was built anew between the evaluations."
+    for method in (first, second):
+        failed = method.summary.outcomes[FAILED]
+        if failed:
+            yield (
+                f"{method.name} itself failed in {failed} of {method.summary.episodes} episodes, by an error or by "
+                "what is no action; they count as failures."
+            )
+
+
+def _num_possible(method: Method) -> int | None:
+    """Return how many episodes that differ a method's first run could have met."""
+    count: int | None = method.tables[0]["possible_episodes"]
+    return count
 
 
 def _task(episode: EpisodeMetrics) -> str:

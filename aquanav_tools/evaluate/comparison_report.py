@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from aquanav_tools import __version__
-from aquanav_tools.evaluate.reporting import MEAN_ROWS, estimate_text, percent, share
+from aquanav_tools.evaluate.options import MAX_EPISODES
+from aquanav_tools.evaluate.paired import PairedRates
+from aquanav_tools.evaluate.reporting import MEAN_ROWS, mean_row
 from aquanav_tools.evaluate.statistics import Estimate
-from aquanav_tools.report.html import Fact, Figure, Page, Table, write_page
+from aquanav_tools.evaluate.summary_text import bound, estimate_text, percent, share
+from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_outcomes
 
 if TYPE_CHECKING:
@@ -36,6 +40,7 @@ def write_comparison(methods: Sequence[Method], comparisons: Sequence[Comparison
             Fact(method.name, percent(method.summary.collision_free_success), "collision-free success")
             for method in methods
         ),
+        warnings=tuple(Notice("compared", note) for comparison in comparisons for note in comparison.notes),
         figures=(figure,),
         tables=(_summary_table(methods), *map(_pair_table, comparisons), _task_table(methods)),
         footer=f"aquanav {__version__}. Numbers for programs: comparison.json.",
@@ -45,24 +50,81 @@ def write_comparison(methods: Sequence[Method], comparisons: Sequence[Comparison
     return path
 
 
+def summary_text(methods: Sequence[Method], comparisons: Sequence[Comparison]) -> str:
+    """Return what a comparison came to, for the terminal: a paragraph for each pair."""
+    paragraphs = []
+    for comparison in comparisons:
+        lines = [verdict(comparison), *_figures(comparison), *(f"Note: {note}" for note in comparison.notes)]
+        paragraphs.append("\n".join(lines))
+    return "\n\n".join(paragraphs) or _alone(methods[0])
+
+
 def verdict(comparison: Comparison) -> str:
-    """Return in a sentence or two which of two methods is better, and how sure that is."""
-    first, second = comparison.first, comparison.second
-    if comparison.rates is None:
-        return f"A run of {first} scores above one of {second} with a probability of {share(comparison.improvement)}."
-    rates = comparison.rates
-    points = 100.0 * rates.difference.mean
-    if rates.p_value >= SIGNIFICANT:
+    """Return in a few sentences which of two methods is better, and how sure that is."""
+    if comparison.rates is not None:
+        return _paired_verdict(comparison, comparison.rates)
+    first, second, runs = comparison.first, comparison.second, comparison.runs
+    chance = f"A run of {first} scores above one of {second} with a probability of {share(comparison.improvement)}."
+    if runs is None:
         return (
-            f"{comparison.num_pairs} episodes on the same starts do not show whether {first} or {second} succeeds more "
-            f"often (p = {rates.p_value:.2g}; difference {points:+.0f} points "
-            f"[{100 * rates.difference.low:+.0f}, {100 * rates.difference.high:+.0f}])."
+            f"Whether {first} or {second} is better cannot be tested: single runs need episodes in common (the same "
+            "--seed, --episodes and --starts in both evaluations), methods two training runs or more each. "
+            f"{chance}"
         )
-    better, worse = (first, second) if points > 0 else (second, first)
-    return (
-        f"{better} succeeds more often than {worse} on the same {comparison.num_pairs} episodes: by {abs(points):.0f} "
-        f"points (p = {rates.p_value:.2g})."
+    test = f"{_difference(runs.difference, 100.0, '0f')} points, permutation test over {runs.first} and {runs.second} "
+    test += f"runs, p = {runs.p_value:.2g}"
+    if runs.p_value >= SIGNIFICANT:
+        more = "; with 4 of each the test can tell" if comb(runs.first + runs.second, runs.first) < 40 else ""
+        return f"{first} and {second} cannot be told apart by collision-free success ({test}{more}). {chance}"
+    better, worse = _ordered(comparison, runs.difference)
+    return f"{better} is better than {worse} by collision-free success ({first} less {second}: {test}). {chance}"
+
+
+def _paired_verdict(comparison: Comparison, rates: PairedRates) -> str:
+    first, second = comparison.first, comparison.second
+    one, two = rates.both + rates.only_first, rates.both + rates.only_second
+    seen = (
+        f"of the same {comparison.num_pairs} different episodes {first} ended {one} at the goal without a collision, "
+        f"{second} {two}: {_difference(rates.difference, 100.0, '0f')} points (McNemar's exact test, "
+        f"p = {rates.p_value:.2g})."
     )
+    if rates.p_value < SIGNIFICANT:
+        better, worse = _ordered(comparison, rates.difference)
+        return f"{better} is better than {worse}: {seen}"
+    return f"{first} and {second} cannot be told apart: {seen} {_outlook(comparison, rates)}"
+
+
+def _outlook(comparison: Comparison, rates: PairedRates) -> str:
+    """Return what more episodes would tell."""
+    if comparison.are_all:
+        return "There are no other episodes that differ under these rules."
+    if comparison.num_to_tell is None:
+        alike = "In each of them both came out alike" if not rates.only_first else "As many went one way as the other"
+        return f"{alike}, so that nothing says how many more would tell."
+    needed = max(comparison.num_to_tell, comparison.num_pairs + 1)
+    if needed > MAX_EPISODES:
+        return f"Were the difference as seen, more than {MAX_EPISODES} episodes would be needed to show it."
+    return (
+        f"Were the difference as seen, {needed} such episodes would show it with a probability of 80 %: "
+        f"{needed - comparison.num_pairs} more."
+    )
+
+
+def _ordered(comparison: Comparison, difference: Estimate) -> tuple[str, str]:
+    """Return the better and the worse."""
+    pair = comparison.first, comparison.second
+    return pair if difference.mean > 0.0 else pair[::-1]
+
+
+def _figures(comparison: Comparison) -> list[str]:
+    """Return lines with the differences of other metrics over the same episodes."""
+    if not comparison.differences:
+        return []
+    lines = [f"  {comparison.first} less {comparison.second}, means over the same episodes, 95 % intervals in brackets"]
+    for name, estimate in comparison.differences.items():
+        label, form, unit = MEAN_ROWS[name]
+        lines.append(f"  {label:<52}{_difference(estimate, 1.0, form)} {unit}".rstrip())
+    return lines
 
 
 def _alone(method: Method) -> str:
@@ -84,11 +146,15 @@ def _summary_table(methods: Sequence[Method]) -> Table:
         ("different episodes", *(str(method.summary.distinct_episodes) for method in methods)),
         ("collision-free success", *(percent(method.summary.collision_free_success) for method in methods)),
         ("interquartile mean over runs", *(_points(method.iqm) if method.iqm else "one run" for method in methods)),
-        ("fails in at most, at 95 % confidence", *(share(method.summary.failure_bound) for method in methods)),
+        ("at 95 % confidence it", *(" ".join(bound(method.summary)) for method in methods)),
         ("success", *(percent(method.summary.success) for method in methods)),
         ("collisions per 100 m", *(estimate_text(method.summary.collisions_per_100m) for method in methods)),
     ]
-    for name, (label, form, unit) in MEAN_ROWS.items():
+    rewards = {method.reward for method in methods}
+    for name in MEAN_ROWS:
+        if name == "reward" and (len(rewards) > 1 or None in rewards):
+            continue  # returns of different rewards have nothing to do with each other
+        label, form, unit = mean_row(name, str(methods[0].reward))
         found = [method.summary.means.get(name) for method in methods]
         rows.append((label, *(estimate_text(item, form, unit) if item else "-" for item in found)))
     return Table("Side by side, with 95 % intervals", ("", *(method.name for method in methods)), tuple(rows))

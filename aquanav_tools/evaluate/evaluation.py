@@ -40,6 +40,8 @@ class Evaluation:
 
     summary: Summary
     episodes: EpisodeTable
+    num_possible: int | None
+    """Episodes that differ which there are; None for no end of them."""
     results: Path
     report: Path
     recordings: tuple[Path, ...]
@@ -90,7 +92,8 @@ def evaluate(
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
     run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(episodes) - before}
     (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
-    return Evaluation(summary, episodes, output / RESULTS, report, tuple(output / name for name in recordings.values()))
+    files = output / RESULTS, report, tuple(output / name for name in recordings.values())
+    return Evaluation(summary, episodes, plan.num_possible, *files)
 
 
 def _check_names(scenarios: Sequence[Place]) -> None:
@@ -177,6 +180,7 @@ def _recordings(fly: Flyer, orders: Orders, plan: Plan, journal: Journal) -> dic
 def _provenance(plan: Plan, orders: Orders) -> Provenance:
     options, policy = orders.options, plan.policy
     return Provenance(
+        possible_episodes=plan.num_possible,
         policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
         scenarios=[
             {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}

@@ -10,11 +10,11 @@ from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.evaluate.metrics import Course, EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
-from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import Watch, run_episode
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
-from aquanav_tools.task import TaskOptions, choices_of, task_options
+from aquanav_tools.task import TaskOptions, choices_of
 
 LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
 """Options that an environment reads anew whenever they count, so that it is kept when only these change."""
@@ -93,4 +93,4 @@ def course_of(flight: Flight) -> Course:
 
 def task_of(flight: Flight, options: ProtocolOptions) -> TaskOptions:
     """Return the task's options under a flight's condition."""
-    return task_options({**choices_of(options), **flight.condition.changes})
+    return task_under(flight.condition, options)

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.onnx_file import OnnxGraph, read_onnx
 from aquanav_tools.evaluate.onnx_run import OnnxRunner
-from aquanav_tools.evaluate.spaces import MAX_SIZE
+from aquanav_tools.policy.spaces import MAX_SIZE
 
 SUFFIX = ".onnx"
 OBSERVATION = re.compile(r"obs_(\d+)")

@@ -3,12 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from itertools import combinations
+from math import ceil, comb, sqrt
 
 import numpy as np
 
-from aquanav_tools.evaluate.statistics import Estimate, bootstrap_means, wilson
+from aquanav_tools.evaluate.statistics import (
+    BOOTSTRAP_SEED,
+    Z_95,
+    Z_POWER,
+    Estimate,
+    bootstrap_means,
+    resampled_means,
+    wilson,
+)
 from aquanav_tools.types import Array, BoolArray
+
+MAX_DEALS = 20_000
+"""Ways to deal out runs that are looked at; all of them for up to 8 runs of each method."""
+ROUNDING = 1e-12
+"""By which equal differences of means may differ."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +54,55 @@ def compare_rates(first: BoolArray, second: BoolArray) -> PairedRates:
     p_value = min(1.0, 2.0 * float(binom.cdf(min(only_first, only_second), differing, 0.5)))
     difference = _newcombe(both, only_first, only_second, neither)
     return PairedRates(both, only_first, only_second, neither, difference, p_value)
+
+
+def episodes_to_tell(rates: PairedRates) -> int | None:
+    """Return how many episodes McNemar's test needs to tell the policies apart with a probability of 80 %.
+
+    It is for a difference as large as the one seen, at a level of 5 %; None where none was seen.
+
+    Source: Connor, Biometrics 43 (1987) 207, formula for paired samples.
+    """
+    count = rates.both + rates.only_first + rates.only_second + rates.neither
+    differing, difference = (rates.only_first + rates.only_second) / count, rates.difference.mean
+    if rates.only_first == rates.only_second:
+        return None
+    root = Z_95 * sqrt(differing) + Z_POWER * sqrt(differing - difference**2)
+    return ceil((root / difference) ** 2)
+
+
+@dataclass(frozen=True)
+class RunRates:
+    """How the training runs of two methods scored, each run by its mean over tasks."""
+
+    first: int
+    """Runs of the first."""
+    second: int
+    difference: Estimate
+    """Mean score of the first's runs less that of the second's, with its 95 % bootstrap interval."""
+    p_value: float
+    """Of the exact permutation test: the share of all ways to deal the runs out to the two methods in which their means
+    differ at least as much."""
+
+
+def compare_runs(first: Array, second: Array) -> RunRates:
+    """Return the comparison of (R,) mean scores of training runs with (S,) of another method's, two or more of each."""
+    low, high = np.percentile(resampled_means(first) - resampled_means(second, seed=BOOTSTRAP_SEED + 1), [2.5, 97.5])
+    difference = Estimate(float(first.mean() - second.mean()), float(low), float(high))
+    return RunRates(len(first), len(second), difference, _permutation_p(first, second))
+
+
+def _permutation_p(first: Array, second: Array) -> float:
+    """Return the share of ways to deal out scores whose means differ by as much as those of `first` and `second`."""
+    scores, size = np.concatenate([first, second]), len(first)
+    if comb(len(scores), size) <= MAX_DEALS:
+        deals = np.array(list(combinations(range(len(scores)), size)))
+    else:
+        rng = np.random.default_rng(BOOTSTRAP_SEED)
+        deals = np.array([np.arange(size), *(rng.permutation(len(scores))[:size] for _ in range(MAX_DEALS))])
+    sums = scores[deals].sum(axis=1)
+    gaps = np.abs(sums / size - (scores.sum() - sums) / len(second))
+    return float((gaps >= abs(first.mean() - second.mean()) - ROUNDING).mean())
 
 
 def compare_means(first: Array, second: Array) -> Estimate:

@@ -10,12 +10,21 @@ from typing import Any, Literal
 
 from aquanav_tools.envs.places import Place, read_place
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
-from aquanav_tools.evaluate.protocol import Condition, case_condition, conditions_of, plan_case, plan_condition
+from aquanav_tools.evaluate.protocol import (
+    Condition,
+    case_condition,
+    conditions_of,
+    plan_case,
+    plan_condition,
+    starts_in,
+    task_under,
+)
 from aquanav_tools.evaluate.recording import film_track, record_track
 from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.evaluate.venue import venue_of
@@ -51,6 +60,8 @@ class Plan:
     conditions: tuple[Condition, ...]
     flights: tuple[Flight, ...]
     """All episodes in their order: by scenario, then by condition."""
+    num_possible: int | None
+    """Episodes that differ which there are in these scenarios under these conditions; None for no end of them."""
 
 
 @dataclass(frozen=True)
@@ -88,9 +99,23 @@ def make_plan(orders: Orders) -> Plan:
     if options.cases:
         flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
         conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
-    plan = Plan(policy, scenarios, conditions, numbered(flights))
+    plan = Plan(policy, scenarios, conditions, numbered(flights), _num_possible(policy, scenarios, conditions, options))
     _check_seal(plan, orders.seal)
     return plan
+
+
+def _num_possible(
+    policy: LoadedPolicy, scenarios: tuple[Place, ...], conditions: tuple[Condition, ...], options: EvaluateOptions
+) -> int | None:
+    if options.cases:
+        return None
+    counts = [
+        possible_episodes(place, task_under(condition, options), len(starts_in(place, condition)), policy.draws)
+        for place in scenarios
+        for condition in conditions
+    ]
+    found = [count for count in counts if count is not None]
+    return sum(found) if len(found) == len(counts) else None
 
 
 def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:

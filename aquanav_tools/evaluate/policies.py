@@ -15,20 +15,21 @@ from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
-from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
+from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.own_code import SPEC, OwnPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
+from aquanav_tools.policy.architecture import ExoticPolicyError
+from aquanav_tools.policy.archive import TRAINED
+from aquanav_tools.policy.run_folder import KINDS, best_policy
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
-TRAINED = "eval/policies", ".zip"
-"""Where trained policies that ship lie in the content, and how their names end."""
 SHIELD = "shield:"
 
 
@@ -87,6 +88,8 @@ class LoadedPolicy:
     """Form in which it acts."""
     task: str | None = None
     """Which it was made for; None for any."""
+    draws: bool = False
+    """Whether it may draw at random, which of code that is not ours nobody knows."""
 
 
 class RandomPolicy:
@@ -145,8 +148,8 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     """Return the policy named by `spec`.
 
     Args:
-        spec: A path of an SB3 zip, of an ONNX file or of TorchScript; module:function; a baseline; or "shield:" before
-            any of these.
+        spec: A path of an SB3 zip, of an ONNX file, of TorchScript or of a training run's folder; module:function; a
+            baseline; or "shield:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
 
@@ -160,11 +163,25 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         return _baseline(spec)
     if SPEC.fullmatch(spec):
         own = OwnPolicy(spec)
-        return LoadedPolicy(own, spec, file_hash(own.path) if own.path else None, own.observation, own.action, None)
-    path = Path(spec)
+        sha256 = file_hash(own.path) if own.path else None
+        return LoadedPolicy(own, spec, sha256, own.observation, own.action, draws=True)
+    path, name = Path(spec), Path(spec).name
+    if path.is_dir():
+        path = best_policy(path)
+        name = f"{path.resolve().parent.name}/{path.name}"
     found = _load_file(path, is_trusted)
     fit = fitting_presets(found.observation_space, found.action_space, spec)
-    return LoadedPolicy(found, path.name, file_hash(path), fit.observation, fit.action, fit.task)
+    draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
+    return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws)
+
+
+def choice_text(spec: str) -> str:
+    """Return which policy of a training run's folder is taken; empty where `spec` names a policy by itself."""
+    folder = Path(spec.removeprefix(SHIELD))
+    if not folder.is_dir():
+        return ""
+    name = best_policy(folder).name
+    return f"{folder} is a training run's folder. Its {name} is taken: {KINDS[name]}."
 
 
 def baseline_names() -> list[str]:
@@ -180,7 +197,7 @@ def _baseline(spec: str) -> LoadedPolicy:
         raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, baseline_names())}")
     policy = BASELINES[name]()
     task = CAVE if isinstance(policy, ReactivePolicy) else None
-    return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task)
+    return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task, isinstance(policy, RandomPolicy))
 
 
 def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:
@@ -211,4 +228,4 @@ def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
     if inner.task not in (None, CAVE):
         raise InputError(f"The shield keeps off the walls of caves, and {inner.name} steers a boat. Leave out shield:.")
     policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
-    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE)
+    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE, inner.draws)

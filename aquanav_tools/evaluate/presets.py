@@ -10,7 +10,7 @@ from aquanav_tools.envs.action import ACTIONS, AFLOAT, DIVING, ActionModel
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.envs.surface_observation import surface_layout
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.spaces import describe_space, is_same_space
+from aquanav_tools.policy.spaces import describe_space, is_same_space
 
 CAVE, SURFACE = "cave", "surface"
 """The tasks."""

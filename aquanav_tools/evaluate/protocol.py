@@ -13,12 +13,13 @@ import numpy as np
 
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.task import TaskOptions, choices_of, task_options
 
 FOLDER = "eval/protocols"
 NOMINAL = "as given"
@@ -128,20 +129,30 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
     Raises:
         InputError: none of the scenario's starts lies in the condition's region.
     """
+    starts = starts_in(scenario, condition)
+    is_anywhere = options.starts == "anywhere" or not venue_of(scenario).ways
+    if not starts and (condition.region is not None or not is_anywhere):
+        raise InputError(
+            f"None of the {len(venue_of(scenario).ways)} listed starts of {scenario.name} lies in the "
+            f"{condition.region} of its route. Leave out that region, or build the scenario with more starts."
+        )
+    count = options.episodes or usual_episodes(scenario, task_under(condition, options), len(starts))
+    return tuple(_mapped(plan_episodes(len(starts), count, options.seed, is_anywhere), starts))
+
+
+def starts_in(scenario: Place, condition: Condition) -> list[int]:
+    """Return the numbers of the scenario's listed starts in the condition's region."""
     venue = venue_of(scenario)
-    is_drawn = options.starts == "anywhere" or not venue.ways
-    starts = [
+    return [
         index
         for index, way in enumerate(venue.ways)
         if condition.region in (None, region_of(way, venue.course.route_length or way))
     ]
-    if not starts and (condition.region is not None or not is_drawn):
-        raise InputError(
-            f"None of the {len(venue.ways)} listed starts of {scenario.name} lies in the {condition.region} of its "
-            "route. Leave out that region, or build the scenario with more starts."
-        )
-    plans = plan_episodes(len(starts), options.episodes, options.seed, is_drawn)
-    return tuple(_mapped(plans, starts))
+
+
+def task_under(condition: Condition, options: TaskOptions) -> TaskOptions:
+    """Return the task's options under a condition."""
+    return task_options({**choices_of(options), **condition.changes})
 
 
 def _mapped(plans: Sequence[EpisodePlan], starts: Sequence[int]) -> Iterator[EpisodePlan]:

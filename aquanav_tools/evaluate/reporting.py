@@ -13,11 +13,23 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
+from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance
-from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, wilson
+from aquanav_tools.evaluate.shield import CAVEAT
+from aquanav_tools.evaluate.statistics import Estimate, Proportion, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
+from aquanav_tools.evaluate.summary_text import (
+    bound,
+    estimate_text,
+    metres,
+    percent,
+    sentence,
+    share,
+    variety_text,
+)
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
@@ -29,8 +41,6 @@ NUM_CHARTS = 6
 
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
-GOAL_HALF_WIDTH = 0.02
-"""Interval that the advice on the number of episodes aims at."""
 MAX_TRAILS = 100
 """Drawn and plotted at most; a report does not grow with the number of episodes."""
 NUM_WORST = 10
@@ -47,7 +57,7 @@ MEAN_ROWS = {
     "time": ("time", "1f", "s"),
     "time_ratio": ("time over the shortest way's at top speed, successes", "2f", ""),
     "path_length": ("way travelled", "1f", "m"),
-    "reward": ("reward", "1f", ""),
+    "reward": ("return, the sum of the reward", "1f", ""),
     "cost": ("safety cost, decisions in contact", "1f", ""),
     "control_effort": ("control effort, 0 idle to 1 full", "2f", ""),
     "control_change": ("change of the controls between decisions", "2f", ""),
@@ -77,11 +87,15 @@ def write_report(
     sections = tuple(_place_section(scenario, journal, episodes, pictures) for scenario in scenarios)
     page = Page(
         title=f"{provenance.policy['name']} in {' and '.join(scenario.name for scenario in scenarios)}",
-        summary=sentence(summary),
+        summary=f"{sentence(summary)} {variety_text(episodes, summary, provenance.possible_episodes)}",
         facts=_facts(summary),
-        warnings=_warnings(summary),
+        warnings=_warnings(summary, episodes, provenance),
         figures=_plots(scenarios, journal, summary, pictures),
-        tables=(_worst_table(episodes, recordings), _mean_table(summary), *_group_tables(groups)),
+        tables=(
+            _worst_table(episodes, recordings),
+            _mean_table(summary, provenance.protocol["reward"]),
+            *_group_tables(groups),
+        ),
         sections=(
             *sections,
             Section("Every episode", tables=(_episode_table(episodes, recordings),)),
@@ -92,38 +106,6 @@ def write_report(
     path = folder / "report.html"
     write_page(page, path)
     return path
-
-
-def sentence(summary: Summary) -> str:
-    """Return how it went, in one sentence."""
-    free = round(summary.collision_free_success.rate * summary.distinct_episodes)
-    clearance = summary.means["mean_clearance"].mean
-    return (
-        f"It reached the goal without a collision in {free} of {summary.distinct_episodes} episodes, and kept "
-        f"{clearance:.2f} m clear of everything on average. With 95 % confidence it fails in at most "
-        f"{share(summary.failure_bound)} of such episodes."
-    )
-
-
-def percent(proportion: Proportion) -> str:
-    """Return a rate with its interval: 80 % [66, 89]."""
-    return f"{share(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
-
-
-def share(value: float) -> str:
-    """Return a share in per cent, with a decimal where it is small: 80 %, 2.3 %."""
-    return f"{100 * value:.1f} %" if 0.0 < value < 0.095 else f"{100 * value:.0f} %"
-
-
-def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
-    """Return a mean with its interval: 12.3 m [11.9, 12.8]."""
-    unit = f" {unit}" if unit else ""
-    return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
-
-
-def metres(value: float) -> str:
-    """Return a length to the centimetre, without the minus of one that rounds to nothing: 0.00 where a hull touches."""
-    return f"{round(value, 2) + 0.0:.2f}"
 
 
 def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
@@ -205,7 +187,7 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
     per_100m = summary.collisions_per_100m
     return (
         Fact("collision-free success", share(free.rate), interval(free)),
-        Fact("fails in at most", share(summary.failure_bound), "of episodes, at 95 % confidence"),
+        Fact(*bound(summary), "of episodes, at 95 % confidence"),
         Fact("success", share(success.rate), interval(success)),
         Fact("SPL", f"{means['spl'].mean:.2f}", "success weighted by path length"),
         Fact(
@@ -216,36 +198,30 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
     )
 
 
-def _warnings(summary: Summary) -> tuple[Notice, ...]:
+def _warnings(summary: Summary, episodes: EpisodeTable, provenance: Provenance) -> tuple[Notice, ...]:
     notices = []
     free = summary.collision_free_success
     if summary.distinct_episodes < summary.episodes:
         text = (
-            f"Only {summary.distinct_episodes} of the {summary.episodes} episodes differ: nothing in them is random, "
-            "and starts came again. The intervals count each once. Use --starts anywhere for more that differ."
+            f"Only {summary.distinct_episodes} of the {summary.episodes} episodes differ; the others repeat them to "
+            "the bit. The intervals count each once."
         )
         notices.append(Notice("repeated-episodes", text))
     if summary.distinct_episodes < FEW_EPISODES:
         width = 100 * (free.high - free.low)
         text = (
             f"{summary.distinct_episodes} different episodes were run, so the rate of collision-free success is only "
-            f"known to within {width:.0f} points. {_advice(free)}"
+            f"known to within {width:.0f} points."
         )
         notices.append(Notice("few-episodes", text))
+    if provenance.policy["name"].startswith(SHIELD):
+        notices.append(Notice("shielded", CAVEAT))
     if summary.outcomes["failed"]:
-        text = (
-            f"In {summary.outcomes['failed']} episodes the policy itself failed: it raised an error, hung, or gave "
-            "what is no action. They count as failures; the table of episodes has the reasons."
+        text = failure_text(provenance.policy["name"], episodes)
+        notices.append(
+            Notice("policy-failed", f"{text} They count as failures; the table of episodes has the reasons.")
         )
-        notices.append(Notice("policy-failed", text))
     return tuple(notices)
-
-
-def _advice(rate: Proportion) -> str:
-    """Return how many episodes would be enough, from the end of the interval that needs more."""
-    hardest = min((rate.low, rate.high, rate.rate), key=lambda value: abs(value - 0.5))
-    count = episodes_for(0.5 if rate.low <= 0.5 <= rate.high else hardest, GOAL_HALF_WIDTH)
-    return f"For an interval of ±{100 * GOAL_HALF_WIDTH:.0f} points, run up to {count}."
 
 
 def _worst_table(episodes: EpisodeTable, recordings: Mapping[int, str]) -> Table:
@@ -270,26 +246,24 @@ def _link(episode: EpisodeMetrics, recordings: Mapping[int, str]) -> str:
     return Link(label, recordings[episode.index]) if episode.index in recordings else label
 
 
-def _mean_table(summary: Summary) -> Table:
+def _mean_table(summary: Summary, reward: str) -> Table:
     rows: list[tuple[str, ...]] = [
         ("collisions per 100 m", f"{summary.collisions_per_100m.mean:.2f}", _ends(summary.collisions_per_100m, "2f"))
     ]
     for name, estimate in summary.means.items():
-        label, form, unit = MEAN_ROWS[name]
+        label, form, unit = mean_row(name, reward)
         rows.append((label, f"{estimate.mean:.{form}} {unit}".strip(), _ends(estimate, form)))
-    rate = summary.collision_free_success
-    rows.append(
-        (f"episodes for ±{100 * GOAL_HALF_WIDTH:.0f} points of collision-free success", _advice_count(rate), "")
-    )
     return Table("On average over episodes", ("", "mean", "95 % interval"), tuple(rows))
+
+
+def mean_row(name: str, reward: str) -> tuple[str, str, str]:
+    """Return the label, the form and the unit of a mean; the return with the name of its reward, on which it rests."""
+    label, form, unit = MEAN_ROWS[name]
+    return f'{label} "{reward}"' if name == "reward" else label, form, unit
 
 
 def _ends(estimate: Estimate, form: str) -> str:
     return f"{estimate.low:.{form}} to {estimate.high:.{form}}"
-
-
-def _advice_count(rate: Proportion) -> str:
-    return f"{episodes_for(rate.rate, GOAL_HALF_WIDTH)} at this rate"
 
 
 def _group_tables(groups: Sequence[Group]) -> tuple[Table, ...]:
@@ -361,7 +335,8 @@ def repeat_command(provenance: Provenance) -> str:
     words += [scenario["path"] for scenario in provenance.scenarios]
     if "cases" in protocol:
         return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
-    words += ["--episodes", protocol["episodes"], "--seed", protocol["seed"]]
+    words += ["--episodes", protocol["episodes"]] if protocol["episodes"] else []
+    words += ["--seed", protocol["seed"]]
     words += task_words({name: protocol[name] for name in ("max_decisions", *choices_of(TaskOptions()))})
     words += ["--trust"] if provenance.policy["is_trusted"] else []
     for name, values in protocol["grid"].items():

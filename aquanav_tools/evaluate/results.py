@@ -21,7 +21,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
 
-FORMAT = 3
+FORMAT = 4
 SCHEMA = Path(__file__).with_name("results.schema.json")
 ROWS_AT_A_TIME = 1000
 """Of the Parquet file; memory need not hold them all."""
@@ -39,6 +39,8 @@ class Provenance:
     """The name, content hash and path of each."""
     protocol: dict[str, Any]
     """Resolved options that change the numbers."""
+    possible_episodes: int | None
+    """That differ, in these scenarios under these conditions; None for no end of them."""
 
     def identity(self, versions: dict[str, str]) -> dict[str, Any]:
         """Return what must be the same for two runs to give the same episodes."""

@@ -8,14 +8,18 @@ import random
 import re
 import signal
 import sys
+import sysconfig
 import threading
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import aquanav_tools
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.places import PlaceEnv
 from aquanav_tools.evaluate.policies import Adapting, Boarding, Policy
@@ -31,6 +35,13 @@ LOOKS = 4
 
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 """In texts of objects; it changes from run to run."""
+_MAX_REASON = 500
+"""Characters kept of an error's text."""
+_LIBRARIES = (
+    str(Path(aquanav_tools.__file__).parent),
+    *(sysconfig.get_paths()[name] for name in ("stdlib", "purelib", "platlib")),
+)
+"""Folders of code that is not the user's own."""
 
 
 class _HangError(BaseException):
@@ -75,7 +86,8 @@ class Watch:
         except _HangError:
             return None, self.reason
         except (Exception, SystemExit) as error:  # foreign code: whatever it raises costs this episode only
-            return None, _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:500]
+            text = _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:_MAX_REASON]
+            return None, text + _line_of(error)
 
     @property
     def reason(self) -> str:
@@ -91,6 +103,16 @@ class Watch:
     def _look(self, *_: object) -> None:
         if self.overrun > 0.0:
             raise _HangError
+
+
+def _line_of(error: BaseException) -> str:
+    """Return the last line of the user's own code on the way to an error: " (own.py, line 7)"; "" without any."""
+    frames = [
+        frame
+        for frame in traceback.extract_tb(error.__traceback__)
+        if not frame.filename.startswith(("<", *_LIBRARIES))
+    ]
+    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
 
 
 def run_episode(
@@ -138,12 +160,7 @@ def begin_episode(policy: Policy, seed: int) -> None:
 def choose(act: Callable[[Any], Any], form: ActionModel, seen: Any) -> tuple[Any, tuple[float, ...]]:
     """Return the action that a policy chooses and the command that it means; raises where it is no action."""
     action = act(seen)
-    try:
-        return action, tuple(form.command(action))
-    except Exception:
-        if not np.isfinite(np.asarray(action, dtype=np.float64)).all():
-            raise ValueError(f"it gave {action!r}, which is not finite") from None
-        raise
+    return action, tuple(form.command(action))
 
 
 def _start(plan: EpisodePlan) -> dict[str, Any]:

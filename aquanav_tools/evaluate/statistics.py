@@ -16,6 +16,8 @@ from aquanav_tools.types import Array
 
 Z_95 = 1.959963984540054
 """97.5 % point of the standard normal distribution."""
+Z_POWER = 0.8416212335729143
+"""80 % point of it."""
 RESAMPLES = 2000
 """Of a bootstrap: moves a bound by about 1 % of the interval's width."""
 BOOTSTRAP_SEED = 20210
@@ -99,13 +101,13 @@ def bootstrap_means(values: Array, resamples: int = RESAMPLES) -> list[Estimate]
     The resamples are always the same, so that the interval repeats.
     """
     means = values.mean(axis=0)
-    low, high = np.percentile(_resampled_means(values, resamples), [2.5, 97.5], axis=0)
+    low, high = np.percentile(resampled_means(values, resamples), [2.5, 97.5], axis=0)
     return [Estimate(*map(float, triple)) for triple in zip(means, low, high, strict=True)]
 
 
 def bootstrap_ratio(above: Array, below: Array, resamples: int = RESAMPLES) -> Estimate:
     """Return the sum of `above` over that of `below`, both (N,), with its 95 % bootstrap interval; 0 over 0 is 0."""
-    means = np.vstack([[above.mean(), below.mean()], _resampled_means(np.stack([above, below], axis=1), resamples)])
+    means = np.vstack([[above.mean(), below.mean()], resampled_means(np.stack([above, below], axis=1), resamples)])
     ratios = np.divide(means[:, 0], means[:, 1], out=np.zeros(len(means)), where=means[:, 1] > 0.0)
     low, high = np.percentile(ratios[1:], [2.5, 97.5])
     return Estimate(float(ratios[0]), float(low), float(high))
@@ -137,9 +139,9 @@ def _middle_means(rows: Array) -> Array:
     return means
 
 
-def _resampled_means(values: Array, resamples: int) -> Array:
-    """Return the (resamples, M) means of rows drawn with replacement."""
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
+def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = BOOTSTRAP_SEED) -> Array:
+    """Return the (resamples, ...) means of the rows of (N, ...) values drawn with replacement; the same for a seed."""
+    rng = np.random.default_rng(seed)
     count = len(values)
     shares = np.full(count, 1.0 / count)
     chunks = np.array_split(np.arange(resamples), max(1, ceil(resamples * count / CHUNK)))

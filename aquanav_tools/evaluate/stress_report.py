@@ -13,8 +13,9 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
-from aquanav_tools.evaluate.reporting import metres, percent, share, task_words
+from aquanav_tools.evaluate.reporting import task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
+from aquanav_tools.evaluate.summary_text import metres, percent, share
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_cases
 from aquanav_tools.scenario.schema import Scenario

@@ -15,6 +15,7 @@ from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.report.recording.episode import Scene
 from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.bay import Bay
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 
 
@@ -39,6 +40,9 @@ class Venue(Protocol):
     @property
     def course(self) -> Course:
         """What episodes are held against; its condition is to be filled in."""
+
+    def draws_water(self, task: TaskOptions) -> bool:
+        """Return whether the water alone makes episodes from one start differ."""
 
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""

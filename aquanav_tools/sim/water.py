@@ -93,7 +93,7 @@ class Water:
             else np.zeros(7)
         )
         self._swell_phase = 0.0
-        self.is_constant = not self.strength and not self._swell.any()
+        self.is_constant = is_constant(scenario, current)
         """Whether the water has one velocity at all places and times."""
         self._rng = np.random.default_rng(0)
         self._velocity = np.empty(3)
@@ -155,6 +155,13 @@ class Water:
         usual = float(np.median([panel.clearance for panel in scenario.guide.panels]))
         waves = draw_waves(scenario.field, usual, np.random.default_rng(seed))
         return waves, np.clip(waves[:, 6] / (2.0 * np.pi * self._eddy_scale), SHORTEST, LONGEST)
+
+
+def is_constant(scenario: Scenario, current: Current | None = None) -> bool:
+    """Return whether the water of a scenario, or another current in it, has one velocity at all places and times."""
+    settings = scenario.settings.water
+    has_waves = settings.surface is not None and settings.waves.height > 0.0
+    return not _strength(settings.current if current is None else current) and not has_waves
 
 
 def _strength(current: Current) -> float:

@@ -24,7 +24,7 @@ from aquanav_tools.store import check_room, write_whole
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.learners import parameters_of, set_parameters
 
-FORMAT = 2
+FORMAT = 3
 CHECKPOINT_FILE = "checkpoint.pt"
 REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of SB3's replay buffer."""

@@ -25,6 +25,8 @@ class RunJournal:
     """Those of the lessons that are over."""
     curve: LearningCurve = field(default_factory=LearningCurve)
     trials: list[Trial] = field(default_factory=list)
+    final: Trial | None = None
+    """The last policy, when all was learned."""
     seconds_before: float = 0.0
     """Spent before this process went on."""
     _began: float = field(default_factory=time.perf_counter)
@@ -59,6 +61,7 @@ class RunJournal:
             "seconds": round(self.seconds, 1),
             "curve": self.curve.as_table(),
             "trials": [dataclasses.asdict(trial) for trial in self.trials],
+            "final": None if self.final is None else dataclasses.asdict(self.final),
         }
 
     @staticmethod
@@ -70,6 +73,7 @@ class RunJournal:
             table["steps_before"],
             LearningCurve.from_table(table["curve"]),
             [Trial(**trial) for trial in table["trials"]],
+            None if table["final"] is None else Trial(**table["final"]),
             table["seconds"],
         )
         for point in journal.curve.points:

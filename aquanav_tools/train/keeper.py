@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
+from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import TrainingError
+from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
@@ -17,8 +20,8 @@ from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.record import BEST_FILE, RunRecord
-from aquanav_tools.train.validation import Validation
+from aquanav_tools.train.record import RunRecord
+from aquanav_tools.train.validation import Validation, measure
 
 
 class Keeper(BaseCallback):
@@ -31,12 +34,14 @@ class Keeper(BaseCallback):
         record: RunRecord,
         journal: RunJournal,
         validation: Validation | None,
+        scenarios: Sequence[Place],
         bar: Any,
     ) -> None:
         super().__init__()
         self._run, self._settings = pipeline.run, pipeline.lessons[lesson]
         self._lesson, self._is_last = lesson, lesson == len(pipeline.lessons) - 1
         self._record, self._journal, self._validation, self._bar = record, journal, validation, bar
+        self._scenarios = scenarios
         self._seen: list[np.ndarray] = []
         self._marked = 0
 
@@ -69,6 +74,8 @@ class Keeper(BaseCallback):
         self._show(journal.mark(self._lesson + 1, told))
         if is_lesson_over or _is_passed(self._run.validate_every, before, journal.steps):
             self._try_out()
+        if is_lesson_over and self._is_last and self._run.final_episodes > 0:
+            self._measure()
         if is_lesson_over or _is_passed(self._run.checkpoint_every, before, journal.steps):
             self._save(is_lesson_over)
 
@@ -92,6 +99,13 @@ class Keeper(BaseCallback):
         trial = self._validation.try_out(self.model, self._lesson + 1, self._journal.steps)
         if self._journal.add_trial(trial):
             write_whole(self._record.folder / BEST_FILE, self._policy())
+
+    def _measure(self) -> None:
+        """Measure the last policy in whole episodes, which the curve's last are not always."""
+        self._bar.set_postfix_str("measuring the last policy")
+        self._journal.final = measure(
+            self.model, self._scenarios, self._settings, self._run.final_episodes, self._lesson + 1, self._journal.steps
+        )
 
     def _save(self, is_lesson_over: bool) -> None:
         scale: Any = self.training_env

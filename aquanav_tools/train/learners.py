@@ -10,16 +10,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3 import SAC, TD3
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.noise import NormalActionNoise
+from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import NormalisedObservations
+from aquanav_tools.train.fitting import decisions_of, update_size
 from aquanav_tools.train.settings import OFF_POLICY, TrainSettings
 from aquanav_tools.train.update import LeanPPO
 
@@ -39,25 +42,48 @@ def class_of(algorithm: str) -> Any:
     return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": LeanPPO, "sac": SAC, "td3": TD3}[algorithm]
 
 
-def make_learner(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlgorithm:
+def make_learner(envs: VecEnv, settings: TrainSettings, seed: int, done: int = 0) -> BaseAlgorithm:
     """Return an untrained algorithm.
+
+    Args:
+        envs: To learn in.
+        settings: A fitted lesson.
+        seed: Of the network and of sampling.
+        done: Decisions of the lesson that were learned from before, by a learner that this one is to go on for.
 
     Raises:
         InputError: the algorithm is not installed.
     """
     make = _make_off_policy if settings.algorithm in OFF_POLICY else _make_on_policy
-    learner = make(envs, settings, seed)
+    learner = make(envs, settings, seed, _schedule(settings, done))
     _hide(learner, settings)
     learner.set_logger(Logger(None, []))
     return learner
 
 
-def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlgorithm:
-    is_recurrent = settings.algorithm == "recurrent-ppo"
+def make_policy(observation: spaces.Space[Any], action: spaces.Space[Any], settings: TrainSettings) -> BasePolicy:
+    """Return an untrained network for these spaces, as `make_learner` makes it, without anything around it."""
+    name, options = _policy_of(settings)
+    kind = class_of(settings.algorithm).policy_aliases[name]
+    policy: BasePolicy = kind(observation, action, _schedule(settings, 0), **options)
+    return policy
+
+
+def _policy_of(settings: TrainSettings) -> tuple[str, dict[str, Any]]:
+    """Return the name of the policy's class, in SB3's words, and its arguments."""
+    normalising = {"features_extractor_class": NormalisedObservations} if settings.normalise else {}
+    network = {"net_arch": list(settings.hidden), "activation_fn": torch.nn.SiLU, **normalising}
+    if settings.algorithm == "recurrent-ppo":
+        return "MlpLstmPolicy", network | {"lstm_hidden_size": settings.memory}
+    return "MlpPolicy", network
+
+
+def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: LinearSchedule) -> BaseAlgorithm:
+    name, network = _policy_of(settings)
     return class_of(settings.algorithm)(
-        "MlpLstmPolicy" if is_recurrent else "MlpPolicy",
+        name,
         envs,
-        learning_rate=LinearSchedule(settings.learning_rate, 0.0, 1.0),
+        learning_rate=rate,
         n_steps=settings.buffer // settings.num_envs,
         batch_size=settings.batch,
         n_epochs=settings.epochs,
@@ -65,18 +91,19 @@ def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlg
         gae_lambda=settings.trace,
         clip_range=settings.clip,
         ent_coef=settings.entropy,
-        policy_kwargs=_network(settings) | ({"lstm_hidden_size": settings.memory} if is_recurrent else {}),
+        policy_kwargs=network,
         seed=seed,
         device="cpu",
     )
 
 
-def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAlgorithm:
+def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: LinearSchedule) -> BaseAlgorithm:
     noise = NormalActionNoise(np.zeros(3), np.full(3, EXPLORATION)) if settings.algorithm == "td3" else None
+    name, network = _policy_of(settings)
     return class_of(settings.algorithm)(
-        "MlpPolicy",
+        name,
         envs,
-        learning_rate=LinearSchedule(settings.learning_rate, 0.0, 1.0),
+        learning_rate=rate,
         buffer_size=settings.replay,
         learning_starts=settings.warm_up,
         batch_size=settings.batch,
@@ -84,15 +111,24 @@ def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int) -> BaseAl
         train_freq=1,
         gradient_steps=max(1, round(settings.update_ratio * settings.num_envs)),
         action_noise=noise,
-        policy_kwargs=_network(settings),
+        policy_kwargs=network,
         seed=seed,
         device="cpu",
     )
 
 
-def _network(settings: TrainSettings) -> dict[str, Any]:
-    normalising = {"features_extractor_class": NormalisedObservations} if settings.normalise else {}
-    return {"net_arch": list(settings.hidden), "activation_fn": torch.nn.SiLU, **normalising}
+def _schedule(settings: TrainSettings, done: int) -> LinearSchedule:
+    """Return the learning rate by what is left of the lesson, which SB3 counts when an update's decisions are made.
+
+    "linear" asks for the rate at the update's first decision instead: all of it at the first, a share at the last.
+    """
+    if settings.schedule == "original":
+        return LinearSchedule(settings.learning_rate, 0.0, 1.0)
+    total = decisions_of(settings, done)
+    share = update_size(settings) / total
+    return LinearSchedule(
+        settings.learning_rate * (1.0 + share), settings.learning_rate * share, total / settings.steps
+    )
 
 
 def _recurrent_ppo() -> Any:
@@ -117,12 +153,17 @@ def _hide(learner: BaseAlgorithm, settings: TrainSettings) -> None:
     """Keep from the network what it is to be blind to."""
     if not settings.blind_to:
         return
-    slices = layout(settings.observation)
-    places = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2}
-    places |= {"depth": slices["depth"].start} if "depth" in slices else {}
+    places = blind_places(settings.observation)
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
             module.hide([places[name] for name in settings.blind_to])
+
+
+def blind_places(observation: str) -> dict[str, int]:
+    """Return the indices, in an observation preset, of what a network can be kept from seeing."""
+    slices = layout(observation)
+    places = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2} if "goal" in slices else {}
+    return places | ({"depth": slices["depth"].start} if "depth" in slices else {})
 
 
 def parameters_of(learner: BaseAlgorithm) -> Parameters:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from aquanav_tools import __version__
 from aquanav_tools.errors import InputError
+from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.learning_plot import Learning, plot_learning
 from aquanav_tools.report.recording.learning import record_learning
@@ -16,7 +17,6 @@ from aquanav_tools.train.export import export
 from aquanav_tools.train.journal import TRIAL_TAGS, RunJournal
 from aquanav_tools.train.learners import class_of
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.record import BEST_FILE, POLICY_FILE
 
 REPORT_FILE, RECORDING_FILE = "report.html", "curve.rrd"
 COLUMNS = ("lesson", "scenario", "water", "decisions", "learning rate", "clip", "reward", "success", "collision-free")
@@ -29,14 +29,16 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
     plot_learning(_learning(journal), pictures / "learning.png")
-    point, best = journal.curve.points[-1], journal.best
+    point, best, final = journal.curve.points[-1], journal.best, journal.final
     facts = [
         Fact("decisions", f"{point.steps:,}", f"{point.episodes:,} episodes"),
-        Fact("collision-free success", f"{point.clean_success_rate:.0%}", "of the last episodes of the last lesson"),
         Fact(
             "wall time", f"{point.seconds / 60:.0f} min", f"{point.steps / max(point.seconds, 1e-9):,.0f} decisions/s"
         ),
     ]
+    if final is not None:
+        about = f"of the last policy, in {final.episodes} whole episodes of the last lesson"
+        facts.insert(1, Fact("collision-free success", f"{final.clean_success_rate:.0%}", about))
     if best is not None:
         facts.insert(1, Fact("best in validation", f"{best.clean_success_rate:.0%}", f"after {best.steps:,} decisions"))
     caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.scenarios)
@@ -54,8 +56,7 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
 
 def _export(folder: Path, pipeline: Pipeline) -> tuple[Notice, ...]:
     """Export the best policy, or the last where none was tried; return what the reader should know of it."""
-    path = folder / BEST_FILE
-    path = path if path.is_file() else folder / POLICY_FILE
+    path = best_policy(folder)
     try:
         export(class_of(pipeline.lessons[0].algorithm).load(path, device="cpu"), folder)
     except InputError as error:

@@ -9,27 +9,30 @@ import io
 import json
 import platform
 import shutil
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
+from aquanav_tools.policy.run_folder import BEST_FILE, POLICY_FILE
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
+from aquanav_tools.train.continuing import as_begun, check_steps, continued, is_lesson_over, told
 from aquanav_tools.train.episodes import LearningCurve
+from aquanav_tools.train.fitting import fitted
+from aquanav_tools.train.initial import InitialPolicy
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.validation import Trial
 
 FORMAT = 2
-POLICY_FILE, BEST_FILE = "policy.zip", "best.zip"
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
 LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
-FREE = ("workers", "checkpoint_every")
-"""Settings of the run that change neither the policy nor what is told of it."""
+FREE = ("workers", "checkpoint_every", "init")
+"""Settings of the run that change neither the policy nor what is told of it; of `init` the file's hash counts."""
 OWN_FILES = (
     CHECKPOINT_FILE, POLICY_FILE, BEST_FILE, RECORD_FILE, CURVE_FILE, TRIALS_FILE, EVENTS_DIR, "policy.onnx",
     "policy.pt", "curve.rrd", "report.html", "pictures",
@@ -46,30 +49,56 @@ class RunRecord:
         seed: int,
         scenarios: Sequence[Place],
         validation: Sequence[Place],
+        initial: InitialPolicy | None,
     ) -> None:
         self.folder = folder
-        self._identity = _identity(pipeline, seed, scenarios, validation)
+        self._asked = pipeline
+        self.pipeline = dataclasses.replace(pipeline, lessons=tuple(map(fitted, pipeline.lessons)))
+        """With numbers for what lessons leave open."""
+        self._identity = _identity(self.pipeline, seed, scenarios, validation, initial)
         self._versions = versions()
         self._resumed: list[dict[str, Any]] = []
 
-    def find(self) -> Checkpoint | None:
+    def find(self, tell: Callable[[str], None]) -> Checkpoint | None:
         """Return the checkpoint to go on from; None where nothing was begun.
 
+        Args:
+            tell: Called with a sentence about where the run goes on.
+
         Raises:
-            InputError: the folder holds another run, or a damaged checkpoint.
+            InputError: the folder holds another run, a longer one, or a damaged checkpoint.
         """
         checkpoint = read_checkpoint(self.folder)
         if checkpoint is None:
             return None
-        different = list(_differences(checkpoint.journal["identity"], self._identity))
+        begun = checkpoint.journal["identity"]
+        different = list(_differences(begun, self._as_begun(begun)))
         if different:
             raise InputError(
                 f"{self.folder} holds another training run, with {_told(different)}. Nothing was changed there. Go on "
                 "with what it was begun with, name another folder with -o, or begin anew with --overwrite."
             )
+        check_steps(self._asked, begun["lessons"], checkpoint, self.folder)
+        self.pipeline = continued(self._asked, begun["lessons"])
+        self._identity["lessons"] = _plain([dataclasses.asdict(lesson) for lesson in self.pipeline.lessons])
         self._resumed = checkpoint.journal["resumed"]
-        self._resumed.append({"steps": checkpoint.journal["steps"], "versions": self._versions})
+        asked = [lesson["steps"] for lesson in begun["lessons"]]
+        self._resumed.append({"steps": checkpoint.journal["steps"], "asked": asked, "versions": self._versions})
+        if not self.is_finished(checkpoint):
+            tell(told(self.pipeline, begun["lessons"], checkpoint, self.folder))
         return checkpoint
+
+    def is_finished(self, checkpoint: Checkpoint) -> bool:
+        """Return whether nothing is left to learn."""
+        last = self.pipeline.lessons[-1]
+        return bool(checkpoint.journal["is_finished"]) and is_lesson_over(last, checkpoint)
+
+    def _as_begun(self, begun: dict[str, Any]) -> dict[str, Any]:
+        """Return what this run is, but for what may differ from how it was begun."""
+        if len(begun["lessons"]) != len(self._asked.lessons):
+            return self._identity
+        lessons = map(as_begun, self._asked.lessons, begun["lessons"])
+        return {**self._identity, "lessons": _plain(list(lessons))}
 
     def clear(self) -> None:
         """Remove the files of an earlier run."""
@@ -100,6 +129,7 @@ class RunRecord:
             "resumed": self._resumed,
             "curve": [_without_nan(point.row) for point in curve.points],
             "validation": [dataclasses.asdict(trial) for trial in trials],
+            "final": checkpoint.journal["final"],
         }
         write_whole(self.folder / CURVE_FILE, _as_csv([point.row for point in curve.points]))
         if trials:
@@ -121,7 +151,13 @@ def versions() -> dict[str, str]:
     }
 
 
-def _identity(pipeline: Pipeline, seed: int, scenarios: Sequence[Place], validation: Sequence[Place]) -> dict[str, Any]:
+def _identity(
+    pipeline: Pipeline,
+    seed: int,
+    scenarios: Sequence[Place],
+    validation: Sequence[Place],
+    initial: InitialPolicy | None,
+) -> dict[str, Any]:
     """Return what makes a run this run, as JSON gives it back."""
     run = {name: value for name, value in dataclasses.asdict(pipeline.run).items() if name not in FREE}
     identity = {
@@ -130,9 +166,14 @@ def _identity(pipeline: Pipeline, seed: int, scenarios: Sequence[Place], validat
         "lessons": [dataclasses.asdict(lesson) for lesson in pipeline.lessons],
         "scenarios": [_named(scenario) for scenario in scenarios],
         "validation_scenarios": [_named(scenario) for scenario in validation],
+        "init": None if initial is None else {"file": initial.path.name, "sha256": initial.sha256},
     }
-    plain: dict[str, Any] = json.loads(json.dumps(identity))
+    plain: dict[str, Any] = _plain(identity)
     return plain
+
+
+def _plain(tree: Any) -> Any:
+    return json.loads(json.dumps(tree))
 
 
 def _named(scenario: Place) -> dict[str, str]:

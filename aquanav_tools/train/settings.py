@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.task import TaskOptions
@@ -14,7 +14,7 @@ OFF_POLICY = ("sac", "td3")
 NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "blind_to", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
 _POSITIVE = (
-    "steps", "num_envs", "buffer", "batch", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
+    "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
 )  # fmt: skip
 
 
@@ -27,7 +27,8 @@ class TrainSettings(TaskOptions):
     also: tuple[str, ...] = ()
     """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
     steps: int = 300_000
-    """Decisions to learn from, over all environments."""
+    """Decisions to learn from, over all environments. PPO learns from whole buffers, so it may take a few more; the
+    command says how many. The same command with more steps goes on with a run that has ended."""
     algorithm: Algorithm = "ppo"
     """ppo; recurrent-ppo, with an LSTM (needs the extra: pip install 'aquanav[recurrent]'); sac or td3, which act
     continuously."""
@@ -36,9 +37,6 @@ class TrainSettings(TaskOptions):
     code."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
-    reward: Literal["dense", "safe", "careful", "sparse"] = field(default="careful", kw_only=True)
-    """What is paid for: progress; progress away from walls; progress with a price on contacts that counts; the outcome
-    alone."""
     num_envs: int = 8
     """Environments, each with its own vehicle."""
     mirrored: bool = False
@@ -52,14 +50,18 @@ class TrainSettings(TaskOptions):
     hidden: tuple[int, ...] = (128, 128, 128)
     """Widths of the hidden layers, for the policy and for the value."""
     learning_rate: float = 3e-4
-    """At the lesson's start; it falls to zero in a straight line."""
+    """In the lesson's first update; it falls towards zero in a straight line."""
+    schedule: Literal["linear", "original"] = "linear"
+    """How it falls. linear: by the decisions before an update, so that each of N updates learns, the last with an Nth
+    of the rate. original: by the decisions up to an update's end, as in ML-Agents, so that the last learns nothing; the
+    paper's pipelines have it, so that published runs repeat."""
     clip: float = 0.2
     """PPO's clip range."""
-    buffer: int = 20_480
+    buffer: int = 0
     """Decisions collected before each of PPO's updates, over all environments; a point of the curve stands for as
-    many."""
-    batch: int = 1024
-    """Decisions per gradient step."""
+    many. 0 takes what fits the steps: at least 30 updates, of the original's 20480 decisions at most."""
+    batch: int = 0
+    """Decisions per gradient step. 0 takes about a sixteenth of the buffer."""
     epochs: int = 5
     """Passes over the buffer per update."""
     discount: float = 0.99
@@ -72,8 +74,8 @@ class TrainSettings(TaskOptions):
     """Width of recurrent-ppo's LSTM."""
     replay: int = 300_000
     """Decisions that sac and td3 remember; a lesson begins with none."""
-    warm_up: int = 10_000
-    """Decisions at random before sac and td3 begin to learn."""
+    warm_up: int = 0
+    """Decisions at random before sac and td3 begin to learn. 0 takes a twentieth of the steps, 10000 at most."""
     update_ratio: float = 0.25
     """Gradient steps of sac and td3 per decision."""
     optimiser: Literal["carried", "fresh"] = "carried"
@@ -96,11 +98,12 @@ class TrainSettings(TaskOptions):
             len(self.also) < self.num_envs,
             f"The lesson has {1 + len(self.also)} scenarios for {self.num_envs} environments. Take more (num_envs).",
         )
-        _check(self.warm_up >= 0, f"warm_up must not be negative, got {self.warm_up}.")
+        for name in ("buffer", "batch", "warm_up"):
+            _check(getattr(self, name) >= 0, f"{name} must not be negative, got {getattr(self, name)}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
         for name in ("num_envs", "batch"):
             _check(
-                self.buffer % getattr(self, name) == 0,
+                getattr(self, name) == 0 or self.buffer % getattr(self, name) == 0,
                 f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
             )
         _check(
@@ -126,7 +129,8 @@ class RunSettings:
     """What concerns a run as a whole, over all its lessons."""
 
     validation: tuple[str, ...] = ()
-    """Scenarios to try the policy in while it learns, each in its own water; the best policy is kept in best.zip."""
+    """Scenarios to try the policy in while it learns, each in its own water. The best policy is kept in best.zip, which
+    there is with validation only."""
     validation_episodes: int = 20
     """Episodes per scenario, from fixed starts."""
     validate_every: int = 250_000
@@ -139,10 +143,17 @@ class RunSettings:
     case."""
     workers: int = 0
     """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
+    init: str | None = None
+    """A policy to begin with: the policy.zip or best.zip of another run, that run's folder, or baseline:reference. Its
+    weights and its means and spreads of observations are taken over; spaces and network must be the same."""
+    final_episodes: int = 20
+    """Whole episodes in which the last policy is measured when all is learned, in PyBullet, in the last lesson's
+    scenarios and water; 0 leaves that out."""
 
     def __post_init__(self) -> None:
         for name in ("validation_episodes", "validate_every", "checkpoint_every"):
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
+        _check(self.final_episodes >= 0, f"final_episodes must not be negative, got {self.final_episodes}.")
         _check(0 <= self.workers <= 256, f"workers is {self.workers}; choose 0 to 256.")
         _check(
             self.workers == 0 or self.backend == "pybullet",

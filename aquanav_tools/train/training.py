@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +21,13 @@ from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
+from aquanav_tools.train.continuing import is_lesson_over
+from aquanav_tools.train.crew import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.events import EventFile
+from aquanav_tools.train.fitting import decisions_of, described, fitted
+from aquanav_tools.train.initial import InitialPolicy, begin_with, check_initial, read_initial
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.keeper import Keeper
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
@@ -35,6 +39,10 @@ from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.validation import Trial, Validation
 
 
+def _tell_nobody(sentence: str) -> None:
+    """Say nothing."""
+
+
 @dataclass(frozen=True)
 class Trained:
     """What came out of a run."""
@@ -43,6 +51,8 @@ class Trained:
     """The last of the learning curve."""
     best: Trial | None
     """The trial of best.zip; None without validation."""
+    final: Trial | None
+    """The last policy in whole episodes of the last lesson; None where none were asked for."""
     was_finished: bool
     """Whether there was nothing left to do."""
 
@@ -55,8 +65,12 @@ def train(
     scenario: Place | None = None,
     overwrite: bool = False,
     show_progress: bool = False,
+    tell: Callable[[str], None] = _tell_nobody,
 ) -> Trained:
     """Learn a policy, lesson by lesson. A run that was stopped goes on from its last checkpoint, to the same policy.
+
+    One that is given more steps than it was begun with goes on as well, but not to the policy of a run that was begun
+    with as many: the learning rate, which falls over all steps, fell faster before.
 
     Args:
         pipeline: What to learn.
@@ -64,10 +78,12 @@ def train(
         output_dir: Folder of the run; made when absent.
         scenario: One in memory that stands for the scenario of each lesson.
         overwrite: Whether to begin anew where the folder holds another run.
-        show_progress: Whether to show a bar with the time left on stderr.
+        show_progress: Whether to show a bar with the time left on stderr, where that is a terminal.
+        tell: Called with sentences about what is going to be learned.
 
     Raises:
-        InputError: the folder holds another run, or an algorithm is not installed.
+        InputError: the folder holds another run, an algorithm is not installed, or the policy to begin with does not
+            fit.
         ScenarioError: a scenario cannot be read.
         ResourceError: the disk is full, or a worker was killed.
         TrainingError: learning diverged.
@@ -82,20 +98,21 @@ def train(
     trials_in = [read_place(name) for name in pipeline.run.validation]
     places = [one for group in scenarios for one in group]
     _check_task(pipeline, [*places, *trials_in])
-    record = RunRecord(output_dir, pipeline, seed, places, trials_in)
+    initial = _initial(pipeline, places[0])
+    record = RunRecord(output_dir, pipeline, seed, places, trials_in, initial)
     with _writable(output_dir):
         if overwrite:
             record.clear()
-        checkpoint = record.find()
+        checkpoint = record.find(tell)
         events = EventFile(output_dir / EVENTS_DIR)
         journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
-        was_finished = checkpoint is not None and bool(checkpoint.journal["is_finished"])
+        was_finished = checkpoint is not None and record.is_finished(checkpoint)
         if not was_finished:
-            with tqdm(total=pipeline.steps, initial=journal.steps, unit="step", disable=not show_progress) as bar:
-                _learn_all(_Run(pipeline, seed, record, journal, trials_in, bar), scenarios, checkpoint)
+            run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
+            _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
         if not (was_finished and (output_dir / REPORT_FILE).is_file()):
-            present(output_dir, pipeline, journal)
-        return Trained(journal.curve.points[-1], journal.best, was_finished)
+            present(output_dir, record.pipeline, journal)
+        return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
 
 
 @dataclass(frozen=True)
@@ -107,7 +124,7 @@ class _Run:
     record: RunRecord
     journal: RunJournal
     validation: list[Place]
-    bar: Any
+    initial: InitialPolicy | None
 
 
 @dataclass(frozen=True)
@@ -128,18 +145,45 @@ def _check_task(pipeline: Pipeline, places: list[Place]) -> None:
         raise InputError(f"mirrored and blind_to are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
-def _learn_all(run: _Run, scenarios: list[list[Place]], checkpoint: Checkpoint | None) -> None:
+def _initial(pipeline: Pipeline, place: Place) -> InitialPolicy | None:
+    """Return the policy to begin with, checked against the first lesson's task."""
+    if pipeline.run.init is None:
+        return None
+    initial, lesson = read_initial(pipeline.run.init), fitted(pipeline.lessons[0])
+    with closing(training_env(place, lesson)) as env:
+        check_initial(initial, env.observation_space, env.action_space, lesson)
+    return initial
+
+
+def _learn_all(
+    run: _Run,
+    scenarios: list[list[Place]],
+    checkpoint: Checkpoint | None,
+    *,
+    show_progress: bool,
+    tell: Callable[[str], None],
+) -> None:
     learned: _Learned | None = None
-    first = 0
-    if checkpoint is not None and checkpoint.is_lesson_over:
-        state = checkpoint.learner
-        learned, first = _Learned(state["parameters"], state["spread"]), checkpoint.lesson + 1
-        checkpoint = None
-    elif checkpoint is not None:
+    first, lessons = 0, run.pipeline.lessons
+    if checkpoint is not None:
         first = checkpoint.lesson
-    for number in range(first, len(scenarios)):
-        learned = _learn(run, number, scenarios[number], learned, checkpoint)
-        checkpoint = None
+        if is_lesson_over(lessons[first], checkpoint):
+            learned, first = _Learned(checkpoint.learner["parameters"], checkpoint.learner["spread"]), first + 1
+            checkpoint = None
+    total = run.journal.steps
+    for number, lesson in enumerate(lessons[first:], first):
+        done = checkpoint.learner["num_timesteps"] if checkpoint is not None and number == first else 0
+        tell(f"{_titled(number, lessons)} from {described(lesson, done)}")
+        total += decisions_of(lesson, done) - done
+    # disable=None: no bar where stderr is no terminal
+    with tqdm(total=total, initial=run.journal.steps, unit="step", disable=None if show_progress else True) as bar:
+        for number in range(first, len(scenarios)):
+            learned = _learn(run, number, scenarios[number], learned, checkpoint, bar)
+            checkpoint = None
+
+
+def _titled(number: int, lessons: Sequence[TrainSettings]) -> str:
+    return "Learns" if len(lessons) == 1 else f"Lesson {number + 1} of {len(lessons)} learns"
 
 
 def _learn(
@@ -148,12 +192,14 @@ def _learn(
     scenarios: list[Place],
     learned: _Learned | None,
     checkpoint: Checkpoint | None,
+    bar: Any,
 ) -> _Learned:
     """Return what has been learned after one lesson."""
     settings, journal = run.pipeline.lessons[number], run.journal
     with closing(_environments(run.pipeline.run, settings, scenarios)) as envs:
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
-        learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number))
+        done = 0 if checkpoint is None else checkpoint.learner["num_timesteps"]
+        learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number), done)
         if checkpoint is not None:
             restore_learner(learner, envs, scale, checkpoint.learner)
         elif learned is not None:
@@ -161,8 +207,10 @@ def _learn(
             set_spread(scale, learned.spread)
             journal.curve.begin_lesson()
             journal.steps_before = journal.steps
+        elif run.initial is not None:
+            begin_with(learner, run.initial)
         with _validation(run, number) as validation:
-            keeper = Keeper(run.pipeline, number, run.record, journal, validation, run.bar)
+            keeper = Keeper(run.pipeline, number, run.record, journal, validation, scenarios, bar)
             _go_on(learner, settings.steps - learner.num_timesteps, keeper)
         return _Learned(parameters_of(learner), spread_of(scale))
 

@@ -1,7 +1,8 @@
-"""Trying the policy while it learns, in places it does not learn from."""
+"""Trying the policy in whole episodes: while it learns, in places it does not learn from, and when it has learned."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -34,6 +35,8 @@ class Trial:
     """Per episode."""
     mean_collisions: float
     """Contacts begun per episode."""
+    episodes: int
+    """So many in all."""
 
     @property
     def score(self) -> tuple[float, float, float]:
@@ -46,29 +49,14 @@ class Validation:
 
     def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, num_episodes: int) -> None:
         """Prepare environments under a lesson's rules, but each with the scenario's own water."""
-        rules = {**choices_of(settings), "current": None, "current_range": (1.0, 1.0)}
+        own_water = dataclasses.replace(settings, current=None, current_range=(1.0, 1.0))
         self._num_episodes = num_episodes
-        self._groups = [
-            [
-                SummaryWrapper(make_env(scenario, observation=settings.observation, action=settings.action, **rules))
-                for _ in range(min(AT_ONCE, num_episodes))
-            ]
-            for scenario in scenarios
-        ]
+        self._groups = [_group(scenario, own_water, num_episodes) for scenario in scenarios]
 
     def try_out(self, learner: BaseAlgorithm, lesson: int, steps: int) -> Trial:
         """Return how the policy does, acting without chance, from fixed starts. Draws no global random numbers."""
-        learner.policy.set_training_mode(False)
         summaries = [summary for envs in self._groups for summary in _fly(learner, envs, self._num_episodes)]
-        clean = [summary.is_success and summary.num_collisions == 0 for summary in summaries]
-        return Trial(
-            lesson=lesson,
-            steps=steps,
-            clean_success_rate=round(float(np.mean(clean)), 4),
-            success_rate=round(float(np.mean([summary.is_success for summary in summaries])), 4),
-            mean_reward=round(float(np.mean([summary.reward for summary in summaries])), 4),
-            mean_collisions=round(float(np.mean([summary.num_collisions for summary in summaries])), 4),
-        )
+        return _trial(summaries, lesson, steps)
 
     def close(self) -> None:
         """Free the environments."""
@@ -76,8 +64,58 @@ class Validation:
             env.close()
 
 
+def measure(
+    learner: BaseAlgorithm,
+    scenarios: Sequence[Place],
+    settings: TrainSettings,
+    num_episodes: int,
+    lesson: int,
+    steps: int,
+) -> Trial:
+    """Return how the policy does in a lesson's own scenarios and water, as `Validation.try_out` does.
+
+    Args:
+        learner: Has the policy.
+        scenarios: Of the lesson; one after the other is loaded, as there may be dozens.
+        settings: Of the lesson.
+        num_episodes: In all; shared out evenly, with one in each scenario at least.
+        lesson: Its number, from 1.
+        steps: Decisions learned from so far.
+    """
+    summaries: list[EpisodeSummary] = []
+    share = max(1, num_episodes // len(scenarios))
+    for scenario in scenarios:
+        envs = _group(scenario, settings, share)
+        try:
+            summaries += _fly(learner, envs, share)
+        finally:
+            for env in envs:
+                env.close()
+    return _trial(summaries, lesson, steps)
+
+
+def _group(scenario: Place, settings: TrainSettings, num_episodes: int) -> list[SummaryWrapper]:
+    """Return environments for so many episodes, of which some are flown side by side."""
+    form = {"observation": settings.observation, "action": settings.action, **choices_of(settings)}
+    return [SummaryWrapper(make_env(scenario, **form)) for _ in range(min(AT_ONCE, num_episodes))]
+
+
+def _trial(summaries: Sequence[EpisodeSummary], lesson: int, steps: int) -> Trial:
+    clean = [summary.is_success and summary.num_collisions == 0 for summary in summaries]
+    return Trial(
+        lesson=lesson,
+        steps=steps,
+        clean_success_rate=round(float(np.mean(clean)), 4),
+        success_rate=round(float(np.mean([summary.is_success for summary in summaries])), 4),
+        mean_reward=round(float(np.mean([summary.reward for summary in summaries])), 4),
+        mean_collisions=round(float(np.mean([summary.num_collisions for summary in summaries])), 4),
+        episodes=len(summaries),
+    )
+
+
 def _fly(learner: BaseAlgorithm, envs: Sequence[SummaryWrapper], num_episodes: int) -> list[EpisodeSummary]:
     """Return the summaries of episodes 0 to num_episodes - 1, each with its own seed and start."""
+    learner.policy.set_training_mode(False)
     summaries: list[EpisodeSummary] = []
     for first in range(0, num_episodes, len(envs)):
         summaries += _fly_side_by_side(learner, envs, range(first, min(first + len(envs), num_episodes)))

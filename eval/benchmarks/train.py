@@ -119,7 +119,9 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=PLACES + LEARNERS, default=PLACES + LEARNERS, metavar="NAME")
     options = parser.parse_args()
     scenario = read_scenario(options.scenario)
-    settings = TrainSettings(observation="paper", reward="dense", current="still", num_envs=PYBULLET_ENVS)
+    settings = TrainSettings(
+        observation="paper", reward="dense", current="still", num_envs=PYBULLET_ENVS, buffer=20_480, batch=1024
+    )
     actions: dict[str, Action] = {}
     learners = []
     for place in (place for place in PLACES if place in options.only):

@@ -24,7 +24,7 @@ AHEAD, IDLE, LEFT_AHEAD, UP = [1, 1, 2], [1, 1, 1], [1, 0, 2], [0, 1, 1]
 
 @pytest.fixture
 def env(tube: Scenario) -> Iterator[CaveEnv]:
-    env = CaveEnv(tube)
+    env = CaveEnv(tube, reward="dense")
     env.reset(seed=0)
     yield env
     env.close()
@@ -160,7 +160,7 @@ def test_contact_is_counted_charged_and_costs(env: CaveEnv) -> None:
     assert np.hypot(*infos[-1]["position"][1:]) < TUBE_RADIUS
 
 
-@pytest.mark.parametrize("options", [{"on_collision": "end"}, {"reward": "sparse"}])
+@pytest.mark.parametrize("options", [{"on_collision": "end", "reward": "dense"}, {"reward": "sparse"}])
 def test_first_contact_ends_the_episode_where_asked(tube: Scenario, options: dict[str, Any]) -> None:
     env = CaveEnv(tube, **options)
     env.reset(options={"start": 10})
@@ -170,7 +170,7 @@ def test_first_contact_ends_the_episode_where_asked(tube: Scenario, options: dic
         decisions += 1
     assert info["outcome"] == "collision"
     # -10 by the paper; by the original -1000, less time, contact and a step forth or back
-    assert reward == (-10.0 if options.get("reward") == "sparse" else pytest.approx(-1000.0, abs=3.0))
+    assert reward == (-10.0 if options["reward"] == "sparse" else pytest.approx(-1000.0, abs=3.0))
     env.close()
 
 

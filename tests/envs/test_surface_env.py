@@ -184,7 +184,8 @@ def test_a_rock_gives_a_drifting_boat_no_speed(vehicle: str) -> None:
 
 
 def test_a_collision_ends_the_episode_where_it_should() -> None:
-    infos = run(SurfaceEnv(bay_with(block(-35.0, 3.0)), sea="still", on_collision="end"), AHEAD, 100)
+    env = SurfaceEnv(bay_with(block(-35.0, 3.0)), sea="still", on_collision="end", reward="dense")
+    infos = run(env, AHEAD, 100)
     assert infos[-1]["outcome"] == "collision"
     assert infos[-1]["reward/collision"] == -1000.0
 
@@ -202,7 +203,7 @@ def test_a_reef_is_touched_where_it_reaches_the_keel(above: float, touches: bool
 
 
 def test_a_straight_run_in_open_water_pays_for_the_way_and_succeeds() -> None:
-    env = SurfaceEnv(bay_with(), sea="still")
+    env = SurfaceEnv(bay_with(), sea="still", reward="dense")
     infos = run(env, AHEAD, 1000)
     last = infos[-1]
     assert last["outcome"] == "success"

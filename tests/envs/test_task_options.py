@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,14 @@ import pytest
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.safety import SafetyWrapper
+from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.protocol import read_protocol
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.train.pipeline import read_pipeline
+from aquanav_tools.train.settings import TrainSettings
 from tests.caves import TUBE_RADIUS, tube_clearance
 
 AHEAD, IDLE, LEFT_AHEAD = [1, 1, 2], [1, 1, 1], [1, 0, 2]
@@ -32,6 +38,27 @@ def opened(scenario: Scenario, **options: Any) -> Iterator[CaveEnv]:
 def swim(env: CaveEnv, actions: list[list[int]], **reset: Any) -> list[tuple[Any, ...]]:
     obs, info = env.reset(**reset)
     return [(obs, 0.0, False, False, info), *(env.step(action) for action in actions)]
+
+
+def test_environments_training_and_evaluation_pay_by_one_default(tube: Scenario) -> None:
+    with opened(tube) as env:
+        rewards = {env.task.reward, SurfaceEnv(sea="still").task.reward}
+    evaluation = EvaluateOptions(policies=("baseline:random",), scenario=(Path("cave"),))
+    assert rewards == {evaluation.reward} == {TrainSettings().reward} == {"careful"}
+
+
+def test_what_continues_the_paper_says_by_itself_that_it_pays_as_the_paper_did() -> None:
+    assert read_protocol("paper")["reward"] == "dense"
+    for name in ("paper", "paper-end-to-end", "paper-clip-01", "paper-recurrent", "paper-sac", "bay-standard"):
+        assert {lesson.reward for lesson in read_pipeline(name, {}).lessons} == {"dense"}
+
+
+def test_by_default_a_decision_in_contact_costs_more_than_swimming_through_it_earns(tube: Scenario) -> None:
+    with opened(tube) as env:
+        steps = swim(env, [*[LEFT_AHEAD] * 9, *[AHEAD] * 51], options={"start": 10})
+    touching = [reward for _, reward, _, _, info in steps if info["cost"]]
+    assert touching
+    assert max(touching) < 0.0
 
 
 def test_a_delayed_action_is_the_same_action_later(tube: Scenario) -> None:

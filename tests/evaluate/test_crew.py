@@ -18,13 +18,13 @@ import pytest
 
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
-from tests.evaluate.policies import ONCE, TROUBLE, drifting_options, load_drifting
+from tests.evaluate.policies import ONCE, TROUBLE, drifting_options, line_of, load_drifting
 
 NUM_EPISODES = 8
 BAD = {1: "raises", 3: "gives no number", 4: "dies", 6: "hangs"}
 REASONS = {
-    1: "ValueError: no idea, says <object object>",
-    3: "ValueError: it gave array([nan, nan, nan]), which is not finite",
+    1: f"ValueError: no idea, says <object object> (policies.py, line {line_of('no idea')})",
+    3: "InputError: An action must be 3 choices from 0 to 2, got array([nan, nan, nan]).",
     4: "its process was ended by SIGKILL, twice",
     6: "gave no action within 1 s",
 }

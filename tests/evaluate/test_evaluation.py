@@ -26,9 +26,9 @@ from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
-from aquanav_tools.evaluate.reporting import metres
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import Watch, run_episode
+from aquanav_tools.evaluate.summary_text import metres
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from tests.commands import run_here
@@ -214,7 +214,7 @@ class Broken:
     ("act", "reason"),
     [
         (lambda: 1 / 0, "ZeroDivisionError"),
-        (lambda: np.array([np.nan, 0.0, 0.0]), "not finite"),
+        (lambda: np.array([np.nan, 0.0, 0.0]), "got array([nan,  0.,  0.])"),
         (lambda: np.array([7, 0, 0]), "3 choices from 0 to 2"),
         (lambda: time.sleep(60.0), "no action within 0.2 s"),
     ],
@@ -257,6 +257,28 @@ def test_saved_policy_is_evaluated_with_its_hash(tmp_path: Path, run: Callable[.
     path = str(tmp_path / "policy.zip")
     assert table["policy"] == {"name": "policy.zip", "sha256": digest, "path": path, "is_trusted": False}
     assert (table["protocol"]["observation"], table["protocol"]["action"]) == ("paper", "discrete")
+
+
+def test_folder_of_a_training_run_stands_for_its_best_policy_and_says_so(folder: Path, tmp_path: Path) -> None:
+    run = tmp_path / "train"
+    run.mkdir()
+    make_model(action="discrete", num_observations=31).save(run / "best.zip")
+    make_model(action="discrete", num_observations=44).save(run / "policy.zip")
+    flags = ("--episodes", 1, "--max-decisions", 3, "--record", "none", "-o", tmp_path / "eval")
+    result = aquanav_eval(run, "--scenario", folder, *flags)
+    assert result.returncode == 0, result.stderr
+    assert f"{run} is a training run's folder. Its best.zip is taken" in result.stdout
+    policy = json.loads((tmp_path / "eval" / "results.json").read_text())["policy"]
+    assert (policy["name"], policy["path"]) == ("train/best.zip", str(run))
+    assert policy["sha256"] == hashlib.sha256((run / "best.zip").read_bytes()).hexdigest()
+    again = aquanav_eval("replay", tmp_path / "eval", "--episode", 0)
+    assert "repeats to the bit" in again.stdout
+
+
+def test_folder_without_a_policy_is_refused(folder: Path, tmp_path: Path) -> None:
+    result = aquanav_eval(tmp_path, "--scenario", folder, "-o", tmp_path / "eval")
+    assert result.returncode == 2
+    assert "without best.zip or policy.zip" in result.stderr
 
 
 def test_contact_ends_the_episode_on_request(run: Callable[..., Any]) -> None:

@@ -21,9 +21,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate import archive
-from aquanav_tools.evaluate.network import ExoticPolicyError, NetworkPolicy
+from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.policy import archive
+from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.models import make_model, model_for

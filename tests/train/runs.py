@@ -31,9 +31,9 @@ def tiny_tube(folder: Path, decisions: int = 40) -> Path:
 
 
 def tiny_pipeline(tube: Path, num_lessons: int = 1, run: RunSettings | None = None, **changes: Any) -> Pipeline:
-    """Lessons in the tube, with a checkpoint after every update unless `run` says otherwise."""
+    """Lessons in the tube, with a checkpoint after every update and no last trial unless `run` says otherwise."""
     lesson = dataclasses.replace(TINY, **{"scenario": str(tube), **changes})
-    return Pipeline((lesson,) * num_lessons, run or RunSettings(checkpoint_every=128))
+    return Pipeline((lesson,) * num_lessons, run or RunSettings(checkpoint_every=128, final_episodes=0))
 
 
 def stop_after(monkeypatch: pytest.MonkeyPatch, number: int) -> None:

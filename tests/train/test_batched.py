@@ -19,7 +19,7 @@ from aquanav_tools.train.training import train
 from tests.sim.test_water import flowing
 from tests.train.runs import TINY, learned, stop_after, tiny_pipeline, tiny_tube
 
-ON_BATCH = RunSettings(backend="batch", checkpoint_every=128)
+ON_BATCH = RunSettings(backend="batch", checkpoint_every=128, final_episodes=0)
 
 
 @pytest.fixture(scope="module")

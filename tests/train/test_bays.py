@@ -39,7 +39,14 @@ def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object)
         hidden=(8,),
         **({"steps": 128} | settings),  # type: ignore[arg-type]
     )
-    run = RunSettings(workers=0, validation=(places[0],), validation_episodes=1, backend=backend, checkpoint_every=64)
+    run = RunSettings(
+        workers=0,
+        validation=(places[0],),
+        validation_episodes=1,
+        backend=backend,
+        checkpoint_every=64,
+        final_episodes=1,
+    )
     lessons = tuple(replace(lesson, scenario=place) for place in places)
     return Pipeline(lessons=lessons, run=run)
 

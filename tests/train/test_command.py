@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -22,9 +23,12 @@ def test_command_trains_and_says_what_to_do_next(tmp_path: Path, capsys: pytest.
     pipeline = tmp_path / "small.toml"
     pipeline.write_text('buffer = 256\nbatch = 64\nnum_envs = 2\nhidden = [8]\nobservation = "paper"\nsteps = 9999\n')
     folders = ["--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run")]
-    main([*folders, "--pipeline", str(pipeline), "--steps", "256"])
+    main([*folders, "--pipeline", str(pipeline), "--steps", "256", "--final-episodes", "3"])
     said = capsys.readouterr().out
+    assert "Learns from 256 decisions in 1 update of 256 (buffer). So few updates teach little" in said
     assert "Learned from 256 decisions" in said
+    assert re.search(r"The last policy reached the goal in \d+% of 3 whole episodes in \S+tube \(PyBullet", said)
+    assert "There is no best.zip: it needs scenarios to try the policy in while it learns (--validation)." in said
     assert f"aquanav-eval {tmp_path / 'run' / 'policy.zip'}" in said
     assert (tmp_path / "run" / "policy.zip").is_file()
 
@@ -61,5 +65,5 @@ def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[
 
 
 def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code("--scenario", ".", "--num-envs", "3") == 2
+    assert exit_code("--scenario", ".", "--num-envs", "3", "--buffer", "4096") == 2
     assert "must be a multiple of num_envs" in capsys.readouterr().err.replace("\n", " ")

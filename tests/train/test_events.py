@@ -36,3 +36,14 @@ def test_tensorboard_reads_the_numbers(tmp_path: Path) -> None:
     assert events[0].file_version == "brain.Event:2"
     assert (events[1].step, events[1].wall_time) == (1_000_000, 12.25)
     assert {value.tag: value.simple_value for value in events[1].summary.value} == {"a/b": -0.75, "c": 3.0}
+
+
+def test_tensorboards_accumulator_reads_a_run(tmp_path: Path) -> None:
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    events = EventFile(tmp_path)
+    for step in range(1, 4):
+        events.add(1000 * step, 2.0 * step, {"rollout/success_rate": 0.25 * step})
+    found = accumulator.EventAccumulator(str(tmp_path)).Reload()
+    assert found.Tags()["scalars"] == ["rollout/success_rate"]
+    scalars = [(one.step, one.wall_time, one.value) for one in found.Scalars("rollout/success_rate")]
+    assert scalars == [(1000, 2.0, 0.25), (2000, 4.0, 0.5), (3000, 6.0, 0.75)]

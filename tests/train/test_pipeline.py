@@ -33,6 +33,7 @@ def test_the_papers_lessons_are_the_originals() -> None:
     assert [lesson.current for lesson in lessons] == ["still", "half", "full"]
     assert [lesson.learning_rate for lesson in lessons] == [3e-4, 3e-4, 1.5e-4]
     assert [lesson.clip for lesson in lessons] == [0.2, 0.1, 0.1]
+    assert {(lesson.buffer, lesson.batch, lesson.schedule) for lesson in lessons} == {(20480, 1024, "original")}
     whole = read_pipeline("paper-end-to-end", {}).lessons
     assert [(lesson.steps, lesson.current, lesson.learning_rate, lesson.clip) for lesson in whole] == [
         (3_000_000, "full", 3e-4, 0.2)

@@ -80,7 +80,7 @@ def test_killed_command_goes_on_to_the_same_policy(
     pipeline.write_text(
         f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nbuffer = 128\n'
         f'batch = 32\nepochs = 2\ncheckpoint_every = 128\nvalidation = ["{tube}"]\nvalidation_episodes = 2\n'
-        "validate_every = 256\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
+        "validate_every = 256\nfinal_episodes = 2\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
     )
     killed, flags = tmp_path / "killed", ["--pipeline", str(pipeline), "-o"]
     command = [sys.executable, "-c", "from aquanav_tools.cli.train import main; main()", *flags, str(killed)]
@@ -92,7 +92,7 @@ def test_killed_command_goes_on_to_the_same_policy(
     found = read_checkpoint(killed)
     assert found is not None and not found.journal["is_finished"]
     main([*flags, str(killed)])
-    assert "Learned from 1024 decisions" in capsys.readouterr().out
+    assert "Learned from 1,024 decisions" in capsys.readouterr().out
     main([*flags, str(tmp_path / "whole")])
     assert learned(killed) == learned(tmp_path / "whole")
     for name in ("curve.csv", "validation.csv"):  # all but the seconds
@@ -114,7 +114,7 @@ def test_killed_worker_costs_nothing_and_workers_change_nothing(
         assert crews[0].workers[1].pid is not None
         os.kill(crews[0].workers[1].pid, signal.SIGKILL)
 
-    run = RunSettings(checkpoint_every=128, workers=2)
+    run = RunSettings(checkpoint_every=128, workers=2, final_episodes=0)
     with monkeypatch.context() as patch, pytest.raises(ResourceError, match=r"worker 2 of 2 .* ended by SIGKILL"):
         patch.setattr(TrainingEnvs, "__init__", begin_and_keep)
         after_checkpoint(patch, 1, kill_worker)

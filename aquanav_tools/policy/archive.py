@@ -11,6 +11,8 @@ from typing import Any
 
 from aquanav_tools.errors import InputError
 
+TRAINED = "eval/policies", ".zip"
+"""Where trained policies that ship lie in the content, and how their names end."""
 SETTINGS = "data"
 WEIGHTS = "policy.pth"
 MAX_MEMBERS = 64

@@ -1,0 +1,156 @@
+"""Beginning a run with the weights of a policy that was trained before, read without running code from its file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.base_class import BaseAlgorithm
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.policy.architecture import KINDS, read_kind, read_options
+from aquanav_tools.policy.archive import TRAINED, read_archive, read_weights
+from aquanav_tools.policy.normaliser import HIDDEN
+from aquanav_tools.policy.spaces import describe_space, is_same_space, parse_space
+from aquanav_tools.provenance import file_hash
+from aquanav_tools.shipped import shipped_path
+from aquanav_tools.train.learners import blind_places, make_policy
+from aquanav_tools.train.settings import TrainSettings
+
+BASELINE = "baseline:"
+IN_A_RUN = ("best.zip", "policy.zip")
+"""Of a run's folder, the first that is there."""
+CLASSES = {
+    "ppo": "stable_baselines3.common.policies.ActorCriticPolicy",
+    "recurrent-ppo": "sb3_contrib.common.recurrent.policies.RecurrentActorCriticPolicy",
+    "sac": "stable_baselines3.sac.policies.SACPolicy",
+    "td3": "stable_baselines3.td3.policies.TD3Policy",
+}
+"""Of the policies that the algorithms learn."""
+NORMALISER_VARIANCE = "features_extractor.variance"
+
+
+@dataclass(frozen=True)
+class InitialPolicy:
+    """A policy's file and what it holds."""
+
+    path: Path
+    sha256: str
+    settings: dict[str, Any]
+    weights: dict[str, torch.Tensor]
+    """By the names of SB3's policy; float32, but for the normaliser's count."""
+
+
+def read_initial(name: str) -> InitialPolicy:
+    """Return the policy in an SB3 zip, in a run's folder, or of a shipped baseline.
+
+    Raises:
+        InputError: there is none, or it is damaged or unsafe.
+    """
+    path = _path_of(name)
+    if not path.is_file():
+        raise InputError(
+            f"There is no policy at {path} to begin with. Give --init a policy.zip or best.zip of another run, its "
+            "folder, or baseline:reference."
+        )
+    settings, weights = read_archive(path)
+    return InitialPolicy(path, file_hash(path), settings, read_weights(weights, path))
+
+
+def check_initial(
+    initial: InitialPolicy, observation: spaces.Space[Any], action: spaces.Space[Any], settings: TrainSettings
+) -> None:
+    """Check that a policy fits a run.
+
+    Raises:
+        InputError: its spaces, its network or what it sees is another; the message has both.
+    """
+    _check_spaces(initial, observation, action, settings)
+    _check_network(initial, settings)
+    _check_weights(initial, make_policy(observation, action, settings).state_dict())
+    _check_sight(initial, settings)
+
+
+def begin_with(learner: BaseAlgorithm, initial: InitialPolicy) -> None:
+    """Give a new learner the weights and the means and spreads of observations; its optimiser begins anew."""
+    learner.policy.load_state_dict(initial.weights)
+
+
+def _path_of(name: str) -> Path:
+    if name.startswith(BASELINE):
+        folder, suffix = TRAINED
+        return shipped_path(folder, name.removeprefix(BASELINE), suffix)
+    path = Path(name)
+    inside = [path / file for file in IN_A_RUN if (path / file).is_file()]
+    return inside[0] if inside else path
+
+
+def _check_spaces(
+    initial: InitialPolicy, observation: spaces.Space[Any], action: spaces.Space[Any], settings: TrainSettings
+) -> None:
+    for name, wanted, choice in (
+        ("observation", observation, settings.observation),
+        ("action", action, settings.action),
+    ):
+        found = parse_space(initial.settings.get(f"{name}_space"), f"{name} space")
+        if not is_same_space(found, wanted):
+            raise InputError(
+                f"The policy {initial.path} has the {name} space {describe_space(found)}, and this run "
+                f"{describe_space(wanted)} ({name} {choice}). Choose --{name} as it was trained, or another policy."
+            )
+
+
+def _check_network(initial: InitialPolicy, settings: TrainSettings) -> None:
+    kind = read_kind(initial.settings, initial.path)
+    if kind is not KINDS[CLASSES[settings.algorithm]]:
+        (name,) = (name for name, known in KINDS.items() if known is kind)
+        raise InputError(
+            f"The policy {initial.path} is a {name.rsplit('.', 1)[-1]}, and {settings.algorithm} learns a "
+            f"{CLASSES[settings.algorithm].rsplit('.', 1)[-1]}. Choose the --algorithm that trained it."
+        )
+    found = read_options(initial.settings.get("policy_kwargs"), kind, initial.path)
+    wanted = {
+        "net_arch": (list(settings.hidden), "--hidden"),
+        "activation_fn": ("SiLU", "a policy of aquanav-train"),
+        "is_normalised": (settings.normalise, "--normalise or --no-normalise"),
+    }
+    if kind.is_recurrent:
+        wanted |= {"lstm_hidden_size": (settings.memory, "--memory"), "n_lstm_layers": (1, "a policy of aquanav-train")}
+    for name, (value, choice) in wanted.items():
+        if found[name] != value:
+            raise InputError(
+                f"The policy {initial.path} was made with {name} {found[name]}, and this run makes {value}. Choose "
+                f"{choice} to match, or another policy."
+            )
+
+
+def _check_weights(initial: InitialPolicy, wanted: dict[str, torch.Tensor]) -> None:
+    found = initial.weights
+    for name in sorted({*found, *wanted}):
+        texts = [_described(tensors.get(name)) for tensors in (found, wanted)]
+        if texts[0] != texts[1]:
+            raise InputError(
+                f"The policy {initial.path} has {texts[0]} as {name}, and this run's network {texts[1]}. It was made "
+                "otherwise than its settings tell, or by another version. Choose another policy."
+            )
+
+
+def _check_sight(initial: InitialPolicy, settings: TrainSettings) -> None:
+    """Refuse a policy that was kept from seeing what this run shows: its statistics would hide that for good."""
+    variances = [value for name, value in initial.weights.items() if name.endswith(NORMALISER_VARIANCE)]
+    places = blind_places(settings.observation) if variances else {}
+    hidden = [name for name, place in places.items() if place < len(variances[0]) and variances[0][place] >= HIDDEN]
+    if not set(hidden) <= set(settings.blind_to):
+        raise InputError(
+            f"The policy {initial.path} was kept from seeing {' and '.join(hidden)}, and this run shows it. Add "
+            f"--blind-to {' '.join(hidden)}."
+        )
+
+
+def _described(tensor: torch.Tensor | None) -> str:
+    if tensor is None:
+        return "nothing"
+    return f"{' x '.join(map(str, tensor.shape)) or 'one'} {str(tensor.dtype).removeprefix('torch.')}"

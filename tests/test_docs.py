@@ -1,0 +1,98 @@
+"""README and docs keep their word: snippets run, links lead somewhere, commands and make targets exist."""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import re
+from pathlib import Path
+
+import pytest
+
+from aquanav_tools.scenario.folder import write_scenario
+from tests.caves import tube_scenario
+from tests.commands import run_here
+from tests.conftest import REPOSITORY
+from tests.project import commands
+
+PAGES = sorted(
+    path.relative_to(REPOSITORY).as_posix() for path in [*REPOSITORY.glob("*.md"), *REPOSITORY.glob("docs/*.md")]
+)
+MAX_README_LINES = 110
+"""The README is for the first five minutes; everything else has a page by task."""
+
+SUBCOMMANDS = {
+    *(("aquanav-eval", name) for name in ("compare", "replay", "stress")),
+    *(
+        ("aquanav", name)
+        for name in ("info", "doctor", "list", "render", "import-original", "water-impact", "scenarios")
+    ),
+}
+"""Words that choose what a command does."""
+
+
+def text(page: str) -> str:
+    """Return a page."""
+    return (REPOSITORY / page).read_text(encoding="utf-8")
+
+
+def snippets() -> list[tuple[str, str]]:
+    """Return (page, code) of every Python block."""
+    return [(page, code) for page in PAGES for code in re.findall(r"^```python\n(.*?)^```", text(page), re.M | re.S)]
+
+
+@pytest.mark.parametrize(("page", "code"), snippets())
+def test_every_python_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_scenario(tube_scenario(), tmp_path / "caves" / "mine")
+    monkeypatch.chdir(tmp_path)
+    exec(compile(code, page, "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_path_a_page_links_to_exists(page: str) -> None:
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text(page))
+    assert [link for link in links if not (REPOSITORY / page).parent.joinpath(link).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_heading_a_page_links_to_exists(page: str) -> None:
+    for target, heading in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", text(page)):
+        linked = (REPOSITORY / page).parent / target if target else REPOSITORY / page
+        titles = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.M)
+        assert heading in [re.sub(r"[^\w\- ]", "", title).strip().lower().replace(" ", "-") for title in titles]
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_command_a_page_shows_exists(page: str) -> None:
+    shown = set(re.findall(r"^\s*(?:\.venv/bin/)?(aquanav[a-z-]*)\b", text(page), re.M))
+    assert shown <= set(commands())
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_option_a_page_shows_exists(page: str) -> None:
+    wrong = set()
+    for command, rest in re.findall(r"\b(aquanav(?:-[a-z]+)*)((?: [^\n`#]*)?)", text(page)):
+        words = rest.split()
+        has_subcommand = bool(words) and (command, words[0]) in SUBCOMMANDS
+        known = help_text(command, words[0] if has_subcommand else "")
+        wrong |= {(command, word) for word in words if re.fullmatch("--[a-z][a-z.-]*", word) and word not in known}
+    assert wrong == set()
+
+
+@functools.cache
+def help_text(command: str, subcommand: str) -> str:
+    """Return what a command, or one of its subcommands, says of itself."""
+    module, function = commands()[command].split(":")
+    words = [subcommand, "--help"] if subcommand else ["--help"]
+    return run_here(getattr(importlib.import_module(module), function), *words).stdout
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_every_make_target_a_page_shows_exists(page: str) -> None:
+    targets = re.findall(r"^([a-z]+):", text("Makefile"), re.M)
+    shown = re.findall(r"(?:^ *|`)make ([a-z]+)", text(page), re.M)
+    assert set(shown) <= set(targets)
+
+
+def test_the_readme_is_short() -> None:
+    assert len(text("README.md").splitlines()) <= MAX_README_LINES
