@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.ahead import compiling_ahead
-from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, build_scenario, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
@@ -210,6 +210,7 @@ def _finish(
         scenario = write_scenario(built.scenario, partial)
         colours = _colours_of(scan, scenario.cavity.mesh)
         write_glb(scenario.cavity, scenario.collision, partial / "cave.glb", colours)
+        model = cave_model(scenario, partial, colours)
         draw_cave(scenario, partial / "cave.png")
         record_cave(CaveModel(scenario), partial / "build.rrd")
     with journal.stage("Drawing the cave"):
@@ -223,7 +224,7 @@ def _finish(
     sections.append(current_section(scenario, cave, partial / DRAWINGS_DIR))
     sections.append(outputs.stage_section(journal, partial / DRAWINGS_DIR))
     figures = (*drawings, Figure(partial / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, built.narrows, figures, journal, sections)
+    page = cave_page(built, cave, built.narrows, figures, journal, sections, (model,))
     facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave, built.narrows)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), partial / "build.json")
     outputs.write_json(

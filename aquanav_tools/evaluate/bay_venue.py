@@ -69,6 +69,9 @@ class BayVenue:
         """Return the chart of the bay, or of each episode's."""
         return BayPicture(self._bays, self._width)
 
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> None:
+        """Write nothing: a bay is flat, and its chart shows it."""
+
     def scene(self, track: Track) -> BayScene:
         """Return the bay and the waves of the track's episode."""
         env = self._begun(track)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -11,10 +13,12 @@ from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.evaluate.presets import CAVE
+from aquanav_tools.report.html import Model
 from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import DiveScene
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.scene_model import scene_caption, write_scene
+from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
@@ -55,6 +59,12 @@ class CaveVenue:
     def picture(self) -> CavePicture:
         """Return the cave, cut open."""
         return CavePicture(self._cave)
+
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model:
+        """Write the cave with trails, and the vehicle at the first start."""
+        vehicle = (vehicle_mesh(self._vehicle), self._cave.starts[0].pose) if self._cave.starts else None
+        write_scene(self._cave, path, vehicle, trails)
+        return Model(path, scene_caption(self._cave, len(trails), total))
 
     def scene(self, track: Track) -> DiveScene:
         """Return the cave with the hull: the same for all tracks."""

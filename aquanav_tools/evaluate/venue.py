@@ -12,6 +12,7 @@ from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.bay_venue import BayVenue
 from aquanav_tools.evaluate.cave_venue import CaveVenue
 from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.report.html import Model
 from aquanav_tools.report.recording.episode import Scene
 from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.bay import Bay
@@ -46,6 +47,9 @@ class Venue(Protocol):
 
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""
+
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model | None:
+        """Write the 3D view of the place with trails of some of `total` episodes as a GLB; None where there is none."""
 
     def scene(self, track: Track) -> Scene:
         """Return what the recording of a track shows around the vehicle."""

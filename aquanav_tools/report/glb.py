@@ -17,6 +17,7 @@ _FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
 _LINE_STRIP, _TRIANGLES = 3, 4
 """Constants of glTF 2.0, section 5."""
+_ROUGH = {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.9}}
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +80,7 @@ class _Scene:
             "scenes": [{"nodes": list(range(len(self._nodes)))}],
             "nodes": self._nodes,
             "meshes": self._meshes,
-            "materials": [{"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.9}}],
+            "materials": [_ROUGH],
             "accessors": self._accessors,
             "bufferViews": self._views,
             "buffers": [{"byteLength": self._offset}],

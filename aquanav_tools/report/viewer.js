@@ -8,7 +8,7 @@ void main() { n = normal; v = eye - place; c = colour; gl_Position = view * vec4
 const LIT = `precision mediump float; varying vec3 n, v; varying vec4 c; uniform float alpha;
 void main() {
   vec3 m = normalize(n), w = normalize(v); if (dot(m, w) < 0.0) m = -m;
-  float light = 0.30 + 0.45 * max(dot(m, w), 0.0) + 0.25 * max(dot(m, normalize(vec3(0.3, 1.0, 0.2))), 0.0);
+  float light = 0.40 + 0.55 * max(dot(m, w), 0.0) + 0.35 * max(dot(m, normalize(vec3(0.3, 1.0, 0.2))), 0.0);
   gl_FragColor = vec4(pow(c.rgb * light, vec3(1.0 / 2.2)) * alpha, alpha);
 }`;
 const LINES = `attribute vec3 place, next; attribute float side; attribute vec4 colour; uniform mat4 view;
@@ -105,7 +105,7 @@ function show(figure) {
     }
   const radius = 0.5 * Math.hypot(...high.map((x, k) => x - low[k])), spans = high.map((x, k) => x - low[k]);
   const yaw = (spans[0] >= spans[2] ? 0 : 0.5 * Math.PI) + 0.35; // towards its longer side
-  const home = () => ({ target: high.map((x, k) => 0.5 * (x + low[k])), distance: 2.1 * radius, radius, yaw, pitch: 0.6 });
+  const home = () => ({ target: high.map((x, k) => 0.5 * (x + low[k])), distance: 1.6 * radius, radius, yaw, pitch: 0.6 });
   const solid = program(gl, TRIANGLES, LIT), line = program(gl, LINES, PLAIN);
   const meshes = parts.map((part) => upload(gl, part.isLine ? asRibbon(part) : part));
   const isOpen = figure.querySelector("input");

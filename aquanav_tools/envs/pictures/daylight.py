@@ -42,7 +42,7 @@ _FAST = {"contract", "reassoc", "arcp", "afn", "nsz"}
 
 
 def wave_grid(centre: Array, water: SeaWater) -> tuple[Array, Array]:
-    """Return the (2,) corner of a grid around a camera, m, and (N, N, 3) heights and slopes on it, by north and east."""
+    """Return the (2,) corner of a grid around a camera, m, and its (N, N, 3) heights and slopes by north and east."""
     corner = centre[:2] - NEAR_WAVES
     count = int(2.0 * NEAR_WAVES / CELL) + 1
     heights = _heights(*water.waves, corner, count)

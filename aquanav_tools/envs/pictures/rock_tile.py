@@ -30,7 +30,7 @@ Tile = npt.NDArray[np.int8]
 
 @functools.cache
 def rock_tile() -> Tile:
-    """Return the (SIDE, SIDE, SIDE, 4) texture: grey, and the relief's slope along x, y and z, 127 / RANGE per sigma."""
+    """Return the (SIDE, SIDE, SIDE, 4) texture: grey, and the relief's slope along x, y and z, 127 / RANGE a sigma."""
     rng = np.random.default_rng(0)
     grain, spots = _noise(rng, ROUGHNESS, COARSEST), _noise(rng, 1.0, 6.0)
     grey = grain - PIT_SHARPNESS * np.maximum(spots - PITS, 0.0)
