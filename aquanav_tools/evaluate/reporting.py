@@ -151,10 +151,7 @@ def _film_section(episodes: EpisodeTable, recordings: Mapping[int, str], folder:
     paths = {index: (folder / name).with_suffix(FILM_SUFFIX) for index, name in recordings.items()}
     filmed = [index for index in worst_first(episodes) if index in paths and paths[index].is_file()]
     films = tuple(Film(paths[index], f"{_describe(episodes[index])}.".capitalize()) for index in filmed[:NUM_FILMS])
-    count = (
-        f"the worst {len(films)} of {len(filmed)} filmed episodes" if len(films) < len(filmed) else "every filmed one"
-    )
-    text = f"The worst first: {count}. Each film is a file beside this page, {FILM_NAMES}."
+    text = f"The worst first, {len(films)} of {len(filmed)}. Each film is also a file beside this page, {FILM_NAMES}."
     return (Section("Films", text, films=films),) if films else ()
 
 

@@ -70,7 +70,7 @@ class _Scene:
             corners = part.faces.astype("<u4").ravel()
             primitive["indices"] = self._store(corners, "SCALAR", _UNSIGNED_INT, target=_ELEMENT_ARRAY_BUFFER)
         self._nodes.append({"mesh": len(self._meshes), "name": part.name})
-        self._meshes.append({"primitives": [primitive]})
+        self._meshes.append({"name": part.name, "primitives": [primitive]})
 
     def file(self) -> bytes:
         """Return the finished file."""

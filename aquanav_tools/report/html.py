@@ -13,8 +13,8 @@ from pathlib import Path
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z.-]*[a-z]")
 TEMPLATE, VIEWER = (Path(__file__).with_name(name) for name in ("page.html", "viewer.js"))
 MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg", ".webm": "video/webm"}
-MAX_FILM, MAX_FILMS = 4_000_000, 8_000_000
-"""Bytes of a film, and of all films, that a page carries; longer ones are shown from the files beside it."""
+MAX_FILMS = 3_000_000
+"""Bytes of films that a page carries; those for which there is no room are shown from the files beside it."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Page:
 def write_page(page: Page, path: Path) -> None:
     """Write a report as one HTML file that loads nothing from elsewhere. Texts are escaped; pictures are embedded.
 
-    So are models, with a viewer, and films as far as MAX_FILM and MAX_FILMS allow: others are shown from beside it.
+    So are models, with a viewer, and films as far as MAX_FILMS allows: others are shown from the files beside it.
     """
     import jinja2
 
@@ -177,7 +177,7 @@ def _film_sources(films: Sequence[Film]) -> dict[Path, str]:
     sources, room = {}, MAX_FILMS
     for film in films:
         size = film.path.stat().st_size
-        is_inside = size <= min(MAX_FILM, room)
+        is_inside = size <= room
         room -= size if is_inside else 0
         sources[film.path] = _embed(film.path) if is_inside else film.path.name
     return sources

@@ -16,7 +16,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.video import AnimationFile, VideoFile
 from aquanav_tools.types import Array, Progress, ignore_progress
 
-FILM_SIZES = {".mp4": (640, 480), ".webm": (480, 360), ".gif": (320, 240), ".webp": (480, 360)}
+FILM_SIZES = {".mp4": (640, 480), ".webm": (400, 300), ".gif": (320, 240), ".webp": (480, 360)}
 """px, by the suffix of a film's file: a frame takes 20 kB but in a GIF, which has no motion compression, 40 kB."""
 BAR_SHARE, MIN_BAR = 0.085, 26
 """Height of the bar with the numbers, of the picture's, and at least, px."""
