@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from aquanav_tools.envs.pictures.rock_tile import look_up, rock_tile
+from aquanav_tools.envs.pictures.rock_tile import look_up, look_up_grey, rock_tile
 from aquanav_tools.envs.pictures.triangles import Cells, Eye, corner_shares, see
 from aquanav_tools.photograph.options import Water
 from aquanav_tools.photograph.rock import AMBIENT, beam
@@ -31,7 +31,7 @@ PASSING_PER_M = 50.0
 BODY_AMBIENT = 0.1
 """Light on a vehicle's unlit side, of the lamp's."""
 SIZES = 0.024, 0.0057
-"""Side of a sample of the rock's texture, m: two layers."""
+"""Side of a sample of the rock's texture, m: two layers, the finer one without relief."""
 RELIEF = 0.16
 """Slope of the texture's relief, one standard deviation."""
 CORNER_LOSS = 0.3
@@ -180,11 +180,8 @@ def _rock(tile, x, y, z, pixel):  # type: ignore[no-untyped-def]
     sx, sy, sz = slope * east, slope * north, slope * up
     share = min(1.0, SIZES[1] / (2.0 * pixel)) ** 2
     if share > 0.05:
-        u, v, w = 0.8 * x - 0.6 * z, y + 0.37, 0.6 * x + 0.8 * z  # turned, against repeats
-        fine, east, north, up = look_up(tile, u / SIZES[1], v / SIZES[1], w / SIZES[1])
-        grey += 0.09 * share * fine
-        slope = 0.8 * RELIEF * share
-        sx, sy, sz = sx + slope * (0.8 * east + 0.6 * up), sy + slope * north, sz + slope * (0.8 * up - 0.6 * east)
+        u, w = 0.8 * x - 0.6 * z, 0.6 * x + 0.8 * z  # turned, against repeats
+        grey += 0.11 * share * look_up_grey(tile, u / SIZES[1], (y + 0.37) / SIZES[1], w / SIZES[1])
     iron = 0.5 + 0.5 * np.sin(1.9 * z + 0.7 * x - 0.5 * y + 1.2 * grain)
     grey = min(1.0, max(0.05, grey + 0.06 * np.sin(15.0 * z + 3.0 * iron + 0.8 * grain)))
     return grey * (1.0 + 0.22 * iron), grey * (0.92 + 0.02 * iron), grey * (0.82 - 0.18 * iron), sx, sy, sz

@@ -69,6 +69,20 @@ def look_up(tile, x, y, z):  # type: ignore[no-untyped-def]
     return near * grey + far * grey_2, near * east + far * east_2, near * north + far * north_2, near * up + far * up_2
 
 
+@numba.njit(cache=True, error_model="numpy", fastmath=True)
+def look_up_grey(tile, x, y, z):  # type: ignore[no-untyped-def]
+    """Return the first of the four channels; see `look_up`."""
+    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
+    u, v, w = x - fx, y - fy, z - fz
+    last = SIDE - 1
+    i, j, k = int(fx) & last, int(fy) & last, int(fz) & last
+    a, b, c = (i + 1) & last, (j + 1) & last, (k + 1) & last
+    p, q, r, s = (1.0 - v) * (1.0 - w), (1.0 - v) * w, v * (1.0 - w), v * w
+    near = p * tile[i, j, k, 0] + q * tile[i, j, c, 0] + r * tile[i, b, k, 0] + s * tile[i, b, c, 0]
+    far = p * tile[a, j, k, 0] + q * tile[a, j, c, 0] + r * tile[a, b, k, 0] + s * tile[a, b, c, 0]
+    return ((1.0 - u) * near + u * far) * RANGE / 127.0
+
+
 @numba.njit(cache=True, error_model="numpy", fastmath=True, inline="always")
 def _between(tile, i, j, b, k, c, v, w):  # type: ignore[no-untyped-def]
     """Return the four channels between four samples of a layer, as bytes hold them."""
