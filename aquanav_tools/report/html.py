@@ -151,7 +151,7 @@ def write_page(page: Page, path: Path) -> None:
         TEMPLATE.read_text(encoding="utf-8")
     )
     partial = path.with_name(path.name + ".partial")
-    parts = (page, *page.sections)
+    parts: tuple[Page | Section, ...] = (page, *page.sections)
     viewer = VIEWER.read_text(encoding="utf-8") if any(part.models for part in parts) else ""
     source = _film_sources([film for part in parts for film in part.films]).__getitem__
     text = template.render(page=page, embed=_embed, typeset=_typeset, viewer=viewer, base64=_base64, source=source)
