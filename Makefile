@@ -1,7 +1,7 @@
 # What a newcomer types. Everything runs inside .venv, which is made on first use and remade when the pins change.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check clean
+.PHONY: help demo test test-slow check clean
 
 BIN := .venv/bin
 DEMO := out/demo
@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
 help: ## Say what make can do here
 	@echo "aquanav: real caves as navigation benchmarks for underwater vehicles."
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1#\2/p' Makefile | awk -F'#' '{ printf "%-14s%s\n", $$1, $$2 }'
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1#\2/p' Makefile | awk -F'#' '{ printf "%-17s%s\n", $$1, $$2 }'
 	@echo "The first of these installs everything into .venv: 3 to 5 minutes and about 4 GB of disk."
 
 demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos, dive in it (minutes)
@@ -32,6 +32,10 @@ demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos
 test: .venv/installed ## Run the default tests (under 10 minutes on two cores)
 	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."
 	@$(BIN)/pytest --numprocesses 2 --dist loadfile
+
+test-slow: .venv/installed ## Run the slow tests that .ci/run runs (under 30 minutes on two cores)
+	@echo "Running the slow tests; the nightly ones are left out (run them with: $(BIN)/pytest -m nightly)."
+	@$(BIN)/pytest --numprocesses 2 --dist loadfile -m 'slow and not nightly'
 
 check: .venv/installed ## Check style (ruff) and types (mypy)
 	@echo "Checking style and types."

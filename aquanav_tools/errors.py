@@ -67,10 +67,21 @@ class PolicyError(AquanavError):
     exit_code = 8
 
 
+FEW_NAMES = 12
+"""So many are listed; of more, the nearest."""
+
+
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """Return " Did you mean 'x'?" for the closest known name, else the list of known names."""
+    """Return " Did you mean 'x'?" for the closest known name, else the known names, of many the nearest three."""
     known = list(known)
     closest = difflib.get_close_matches(name, known, n=1)
     if closest:
         return f" Did you mean '{closest[0]}'?"
+    if len(known) > FEW_NAMES:
+        return f" The nearest of {len(known)} names: {', '.join(near_names(name, known))}."
     return f" Known: {', '.join(sorted(known))}."
+
+
+def near_names(name: str, known: Iterable[str], count: int = 3) -> list[str]:
+    """Return the known names that are most like a name, the most alike first; equals in the order they come in."""
+    return sorted(known, key=lambda one: -difflib.SequenceMatcher(None, name, one).ratio())[:count]

@@ -13,10 +13,12 @@ import errno
 import fcntl
 import json
 import os
+import platform
 import shutil
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import IO, Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.provenance import code_digest, digest
@@ -70,7 +72,7 @@ class StageStore:
             if is_finished(folder):
                 return
             check_room(self.folder)  # libraries that ignore what the disk answers left torn files
-            _flush(folder)
+            flush(folder)
             write_whole(folder / _DONE_FILE, json.dumps({"stage": name}) + "\n")
         self._forget_older(name, folder)
 
@@ -98,15 +100,42 @@ def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
     Raises:
         InputError: another process holds it.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK_FILE).open("a") as stream:
-        try:
-            fcntl.flock(stream, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
-        except BlockingIOError as error:
-            raise InputError(
-                f"Another process is at work in {folder}. Wait until it has ended, or name another folder with -o."
-            ) from error
-        yield
+    path = folder / LOCK_FILE
+    while True:
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("a+b", buffering=0) as stream:
+            try:
+                fcntl.flock(stream, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
+            except BlockingIOError as error:
+                raise InputError(
+                    f"Another process is at work in {folder}{_holder(path)}. Wait until it has ended, or name another "
+                    "folder with -o."
+                ) from error
+            if holds_path(stream, path):
+                _sign(stream)
+                yield
+                return
+
+
+def holds_path(stream: IO[Any], path: Path) -> bool:
+    """Return whether an open file still is the one at a path: who waits for a lock may get it on a deleted file."""
+    try:
+        return os.path.samestat(os.fstat(stream.fileno()), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _sign(stream: IO[bytes]) -> None:
+    """Write down who holds a lock."""
+    since = time.strftime("%Y-%m-%d %H:%M:%S")
+    with contextlib.suppress(OSError):  # on a full disk nobody learns who holds it, and it holds none the less
+        stream.truncate(0)
+        stream.write(f"process {os.getpid()} on {platform.node()} since {since}".encode())
+
+
+def _holder(path: Path) -> str:
+    told = path.read_text(encoding="utf-8", errors="replace")
+    return f": {told}" if told else ""
 
 
 def check_room(folder: Path) -> None:
@@ -185,20 +214,21 @@ def write_whole(path: Path, content: str | bytes) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     os.replace(partial, path)
-    _sync(path.parent)
+    sync(path.parent)
 
 
-def _flush(folder: Path) -> None:
-    """Bring all that is in a folder onto the disk: after a power cut a finished stage must be whole."""
+def flush(folder: Path) -> None:
+    """Bring all that is in a folder onto the disk: after a power cut it must be whole."""
     for place, _, names in os.walk(folder):
         for name in names:
             path = Path(place) / name
             if not path.is_symlink():
-                _sync(path)
-        _sync(Path(place))
+                sync(path)
+        sync(Path(place))
 
 
-def _sync(path: Path) -> None:
+def sync(path: Path) -> None:
+    """Bring a file, or the names in a folder, onto the disk."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from aquanav_tools.errors import AquanavError, InputError, did_you_mean
+from aquanav_tools.text_files import read_text
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -17,23 +18,18 @@ else:
     import tomli as tomllib
 
 T = TypeVar("T")
+MAX_SETTINGS_BYTES = 1_000_000
 
 
 def read_toml(path: Path, error: type[AquanavError] = InputError) -> dict[str, Any]:
     """Return the table in a TOML file.
 
     Raises:
-        error: the file is missing, too large to be settings, or not TOML; the message names the place.
+        error: the file is missing, too large to be settings, not UTF-8 or not TOML; the message names the place.
     """
     if not path.is_file():
         raise error(f"There is no file {path}. Check the path.")
-    if path.stat().st_size > 1_000_000:
-        raise error(f"{path} has {path.stat().st_size} bytes; a settings file has at most 1,000,000. Check the path.")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as cause:
-        raise error(f"{path} is not valid TOML: {cause}. Correct the file there.") from cause
-    return parse_toml(text, str(path), error)
+    return parse_toml(read_text(path, error, MAX_SETTINGS_BYTES), str(path), error)
 
 
 def parse_toml(text: str, where: str, error: type[AquanavError] = InputError) -> dict[str, Any]:
@@ -44,7 +40,7 @@ def parse_toml(text: str, where: str, error: type[AquanavError] = InputError) ->
     """
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as cause:
+    except (ValueError, RecursionError) as cause:  # a number of 5000 digits is a ValueError of its own
         raise error(f"{where} is not valid TOML: {cause}. Correct the file there.") from cause
 
 
@@ -93,7 +89,7 @@ def _convert(hint: Any, value: object, where: str, error: type[AquanavError]) ->
     if origin in (typing.Union, types.UnionType):
         return _convert_union([a for a in arguments if a is not type(None)], value, where, error)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
+        return _to_float(value, where, error)
     if hint is Path and isinstance(value, str):
         return Path(value)
     if type(value) is not hint:
@@ -101,6 +97,13 @@ def _convert(hint: Any, value: object, where: str, error: type[AquanavError]) ->
             f"{where} must be of type {hint.__name__}, not {type(value).__name__} ({value!r}). Correct it there."
         )
     return value
+
+
+def _to_float(value: int, where: str, error: type[AquanavError]) -> float:
+    try:
+        return float(value)
+    except OverflowError as cause:
+        raise error(f"{where} has more than 308 digits, too many for a number here. Correct it there.") from cause
 
 
 def _convert_tuple(arguments: tuple[Any, ...], value: object, where: str, error: type[AquanavError]) -> tuple[Any, ...]:

@@ -8,6 +8,10 @@ from typing import Any, Literal
 
 from aquanav_tools.errors import InputError, did_you_mean
 
+ORIGINAL_DECISIONS = 2400
+"""Episode limit of the original benchmark, in decisions of 0.1 s."""
+MAX_DECISIONS = 1_000_000
+"""Longest episode, in decisions."""
 MAX_DELAY = 100
 """Decisions; ten seconds at the original's ten per second."""
 

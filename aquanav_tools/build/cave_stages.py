@@ -10,6 +10,8 @@ from scipy.spatial import cKDTree
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.source_words import words_for
+from aquanav_tools.build.time_stage import note_time
 from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
@@ -22,8 +24,8 @@ from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.route.narrows import Narrow, find_narrows
 from aquanav_tools.cave.route.panels import place_panels
+from aquanav_tools.cave.route.passability import Passability, measure_passability
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
@@ -31,10 +33,11 @@ from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
+from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array, BoolArray, Capsule, Mesh, PointCloud
 from aquanav_tools.values import kept_value
 
@@ -64,7 +67,7 @@ class BuiltCave:
     closed: ClosedSurface
     enclosure: float
     """Median share of the view from roomy places that is scanned wall."""
-    narrows: tuple[Narrow, ...]
+    passability: Passability
     handles: tuple[Handle, ...]
     """What one can swim around or through, thinnest first."""
     collision: CollisionMesh
@@ -138,7 +141,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
         share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
-        narrows = find_narrows(guide.centreline, cavity, 2.0 * vehicle.capsule.radius)
+        passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
     flow = find_currents(cavity, field, guide, options.water, journal)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
@@ -147,14 +150,15 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     with journal.stage("Simplifying the collision mesh"):
         collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * vehicle.capsule.radius)
     with journal.stage("Measuring the cave"):
-        fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel)
+        fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel, closed.mesh)
         statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
     settings = _settings(options, kind, guide, vehicle.name, collision)
-    vehicle_toml = vehicle_path(options.vehicle).read_text(encoding="utf-8")
+    vehicle_toml = read_text(vehicle_path(options.vehicle))
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
-    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
+    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, passability, handles, collision)
     _note_weaknesses(built, options, journal)
+    note_time(scenario, journal)
     return built
 
 
@@ -176,6 +180,7 @@ def _settings(
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=vehicle,
         water=water_settings(options.water),
+        limits=LimitSettings(decisions=options.decisions),
         collision_error=collision.bound,
     )
 
@@ -209,7 +214,7 @@ def _close(
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
     found = _close_at(resolution, scan, options, journal, min_portal, evidence)
     points = _sample(found.surface.points, np.random.default_rng(options.seed))
-    misfit = measure_fit(found.cavity, points, resolution.voxel).median
+    misfit = measure_fit(found.cavity, points, resolution.voxel, found.closed.mesh).median
     coarser = VOXELS_OF_MISFIT * misfit
     is_loose = misfit > MAX_MEDIAN_VOXELS * resolution.voxel
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
@@ -288,8 +293,17 @@ def _place(text: str, cavity: Cavity) -> Array | None:
 
 
 def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
-    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m."""
+    """Return up to NUM_VIEWPOINTS (N, 3) places with at least half of the largest clearance, m.
+
+    Raises:
+        MeshError: no sample lies in water.
+    """
     indices, clearance = field.water()
+    if not len(indices):
+        raise MeshError(
+            f"The water is nowhere as wide as the distance between two samples, {field.spacing:.2g} m: no vehicle of "
+            "that size fits in. Check --unit, or choose a smaller vehicle with --vehicle."
+        )
     roomy = indices[clearance >= 0.5 * field.max_clearance]
     chosen = np.sort(rng.choice(len(roomy), min(len(roomy), NUM_VIEWPOINTS), replace=False))
     return field.positions(roomy[chosen])
@@ -300,33 +314,43 @@ def _sample(points: Array, rng: np.random.Generator) -> Array:
 
 
 def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) -> None:
-    statistics, fit, voxel = built.statistics, built.fit, built.resolution.voxel
+    kind = built.scenario.settings.built.kind
+    words, statistics, fit, voxel = words_for(kind), built.statistics, built.fit, built.resolution.voxel
     for code, sentence in built.closed.cautions:
         journal.warn(code, sentence)
     if built.surface.dropped_share > MAX_DROPPED_SHARE:
         journal.warn(
             "left-out",
-            f"{built.surface.dropped_share:.0%} of the scan was left out: stray objects, outliers, or walls hidden "
-            "behind others. If part of the cave is missing, look at the picture.",
+            f"{built.surface.dropped_share:.0%} of the {words.name} was left out: stray objects, outliers, or walls "
+            "hidden behind others. If part of the cave is missing, look at the picture.",
         )
-    if statistics.observed_share < MIN_OBSERVED_SHARE:
+    # Of a survey, "modelled-wall" has said how little is measured.
+    if statistics.observed_share < MIN_OBSERVED_SHARE and kind != "survey":
         journal.warn(
             "unobserved-wall",
-            f"Only {statistics.observed_share:.0%} of the wall was seen by the scan; the rest was filled in. Scan the "
-            "missing parts, or treat clearance there with care.",
+            f"Only {statistics.observed_share:.0%} of the wall was {words.seen}; the rest was {words.filled}. "
+            f"{words.advice}.",
         )
     if fit.percentile_95 > voxel or fit.median > MAX_MEDIAN_VOXELS * voxel:
         journal.warn(
             "loose-fit",
-            f"The scan's points lie {fit.median:.3f} m from the cavity (median), 95 % within {fit.percentile_95:.3f} m;"
-            f" a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the picture.",
+            f"Points of the {words.name} lie {fit.median:.3f} m from the cavity (median), 95 % within "
+            f"{fit.percentile_95:.3f} m; a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the "
+            "picture.",
+        )
+    cut_share = 1.0 - built.scenario.cavity.volume / built.closed.mesh.volume
+    if options.closing.cut and cut_share > 0.5:
+        journal.warn(
+            "large-cut",
+            f"The cuts take away {cut_share:.0%} of the water. The last three numbers of a cut point towards the part "
+            "that goes; turn them round if the wrong one went.",
         )
     if statistics.num_portals < 2:
         journal.warn(
             "few-portals",
             f"{'One open end was' if statistics.num_portals else 'No open ends were'} found, so the goal is the "
             "farthest place inside the cave. If the "
-            "passage goes on, check that the scan is open there, lower --min-portal, or cut it with --cut.",
+            f"passage goes on, {words.reopen}.",
         )
     if len(built.scenario.starts) < options.starts.count:
         journal.warn(

@@ -1,4 +1,4 @@
-"""The scenario in a cloud, taken from an earlier run where nothing that it rests on has changed."""
+"""The scenario in a scan or a cloud, taken from an earlier run where nothing that it rests on has changed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from pathlib import Path
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
+from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
 from aquanav_tools.sim.vehicle import vehicle_path
 from aquanav_tools.store import StageStore
-from aquanav_tools.types import PointCloud
+from aquanav_tools.types import Array, Mesh, PointCloud
 from aquanav_tools.values import kept_value
 
 
@@ -27,9 +28,14 @@ class _Kept:
 
 
 def kept_scenario(
-    cloud: PointCloud, options: BuildOptions, journal: Journal, evidence: Evidence, store: StageStore
+    scan: Mesh | PointCloud,
+    options: BuildOptions,
+    journal: Journal,
+    store: StageStore,
+    evidence: Evidence = NO_EVIDENCE,
+    measured: Array | None = None,
 ) -> BuiltCave:
-    """Return what `build_scenario` returns; a later call with the same cloud and options takes it from the store."""
+    """Return what `build_scenario` returns; a later call with the same scan and options takes it from the store."""
     settings = dataclasses.replace(
         options,
         input=Path(options.input.name),
@@ -38,6 +44,8 @@ def kept_scenario(
         quality="standard",
         overwrite=False,
         recipe=None,
+        survey=None,
+        scan=ScanOptions(),
         scale=PhotoScaleOptions(),
         intake=IntakeOptions(),
     )
@@ -45,10 +53,10 @@ def kept_scenario(
 
     def make() -> _Kept:
         told = len(journal.notices)
-        built = build_scenario(cloud, options, journal, evidence, store=store)
+        built = build_scenario(scan, options, journal, evidence, measured, store)
         return _Kept(built, tuple(journal.notices[told:]))
 
-    with store.open("cave", build_scenario, cloud, evidence, settings, vehicle) as folder:
+    with store.open("cave", build_scenario, scan, options.kind, evidence, measured, settings, vehicle) as folder:
         is_made = not (folder / "cave.npz").is_file()
         kept = kept_value(_Kept, folder / "cave.npz", make)
     if not is_made:

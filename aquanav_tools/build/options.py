@@ -14,8 +14,10 @@ from aquanav_tools.cave.options import (
     StartOptions,
     WaterOptions,
 )
+from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
+from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
 """Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""
@@ -28,6 +30,11 @@ class PhotoScaleOptions(ScaleSources):
     passage_height: float | None = None
     """Typical height of the passage, m. A rough scale when nothing better is known; up is taken from the cameras."""
 
+    @property
+    def knows_north(self) -> bool:
+        """Whether a source is given whose y is north: positions from satellites, or a survey."""
+        return self.gps or (self.stations is not None and self.stations.suffix.lower() in SURVEY_SUFFIXES)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.passage_height is not None and not self.passage_height > 0.0:
@@ -39,23 +46,29 @@ class BuildOptions:
     """One build, from input to scenario folder."""
 
     input: Path
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
-    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
+    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""
     """Name of the scenario; the output folder's by default."""
     vehicle: str = "bluerov2"
     """Vehicle that must be able to pass; a shipped name or a .toml file."""
+    decisions: int = ORIGINAL_DECISIONS
+    """Longest episode, in decisions of 0.1 s. The default is the original's and grows where the way is long for the
+    vehicle; any other number is the limit."""
     seed: int = 0
     """Seed of every random draw."""
     quality: Quality = "standard"
     """Of photos: draft to see whether they are enough, high where time does not matter. The forecast tells what each
     takes."""
     overwrite: bool = False
-    """Replace another scenario in the output folder. (Of photos, what was finished is taken up without it.)"""
+    """Replace another scenario in the output folder, once the new one is complete. (Of photos, what was finished is
+    taken up without it.)"""
     survey: Path | None = None
     """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
+    cave: str = ""
+    """Cave of a survey file that holds several, or one of its surveys, such as "mietusia" or "mietusia.rura"."""
     recipe: Path | None = None
     """TOML file with settings for the stages, as in pipelines/build; flags given here win over it."""
     scan: ScanOptions = field(default_factory=ScanOptions)
@@ -66,6 +79,12 @@ class BuildOptions:
     starts: StartOptions = field(default_factory=StartOptions)
     water: WaterOptions = field(default_factory=WaterOptions)
     intake: IntakeOptions = field(default_factory=IntakeOptions)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.decisions <= MAX_DECISIONS:
+            raise InputError(
+                f"--decisions is {self.decisions}; an episode has 1 to {MAX_DECISIONS}. Choose a number there."
+            )
 
     @property
     def title(self) -> str:

@@ -15,8 +15,8 @@ from aquanav_tools import __version__
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
-from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
@@ -57,21 +57,12 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
         "turned_share": built.surface.turned_share,
         "enclosure": built.enclosure,
         "water": current_facts(built.scenario),
+        "time": time_facts(built.scenario),
         "num_starts": len(built.scenario.starts),
         "handles": [
             {"centre": one.centre.tolist(), "length": one.length, "is_pillar": one.is_pillar} for one in built.handles
         ],
-        "narrows": [
-            {
-                "position": one.position.tolist(),
-                "arc_length": one.arc_length,
-                "width": one.width,
-                "is_passable": one.is_passable,
-                "text": str(one),
-            }
-            for one in built.narrows
-        ],
-        "largest_vehicle": largest_vehicle(built.narrows),
+        "passability": built.passability.facts(),
         "collision": {
             "triangles": len(built.collision.mesh.faces),
             "triangles_before": built.collision.num_triangles_before,

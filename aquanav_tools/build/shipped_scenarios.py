@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,16 +17,18 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_made_up
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.mesh.contact import Surface as WallSurface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
+from aquanav_tools.cave.route.passability import route_clearance
 from aquanav_tools.cave.scan.resolution import Resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, WORK_SUFFIX, named_folder
-from aquanav_tools.shipped import shipped_path
+from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
 from aquanav_tools.tables import from_table, read_toml
@@ -61,6 +64,12 @@ def read_shipped(name: str) -> ShippedScenario:
     Raises:
         InputError: there is none of that name, or its file has an unknown key or a value that makes no sense.
     """
+    known = shipped_names(CONTENT)
+    if name not in known:
+        raise InputError(
+            f"aquanav ships no scenario '{name}'. The nearest names are {', '.join(near_names(name, known))}; "
+            "`aquanav scenarios` lists all."
+        )
     path = shipped_path(CONTENT, name)
     return from_table(ShippedScenario, read_toml(path), path.name)
 
@@ -78,15 +87,14 @@ def build_shipped(
     if (folder / SETTINGS_FILE).is_file():
         return None
     work = folder.with_name(folder.name + WORK_SUFFIX)
-    work.mkdir(parents=True, exist_ok=True)
-    with locked(work, waits=True):
+    with locked(work, waits=True), contextlib.ExitStack() as ending:
+        # While it is held: who waits for it then makes another one.
+        ending.callback(shutil.rmtree, work, ignore_errors=True)
         if (folder / SETTINGS_FILE).is_file():  # built by another process meanwhile
             return None
         journal = Journal(display) if announce is None else Journal(display, announce)
         journal.announce(f"Building {name}, {recipe.title}, in {folder}: about a minute on a free core, and only once.")
-        result = build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
-    shutil.rmtree(work, ignore_errors=True)
-    return result
+        return build_gallery(recipe, shipped_path(CONTENT, name), folder, journal)
 
 
 def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, journal: Journal) -> BuildResult:
@@ -129,9 +137,9 @@ class Difficulty:
 
     length: float
     """Of the way to the goal, m."""
-    tightness: float
-    """Width of the narrowest place on the way over the vehicle's; 1 leaves no room."""
-    usual_width: float
+    least_clearance: float
+    """Of the way, over half of the vehicle's width; 1 leaves no room."""
+    median_clearance: float
     """The same for the median of the way."""
     curvature: float
     """By how much the way turns, degrees per metre."""
@@ -143,9 +151,9 @@ class Difficulty:
 
 def difficulty(scenario: Scenario) -> Difficulty:
     """Return how hard a scenario is for the vehicle it carries."""
-    width = 2.0 * parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
+    radius = parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
     line = scenario.guide.centreline
-    clearance = scenario.field.clearance(line)
+    clearance = route_clearance(WallSurface(scenario.cavity.walls), line)
     ends = line[:: max(1, round(TURN_LENGTH / np.linalg.norm(line[1] - line[0])))]
     ahead = np.diff(ends, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -153,8 +161,8 @@ def difficulty(scenario: Scenario) -> Difficulty:
     network = scenario.network
     return Difficulty(
         length=scenario.guide.length,
-        tightness=2.0 * float(clearance.min()) / width,
-        usual_width=2.0 * float(np.median(clearance)) / width,
+        least_clearance=clearance.least / radius,
+        median_clearance=clearance.median / radius,
         curvature=float(turns.sum() / scenario.guide.length),
         num_loops=network.num_loops,
         num_dead_ends=network.num_dead_ends,

@@ -11,7 +11,7 @@ class ScanOptions:
     """How to read a scan's coordinates."""
 
     unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] | None = None
-    """Length unit of the file. Metres when not given, and then sizes that no cave has are refused."""
+    """Length unit of the file; metres when not given. Sizes that no cave has are refused, with the unit that fits."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
     """Axis of the file that points up."""
 

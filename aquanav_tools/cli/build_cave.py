@@ -37,9 +37,13 @@ Photos are matched, placed and measured; scans of any mesh format or point cloud
 a cave through its splays and passage dimensions. The result is a folder with a watertight cavity, portals, route,
 panels, start poses and a report with drawings.
 
-A build from photos that was killed, or ran out of disk, goes on where it stopped when the same command is run again;
-with a changed option, only what depends on it is made again. What that takes up lies in the folder "work" of the
-output; it may be deleted."""
+A build that was killed, or ran out of disk, goes on where it stopped when the same command is run again: from photos
+within each stage, from scans and surveys after the last stage that keeps its result (the closed cavity, then all of the
+cave). With a changed option, only what depends on it is made again. What that takes up lies in the folder "work" of the
+output; it may be deleted.
+
+With --overwrite, the scenario that is there stays as it is until the new one is complete. If the build fails, what is
+known about it lies in the folder "failed" of the output."""
 
 
 @dataclass(frozen=True)
@@ -47,8 +51,8 @@ class Options(BuildOptions):
     """The command line."""
 
     input: tyro.conf.Positional[Path]
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: any mesh format trimesh reads, or a point cloud
-    (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
+    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Scenario folder to write."""
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)
@@ -115,7 +119,7 @@ def _summary(folder: Path) -> str:
     return (
         f"A passage of {numbers['route_length']:.1f} m, {numbers['volume']:.1f} m3, {numbers['num_triangles']} "
         f"triangles, watertight; {numbers['num_portals']} portals, {numbers['num_panels']} panels, "
-        f"{report['num_starts']} starts, narrowest clearance {numbers['min_clearance']:.2f} m.\n"
+        f"{report['num_starts']} starts.\n{report['passability']['text']}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
         f"Recording: rerun {folder / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {folder}"

@@ -170,7 +170,7 @@ def _replay(options: ReplayOptions) -> None:
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:
-    from aquanav_tools.evaluate.summary_text import bound, estimate_text, metres, percent, variety_text
+    from aquanav_tools.evaluate.summary_text import bound, estimate_text, infeasible_text, metres, percent, variety_text
 
     summary = evaluation.summary
     bounded, limit = bound(summary)
@@ -187,7 +187,8 @@ def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str
     lines = [f"\n{policy} in {places}, {summary.episodes} episodes, 95 % intervals in brackets"]
     lines += [f"  {name:<29}{value}" for name, value in rows.items()]
     variety = variety_text(evaluation.episodes, summary, evaluation.num_possible)
-    return "\n".join([*lines, "", variety, "", _places(evaluation)])
+    missed = ["", infeasible_text(summary)] if summary.infeasible_episodes else []
+    return "\n".join([*lines, "", variety, *missed, "", _places(evaluation)])
 
 
 def _places(evaluation: Evaluation) -> str:

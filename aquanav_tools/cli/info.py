@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import platform
+import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from aquanav_tools.cli.command import run_command
+from aquanav_tools import __version__
+from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
+from aquanav_tools.cli.command import DEBUG_FLAG, run_command
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
@@ -19,7 +24,12 @@ from aquanav_tools.errors import ResourceError
 
 DESCRIPTION = """Real caves as navigation benchmarks for underwater vehicles.
 
-Look around with this command; work with aquanav-build-cave, aquanav-train and aquanav-eval."""
+  aquanav build scan.stl -o caves/mine
+  aquanav train --scenario caves/mine -o out/train
+  aquanav eval out/train/policy.zip --scenario caves/mine
+
+`aquanav COMMAND --help` explains each. aquanav-build-cave, aquanav-train and aquanav-eval are the same commands.
+Add --version for the version of aquanav alone."""
 
 PACKAGES = (
     "aquanav",
@@ -50,10 +60,10 @@ CONTENT = {
 
 @dataclass(frozen=True)
 class Info:
-    """Print the versions of aquanav and of the libraries that results depend on, or what a vehicle can do."""
+    """Print the versions that results depend on, or what a vehicle can do, or what gets through a built cave."""
 
     vehicle: Annotated[str | None, tyro.conf.Positional] = None
-    """A shipped vehicle's name, or a .toml file of your own, which is checked."""
+    """A shipped vehicle's name, or a .toml file of your own, which is checked; or the folder of a built cave."""
 
 
 @dataclass(frozen=True)
@@ -67,11 +77,29 @@ class List:
 
 
 @dataclass(frozen=True)
+class Build:
+    """Build a scenario from a scan, a survey, photos or a video; the same as aquanav-build-cave."""
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn a policy; the same as aquanav-train."""
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Score a policy, compare scores, fly an episode again; the same as aquanav-eval."""
+
+
+@dataclass(frozen=True)
 class Options:
     """The command line."""
 
     command: (
-        Annotated[Info, tyro.conf.subcommand("info")]
+        Annotated[Build, tyro.conf.subcommand("build")]
+        | Annotated[Train, tyro.conf.subcommand("train")]
+        | Annotated[Evaluate, tyro.conf.subcommand("eval")]
+        | Annotated[Info, tyro.conf.subcommand("info")]
         | Annotated[Doctor, tyro.conf.subcommand("doctor")]
         | Annotated[List, tyro.conf.subcommand("list")]
         | Annotated[Render, tyro.conf.subcommand("render")]
@@ -82,8 +110,22 @@ class Options:
     """What to do."""
 
 
+COMMANDS = {"build": "build_cave", "train": "train", "eval": "evaluate"}
+"""Subcommands that are commands of their own as well, and the modules of these, which read the rest of the line."""
+VERSION_FLAG = "--version"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    words = [argument for argument in arguments if argument != DEBUG_FLAG]
+    if words[:1] == [VERSION_FLAG]:
+        print(f"aquanav {__version__}")
+        return
+    if words and words[0] in COMMANDS:
+        arguments.remove(words[0])
+        importlib.import_module(f"aquanav_tools.cli.{COMMANDS[words[0]]}").main(arguments)
+        return
     run_command(
         tyro.conf.OmitSubcommandPrefixes[tyro.conf.OmitArgPrefixes[Options]],
         _run,
@@ -97,6 +139,8 @@ def _run(options: Options) -> None:
     match options.command:
         case Info(vehicle=None):
             _print_table(_versions())
+        case Info(vehicle=str(name)) if is_built_cave(Path(name)):
+            _print_table(cave_facts(Path(name)))
         case Info(vehicle=str(name)):
             _print_table(_vehicle_facts(name))
         case Doctor():

@@ -15,6 +15,7 @@ from aquanav_tools.cli.command import run_command
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 
 if TYPE_CHECKING:
+    from aquanav_tools.train.pipeline import Pipeline
     from aquanav_tools.train.training import Trained
 
 DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesson by lesson.
@@ -76,18 +77,19 @@ def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)
-    print(_summary(trained, options.output, pipeline.lessons[-1]))
+    print(_summary(trained, options.output, pipeline))
 
 
 def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
     """Return the settings that the command line names; a default is no wish, and the pipeline may say otherwise."""
-    named = {argument.split("=")[0].removeprefix("--").replace("-", "_") for argument in arguments}
+    options = [argument for argument in arguments if argument.startswith("--")]  # in `--backend batch`, batch is none
+    named = {option.split("=")[0].removeprefix("--").replace("-", "_") for option in options}
     names = [field.name for field in dataclasses.fields(settings)]
     return {name: getattr(settings, name) for name in names if name in named or f"no_{name}" in named}
 
 
-def _summary(trained: Trained, folder: Path, lesson: TrainSettings) -> str:
-    point, best, final = trained.point, trained.best, trained.final
+def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
+    point, best, final, lesson = trained.point, trained.best, trained.final, pipeline.lessons[-1]
     deed = "This run was finished before; nothing was done. It learned" if trained.was_finished else "Learned"
     lines = [f"{deed} from {point.steps:,} decisions in {point.seconds:.0f} s."]
     if final is not None:
@@ -105,7 +107,9 @@ def _summary(trained: Trained, folder: Path, lesson: TrainSettings) -> str:
             f"Best in validation: after {best.steps:,} decisions, {best.clean_success_rate:.0%} collision-free success "
             f"({policy})."
         )
-    lines += [f"Report: {folder / 'report.html'}", f"Score it: aquanav-eval {policy} --scenario {lesson.scenario}"]
+    vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
+    score = f"aquanav-eval {policy} --scenario {lesson.scenario}{vehicle}"
+    lines += [f"Report: {folder / 'report.html'}", f"Score it: {score}"]
     return "\n".join(lines)
 
 

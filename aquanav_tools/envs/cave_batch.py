@@ -12,13 +12,12 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
-from aquanav_tools.envs.cave_env import _episode_rules, _water_of, vehicle_of
+from aquanav_tools.envs.cave_env import _episode_rules, _water_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
-from aquanav_tools.errors import ScenarioError
-from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
@@ -60,8 +59,8 @@ class CaveBatch:
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
             observation: "paper" or "full".
             action: "multidiscrete", "discrete" or "continuous".
-            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
-            max_decisions: Episode limit; None takes the scenario's.
+            vehicle: As `CaveEnv` takes it.
+            max_decisions: Episode limit; None takes the scenario's, which grows with the way (`sim.time_limit`).
             rays: "field" traces them through the distance field, "mesh" casts them exactly, as PyBullet's environment
                 does, and takes several times as long.
             device: "cpu", "cuda" or "cuda:0".
@@ -70,27 +69,25 @@ class CaveBatch:
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown, senseless or not batched.
+            InputError: an option is unknown, senseless or not batched, or the vehicle's hull does not fit.
         """
         from aquanav_tools.sim.batch.fleet import BatchWorld
 
-        self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
-        if not self.scenario.starts:
-            raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
+        self.scenario, craft = prepared(scenario, vehicle)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
         check_batched(options, observation)
         water = _water_of(self.scenario, options.current)
-        settings, craft = self.scenario.settings, vehicle_of(self.scenario, vehicle)
+        settings = self.scenario.settings
         weights = cave_weights(options.reward, craft)
-        rules = _episode_rules(self.scenario, options, weights, max_decisions)
+        rules = _episode_rules(self.scenario, craft, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
         self.ray_lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
-        self._max_decisions = rules.max_decisions
+        self.max_decisions = rules.max_decisions
         self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
@@ -124,7 +121,7 @@ class CaveBatch:
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
-        self.world.age(np.random.default_rng(seed).integers(self._max_decisions, size=self.num))
+        self.world.age(np.random.default_rng(seed).integers(self.max_decisions, size=self.num))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""

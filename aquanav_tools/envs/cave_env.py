@@ -18,16 +18,16 @@ from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.progress import progress_measure
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
-from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.envs.vehicles import prepared
+from aquanav_tools.errors import InputError
 from aquanav_tools.report.recording.live import LiveDive
-from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
 from aquanav_tools.sim.spheres import SphereSensor, find_ends
-from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle
+from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import Water
 from aquanav_tools.task import TaskOptions, task_options
@@ -87,7 +87,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`, or
     with `starts="anywhere"` in any water that the vehicle can reach.
     It terminates when no more than the goal's tolerance is left along the guide ("success"), or at the first contact
-    ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions` ("timeout").
+    ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions` ("timeout"):
+    2400 (240 s), as in the original, and more where the way is long for the vehicle (`sim.time_limit`).
 
     ## Info
     After every reset and step: position (3,) m and orientation (4,) (w, x, y, z) in the world; velocity (6,) over
@@ -119,8 +120,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             scenario: A scenario folder, or a scenario in memory.
             observation: "paper", "full" or "original".
             action: "multidiscrete", "discrete" or "continuous".
-            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's.
-            max_decisions: Episode limit; None takes the scenario's.
+            vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's. Starts at which another hull
+                touches the wall are left out, with a warning.
+            max_decisions: Episode limit; None takes the scenario's, which grows with the way (`sim.time_limit`).
             render_mode: "rgb_array" for pictures by lamp light from `render`; "human" shows every state in rerun's
                 viewer, as fast as they come. A viewer that is there is used, else one is started.
             view: Of the pictures: "chase", from behind the vehicle, or "onboard", from its nose.
@@ -130,17 +132,14 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown or senseless.
+            InputError: an option is unknown or senseless, or the vehicle's hull does not fit into the cave.
             ResourceError: no viewer can be started.
         """
-        self.scenario = scenario if isinstance(scenario, Scenario) else read_scenario(scenario)
-        if not self.scenario.starts:
-            raise ScenarioError(f"The scenario {self.scenario.name} has no starts. Build it again.")
-        self.vehicle = vehicle_of(self.scenario, vehicle)
+        self.scenario, self.vehicle = prepared(scenario, vehicle)
         self.task = task_options(task)
         settings = self.scenario.settings
         self._weights = cave_weights(self.task.reward, self.vehicle)
-        self._rules = _episode_rules(self.scenario, self.task, self._weights, max_decisions)
+        self._rules = _episode_rules(self.scenario, self.vehicle, self.task, self._weights, max_decisions)
         self._water = _water_of(self.scenario, self.task.current)
         self._current: Array = np.zeros(3)
         """(3,) velocity of the water where the vehicle is, world frame, m/s."""
@@ -242,6 +241,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return len(self.scenario.starts)
 
     @property
+    def max_decisions(self) -> int:
+        """After how many decisions an episode is truncated."""
+        return self._rules.max_decisions
+
+    @property
     def way(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
         return self.starts.way_to_goal(self._beginning, self._start_index)
@@ -332,20 +336,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return info
 
 
-def vehicle_of(scenario: Scenario, vehicle: str | Path | Vehicle | None = None) -> Vehicle:
-    """Return a vehicle by name or path of a TOML file; without one the scenario's."""
-    if isinstance(vehicle, Vehicle):
-        return vehicle
-    if vehicle is None and scenario.vehicle_toml:
-        return parse_vehicle(scenario.vehicle_toml, f"vehicle of the scenario {scenario.name}")
-    return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
-
-
 def _episode_rules(
-    scenario: Scenario, task: TaskOptions, weights: RewardWeights, max_decisions: int | None
+    scenario: Scenario, vehicle: Vehicle, task: TaskOptions, weights: RewardWeights, max_decisions: int | None
 ) -> EpisodeRules:
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
-    limit = scenario.settings.limits.decisions if max_decisions is None else max_decisions
+    limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
     if limit < 1:
         raise InputError(f"max_decisions must be at least 1, got {limit}.")
     ends_on_collision = weights.ends_on_collision or task.on_collision == "end"

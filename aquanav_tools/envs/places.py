@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,11 +14,17 @@ from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.joint_batch import JointBatch
-from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.surface_env import ORIGINAL_BOAT, SurfaceEnv, boat_of
+from aquanav_tools.envs.vehicles import dived_by, left_out_sentence
 from aquanav_tools.errors import InputError
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.bay import Bay, is_bay, read_bay
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import OtherVehicle, Scenario
+from aquanav_tools.sim.boat import boat_path
+from aquanav_tools.sim.vehicle import vehicle_path
+
+logger = logging.getLogger(__name__)
 
 Place = Scenario | Bay
 Spec = str | Path | Place
@@ -30,6 +38,32 @@ def read_place(spec: str | Path) -> Place:
         ScenarioError: it cannot be read.
     """
     return read_bay(spec) if is_bay(spec) else read_scenario(spec)
+
+
+def with_vehicle(place: Place, vehicle: str | None) -> Place:
+    """Return a scenario with another vehicle, by name or path, in place of its own; itself without one.
+
+    Raises:
+        InputError: there is no such vehicle or boat, or its hull does not fit, as in `vehicles.with_room_for`.
+    """
+    if vehicle is None:
+        return place
+    if isinstance(place, Scenario):
+        return dived_by(place, vehicle)
+    boat = boat_of(vehicle)
+    if boat == boat_of(place.settings.vehicle):
+        return place
+    path = vehicle_path(vehicle) if vehicle == ORIGINAL_BOAT else boat_path(vehicle)
+    other = OtherVehicle(getattr(boat, "name", path.stem), vehicle, file_hash(path))
+    return replace(place, settings=replace(place.settings, vehicle=vehicle), other_vehicle=other)
+
+
+def say_left_out(places: Iterable[Place]) -> None:
+    """Log a warning for each scenario, once, in which another vehicle has fewer starts than the scenario's own."""
+    for place in dict.fromkeys(places):
+        other = place.other_vehicle
+        if other is not None and other.left_out and isinstance(place, Scenario):
+            logger.warning(left_out_sentence(place, other.name, len(other.left_out)))
 
 
 def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) -> PlaceEnv:

@@ -61,6 +61,9 @@ class BayVenue:
             num_controls=len(AFLOAT),
         )
 
+    def ideal_time(self, task: TaskOptions) -> None:
+        """Return None: wind and tide may carry a boat faster than it drives."""
+
     def draws_water(self, task: TaskOptions) -> bool:
         """Return whether there are waves, wind or a tide, whose directions and gusts each episode draws."""
         return not Seas(self._bay.settings.sea, task.current).is_still

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from aquanav_tools.envs.cave_env import vehicle_of
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
+from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.evaluate.presets import CAVE
@@ -22,7 +23,8 @@ from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
-from aquanav_tools.sim.trial import try_out
+from aquanav_tools.sim.time_limit import ideal_time
+from aquanav_tools.sim.trial import top_speed
 from aquanav_tools.sim.water import is_constant
 from aquanav_tools.task import TaskOptions
 
@@ -34,6 +36,7 @@ class CaveVenue:
 
     def __init__(self, cave: Scenario) -> None:
         self._cave, self._vehicle = cave, vehicle_of(cave)
+        self._ideals: dict[Any, Callable[[float], float]] = {}
         self.ways = tuple(start.geodesic_to_goal for start in cave.starts)
 
     @functools.cached_property
@@ -44,9 +47,17 @@ class CaveVenue:
             condition="",
             width=2.0 * self._vehicle.capsule.radius,
             route_length=self._cave.guide.length,
-            top_speed=try_out(self._vehicle, self._cave.settings.water.density).ahead,
+            top_speed=top_speed(self._vehicle, self._cave.settings.water.density),
             power=functools.partial(drag_power, self._vehicle),
         )
+
+    def ideal_time(self, task: TaskOptions) -> Callable[[float], float]:
+        """Return the time that a way takes at best, with the most favourable share of the current."""
+        key = (task.current, task.current_range)
+        if key not in self._ideals:
+            low, high = (ideal_time(self._cave, self._vehicle, task.current, share) for share in task.current_range)
+            self._ideals[key] = lambda way: min(low(way), high(way))
+        return self._ideals[key]
 
     def draws_water(self, task: TaskOptions) -> bool:
         """Return whether the water draws gusts, eddies or waves, or its share of a current, for each episode."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.comparison_report import SIGNIFICANT, summary_text, write_comparison
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.options import CompareOptions
 from aquanav_tools.evaluate.paired import (
     PairedRates,
@@ -96,6 +96,7 @@ def compare(options: CompareOptions) -> str:
         InputError: a folder holds no finished evaluation, or the evaluations have no scenario and condition in common.
     """
     methods = tuple(_read_method(folder) for folder in options.evaluations)
+    _check_vehicles(methods)
     methods = _same_tasks(methods)
     comparisons = tuple(_compare(methods[0], other) for other in methods[1:])
     options.output.mkdir(parents=True, exist_ok=True)
@@ -119,9 +120,29 @@ def _read_method(folder: Path) -> Method:
         raise InputError(f"{folder} holds no {RESULTS}, nor do folders in it. Name the output of aquanav-eval.")
     tables = [read_results(path) for path in paths]
     name = tables[0]["policy"]["name"] if len(tables) == 1 else f"{folder.name} ({len(tables)} runs)"
-    runs = tuple(tuple(episodes_of(table)) for table in tables)
+    runs = tuple(tuple(_feasible(episodes_of(table))) for table in tables)
     without = tuple({key: value for key, value in table.items() if key != "episodes"} for table in tables)
     return _method(name, runs, without)
+
+
+def _feasible(episodes: list[EpisodeMetrics]) -> list[EpisodeMetrics]:
+    """Return the episodes whose limit left time to arrive, as the others tell nothing of a policy; all without any."""
+    return [episode for episode in episodes if episode.outcome != INFEASIBLE] or episodes
+
+
+def _check_vehicles(methods: Sequence[Method]) -> None:
+    flown: dict[tuple[str, str], tuple[str, str]] = {}
+    rows = [(method.name, row) for method in methods for table in method.tables for row in table["scenarios"]]
+    for method, row in rows:
+        vehicle = (
+            f"{row['vehicle']['name']} ({row['vehicle']['sha256'][:12]})" if "vehicle" in row else "its own vehicle"
+        )
+        known, other = flown.setdefault((row["name"], row["content_hash"]), (vehicle, method))
+        if vehicle != known:
+            raise InputError(
+                f"Different vehicles dived {row['name']}: {known} with {other}, {vehicle} with {method}. Their starts "
+                "and ways are not the same. Evaluate both with the same --vehicle."
+            )
 
 
 def _method(name: str, runs: tuple[tuple[EpisodeMetrics, ...], ...], tables: tuple[dict[str, Any], ...]) -> Method:
@@ -247,7 +268,7 @@ def _table(methods: Sequence[Method], comparisons: Sequence[Comparison]) -> dict
                 "tasks": method.tasks,
                 "scores": method.scores.tolist(),
                 "iqm": dataclasses.asdict(method.iqm) if method.iqm else None,
-                "summary": dataclasses.asdict(method.summary),
+                "summary": method.summary.as_table(),
             }
             for method in methods
         ],

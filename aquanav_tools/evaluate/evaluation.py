@@ -11,7 +11,7 @@ from datetime import datetime, timezone
 from functools import partial
 from pathlib import Path
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.places import Place, say_left_out
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.episode_table import EpisodeTable
@@ -21,7 +21,14 @@ from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, RecordRule, 
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
-from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
+from aquanav_tools.evaluate.results import (
+    Provenance,
+    results_table,
+    scenario_row,
+    versions,
+    write_episodes,
+    write_results,
+)
 from aquanav_tools.evaluate.summary import Summary, group, summarise
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
@@ -75,6 +82,7 @@ def evaluate(
     output = orders.output
     plan = make_plan(orders)
     _check_names(plan.scenarios)
+    say_left_out(plan.scenarios)
     fly = _flyer(plan, options)
     provenance = _provenance(plan, orders)
     journal = _open_journal(output, provenance, options.resume)
@@ -183,7 +191,7 @@ def _provenance(plan: Plan, orders: Orders) -> Provenance:
         possible_episodes=plan.num_possible,
         policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
         scenarios=[
-            {"name": scenario.name, "content_hash": scenario.content_hash, "path": str(folder)}
+            scenario_row(scenario, str(folder))
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)
         ],
         protocol={

@@ -37,7 +37,6 @@ class Hangar:
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, watch: Watch | None = None) -> None:
         self._policy, self._options, self._watch = policy, options, watch or Watch()
         self._env: PlaceEnv | None = None
-        self._course: Course | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
     def fly(self, flight: Flight, reason: str = "") -> tuple[Track, EpisodeMetrics]:
@@ -56,7 +55,7 @@ class Hangar:
         task = task_of(flight, self._options)
         place = (flight.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
-        if self._env is None or self._course is None or not is_here:
+        if self._env is None or not is_here:
             self.close()
             self._env = make_env(
                 flight.scenario,
@@ -66,9 +65,8 @@ class Hangar:
                 **choices_of(task),
             )
             self._place = place
-            self._course = course_of(flight)
         self._env.task = task
-        return self._env, replace(self._course, condition=flight.condition.name)
+        return self._env, course_of(flight, task)
 
 
 @contextmanager
@@ -86,9 +84,10 @@ def numbered(flights: Sequence[Flight]) -> tuple[Flight, ...]:
     return tuple(replace(flight, index=index) for index, flight in enumerate(flights))
 
 
-def course_of(flight: Flight) -> Course:
-    """Return what a flight is held against."""
-    return replace(venue_of(flight.scenario).course, condition=flight.condition.name)
+def course_of(flight: Flight, task: TaskOptions) -> Course:
+    """Return what a flight under some rules is held against."""
+    venue = venue_of(flight.scenario)
+    return replace(venue.course, condition=flight.condition.name, ideal=venue.ideal_time(task))
 
 
 def task_of(flight: Flight, options: ProtocolOptions) -> TaskOptions:

@@ -1,7 +1,8 @@
 """What an episode is worth.
 
 success: the goal was reached, whatever was touched on the way. Collision-free success: reached without touching the
-wall once; the headline, as in the original benchmark, where one collision is a failure. collisions: separate contacts.
+wall once; the headline, as in the original benchmark, where one collision is a failure. infeasible: time ran out where
+the way takes longer at the vehicle's top speed, so that no policy could arrive. collisions: separate contacts.
 clearance: from the hull to the nearest wall. SPL: success weighted by path length. energy: work done against drag.
 """
 
@@ -17,7 +18,8 @@ from aquanav_tools.evaluate.energy import to_world, water_relative
 from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.types import Array
 
-OUTCOMES = ("success", "collision", "timeout", FAILED)
+INFEASIBLE = "infeasible"
+OUTCOMES = ("success", "collision", "timeout", FAILED, INFEASIBLE)
 REGIONS = ("first third", "middle third", "last third")
 """Of the route, by the length of the shortest way that is left at the start."""
 
@@ -39,6 +41,8 @@ class Course:
     """Power that drag takes from the vehicle, W, at (N, 6) velocities through the water; None where it is not known."""
     num_controls: int = 3
     """How many of ballast, steer and thrust it has: a boat the last two."""
+    ideal: Callable[[float], float] | None = None
+    """Time that a way of some length (m) to the goal takes at best, s; None where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +132,7 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         region=region_of(geodesic, course.route_length or geodesic),
         seed=track.seed,
         start=track.start_index,
-        outcome=track.outcome,
+        outcome=_outcome(track, geodesic, course),
         reason=track.reason,
         collisions=track.num_collisions,
         min_clearance=float(track.clearances.min()),
@@ -150,6 +154,13 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         interventions=track.interventions,
         digest=digest_of(track),
     )
+
+
+def _outcome(track: Track, geodesic: float, course: Course) -> str:
+    """Return how an episode ended: a timeout is the limit's fault where nothing could have arrived within it."""
+    if track.outcome != "timeout" or course.ideal is None:
+        return track.outcome
+    return INFEASIBLE if course.ideal(geodesic) > float(track.times[-1]) else track.outcome
 
 
 def digest_of(track: Track) -> str:

@@ -106,6 +106,9 @@ class EvaluateOptions(ProtocolOptions):
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))
     """Folder for results.json, episodes.parquet, report.html, pictures and recordings; an earlier evaluation in it is
     replaced. Several policies get a folder each in it."""
+    vehicle: str | None = None
+    """Vehicle that dives instead of the scenario's: a name (aquanav list has them) or a .toml file. Its hull must fit;
+    starts at which it touches the wall are left out."""
     protocol: str | None = None
     """A protocol that aquanav ships (paper, safety, robustness, quick), or a TOML file like one; options given here
     count above it."""
@@ -238,6 +241,8 @@ class ReplayOptions:
     """Let the policy's file run code; see aquanav-eval --help."""
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
+    vehicle: str | None = None
+    """The vehicle's file, where another than the scenario's was evaluated and it is no longer at its path."""
     film: Path | None = None
     """Also write this film of the episode: .mp4 for players, .webm for browsers, .gif or .webp for pages that show no
     video. It takes a tenth of a second of one core per decision."""

@@ -27,8 +27,9 @@ from aquanav_tools.sim.hull import hull_clearance
 from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.types import Array
 
-MAX_NODES = 60_000
-"""Samples of the water that the way is sought on: some seconds of work, and finer than the vehicle is long."""
+NUM_NODES = (60_000, 300_000)
+"""Samples of the water that the way is sought on: some seconds of work, and finer than the vehicle is long. In a long
+cave so few may miss the middle of a narrow place; then as many as the build seeks its route on."""
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
 REACH = 0.7
@@ -46,6 +47,9 @@ HORIZON = 12
 """Decisions flown ahead: longer than it takes to stop."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
+STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
+"""Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
+that is narrower would hold it up for ever."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,25 +67,39 @@ class OraclePolicy:
 
     def __init__(self) -> None:
         self._env: CaveEnv | None = None
-        self._graph: WaterGraph | None = None
-        self._radius = 0.0
+        self._graphs: dict[int, WaterGraph] = {}
         self._trim = layout("full")["trim"]
 
     def board(self, env: CaveEnv) -> None:
         """Learn the map, the vehicle and the water of an environment, and find the way from where the vehicle is."""
         known, radius = self._env, env.vehicle.capsule.radius
-        if self._graph is None or known is None or known.scenario is not env.scenario or radius != self._radius:
-            self._graph, self._radius = WaterGraph(env.scenario.field, radius, MAX_NODES), radius
+        if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
+            self._graphs = {}
         self._env, self._model = env, Lookahead(env)
-        goal = np.array(env.scenario.settings.goal.position, dtype=np.float64)
-        self._way = _find_way(self._graph, env.state[:3], goal)
+        self._way = self._find_way(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
         self._steer(env.state, 0.0, env.water_velocity)  # compiles now, not while a first action is timed
+
+    def _find_way(self, start: Array, goal: Array) -> Way:
+        assert self._env is not None
+        for number in NUM_NODES:
+            if number not in self._graphs:
+                self._graphs[number] = WaterGraph(self._env.scenario.field, self._env.vehicle.capsule.radius, number)
+            found = self._graphs[number].roomy_path(start, goal)
+            if found is not None:
+                points = np.vstack([start, _smooth(found), goal])
+                steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+                return Way(points, np.concatenate([[0.0], np.cumsum(steps)]))
+        raise InputError(
+            f"No way as wide as the vehicle leads from {start.round(2).tolist()} to the goal at "
+            f"{goal.round(2).tolist()}. The scenario is wrong: build it again, or choose a smaller vehicle."
+        )
 
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""
         if self._env is None:
             raise InputError("The oracle knows a map: call its board(env) before its reset.")
         self._pending = deque([IDLE] * self._env.task.action_delay)
+        self._made, self._waited = 0.0, 0
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return [ballast, steer, thrust]; of the observation it only needs its own trim."""
@@ -96,12 +114,20 @@ class OraclePolicy:
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:
-        pursuit = Command(*self._steer(state, trim, current)[:3])
+        *steered, _, made = self._steer(state, trim, current)
+        pursuit, margin = Command(*steered), self._margin(made)
         room, _ = self._foresee(state, trim, current, pursuit)
-        if room >= MARGIN:
+        if room >= margin:
             return pursuit
         foreseen = {command: self._foresee(state, trim, current, command) for command in CHOICES}
-        return max(CHOICES, key=lambda command: (min(foreseen[command][0], MARGIN), foreseen[command][1]))
+        return max(CHOICES, key=lambda command: (min(foreseen[command][0], margin), foreseen[command][1]))
+
+    def _margin(self, made: float) -> float:
+        """Return the clearance to ask for, m, when so much way is made, m."""
+        self._waited += 1
+        if made > self._made + STRIDE:
+            self._made, self._waited = made, 0
+        return MARGIN * 0.5 ** min(self._waited // PATIENCE, MAX_HALVINGS)
 
     def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
         """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""
@@ -165,17 +191,6 @@ def _command_for(state, trim, wanted, current):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _step(error, deadband):  # type: ignore[no-untyped-def]
     return 0.0 if abs(error) <= deadband else float(np.sign(error))
-
-
-def _find_way(graph: WaterGraph, start: Array, goal: Array) -> Way:
-    found = graph.roomy_path(start, goal)
-    if found is None:
-        raise InputError(
-            f"No way as wide as the vehicle leads from {start.round(2).tolist()} to the goal at "
-            f"{goal.round(2).tolist()}. The scenario is wrong: build it again, or choose a smaller vehicle."
-        )
-    points = np.vstack([start, _smooth(found), goal])
-    return Way(points, np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))]))
 
 
 def _smooth(points: Array) -> Array:

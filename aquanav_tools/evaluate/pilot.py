@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
@@ -82,12 +82,13 @@ def make_plan(orders: Orders) -> Plan:
     """Load the policy and the scenarios and plan all episodes.
 
     Raises:
-        InputError: the policy cannot be used, no start lies in a condition's region, or the seal does not fit.
+        InputError: the policy cannot be used, the vehicle does not fit into a scenario, no start lies in a condition's
+            region, or the seal does not fit.
         ScenarioError: a scenario cannot be read.
     """
     options = orders.options
     policy = orders.load(orders.policy)
-    scenarios = tuple(read_place(path) for path in options.scenario)
+    scenarios = tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     flights = [
@@ -129,9 +130,11 @@ def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
 
 
 def seal_of(plan: Plan) -> dict[str, str | None]:
-    """Return the hashes of the policy and of the scenarios by their names."""
+    """Return the hashes of the policy, of the scenarios and of vehicles in place of theirs, by their names."""
     scenarios: dict[str, str | None] = {f"scenario {item.name}": item.content_hash for item in plan.scenarios}
-    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios
+    others = [item.other_vehicle for item in plan.scenarios if item.other_vehicle is not None]
+    vehicles = {f"vehicle {other.name}": other.sha256 for other in others}
+    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios | vehicles
 
 
 def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:

@@ -10,7 +10,7 @@ from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.pictures.film import film_size
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
@@ -111,11 +111,20 @@ def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
 
 def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place:
     expected = next(item for item in table["scenarios"] if item["name"] == name)
-    scenario = read_place(options.scenario or expected["path"])
+    vehicle = expected.get("vehicle")
+    path = options.vehicle or (vehicle and vehicle["path"])
+    scenario = with_vehicle(read_place(options.scenario or expected["path"]), path)
     if scenario.content_hash != expected["content_hash"]:
         raise InputError(
             f"The scenario {scenario.name} is another one than was evaluated: its content hash is "
             f"{scenario.content_hash} instead of {expected['content_hash']}. Name the right folder with --scenario."
+        )
+    flown, wanted = scenario.other_vehicle, vehicle and vehicle["sha256"]
+    if (flown and flown.sha256) != wanted:
+        raise InputError(
+            f"The vehicle {flown.name if flown else 'of the scenario'} is another one than was evaluated "
+            f"({flown.sha256 if flown else 'its own'} instead of {wanted or 'its own'}). Name the right file with "
+            "--vehicle, or leave it out."
         )
     return scenario
 

@@ -15,26 +15,27 @@ from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.pilot import FILM_SUFFIX
 from aquanav_tools.evaluate.policies import SHIELD
-from aquanav_tools.evaluate.results import Provenance
+from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
 from aquanav_tools.evaluate.statistics import Estimate, Proportion, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.summary_text import (
     bound,
     estimate_text,
+    infeasible_text,
     metres,
     percent,
+    rate_text,
     sentence,
-    share,
     variety_text,
 )
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.track import FAILED, Trail
 from aquanav_tools.task import TaskOptions, choices_of
 
 NUM_CHARTS = 6
@@ -189,7 +190,7 @@ def _describe(episode: EpisodeMetrics) -> str:
 def _rates(summary: Summary) -> dict[str, tuple[float, tuple[float, float]]]:
     rates = {"collision-free": summary.collision_free_success}
     for outcome, count in summary.outcomes.items():
-        if outcome != "failed" or count:
+        if outcome not in (FAILED, INFEASIBLE) or count:
             rates[outcome] = wilson(count, summary.episodes)
     return {name: (rate.rate, (rate.low, rate.high)) for name, rate in rates.items()}
 
@@ -201,9 +202,9 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
     free, success, means = summary.collision_free_success, summary.success, summary.means
     per_100m = summary.collisions_per_100m
     return (
-        Fact("collision-free success", share(free.rate), interval(free)),
+        Fact("collision-free success", rate_text(free), interval(free)),
         Fact(*bound(summary), "of episodes, at 95 % confidence"),
-        Fact("success", share(success.rate), interval(success)),
+        Fact("success", rate_text(success), interval(success)),
         Fact("SPL", f"{means['spl'].mean:.2f}", "success weighted by path length"),
         Fact(
             "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
@@ -216,6 +217,8 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
 def _warnings(summary: Summary, episodes: EpisodeTable, provenance: Provenance) -> tuple[Notice, ...]:
     notices = []
     free = summary.collision_free_success
+    if summary.infeasible_episodes:
+        notices.append(Notice("infeasible-episodes", infeasible_text(summary)))
     if summary.distinct_episodes < summary.episodes:
         text = (
             f"Only {summary.distinct_episodes} of the {summary.episodes} episodes differ; the others repeat them to "
@@ -337,6 +340,8 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
     ]
     for scenario in provenance.scenarios:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
+        if "vehicle" in scenario:
+            rows.append((f"vehicle in {scenario['name']}", vehicle_text(scenario["vehicle"])))
     rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
     rows.append(("episodes flown", str(len(journal))))
@@ -348,6 +353,8 @@ def repeat_command(provenance: Provenance) -> str:
     protocol = provenance.protocol
     words: list[Any] = ["aquanav-eval", provenance.policy["path"], "--scenario"]
     words += [scenario["path"] for scenario in provenance.scenarios]
+    others = [scenario["vehicle"]["path"] for scenario in provenance.scenarios if "vehicle" in scenario]
+    words += ["--vehicle", others[0]] if others else []
     if "cases" in protocol:
         return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
     words += ["--episodes", protocol["episodes"]] if protocol["episodes"] else []

@@ -17,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
+from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
+from aquanav_tools.text_files import read_json
 
 FORMAT = 4
 SCHEMA = Path(__file__).with_name("results.schema.json")
@@ -36,7 +38,7 @@ class Provenance:
     policy: dict[str, Any]
     """Its name, SHA-256 (None for a baseline), path, and whether its file was let run code."""
     scenarios: list[dict[str, Any]]
-    """The name, content hash and path of each."""
+    """What `scenario_row` returns of each."""
     protocol: dict[str, Any]
     """Resolved options that change the numbers."""
     possible_episodes: int | None
@@ -44,9 +46,25 @@ class Provenance:
 
     def identity(self, versions: dict[str, str]) -> dict[str, Any]:
         """Return what must be the same for two runs to give the same episodes."""
-        hashes = [{key: scenario[key] for key in ("name", "content_hash")} for scenario in self.scenarios]
+        told = ("name", "content_hash", "vehicle")
+        hashes = [{key: scenario[key] for key in told if key in scenario} for scenario in self.scenarios]
         policy = {key: self.policy[key] for key in ("name", "sha256")}
         return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
+
+
+def scenario_row(scenario: Place, path: str) -> dict[str, Any]:
+    """Return what results say of a scenario, with the vehicle that dived where that was not its own."""
+    row: dict[str, Any] = {"name": scenario.name, "content_hash": scenario.content_hash, "path": path}
+    if scenario.other_vehicle is not None:
+        row["vehicle"] = dataclasses.asdict(scenario.other_vehicle)
+    return row
+
+
+def vehicle_text(vehicle: dict[str, Any]) -> str:
+    """Return what a report says of the vehicle in a `scenario_row`."""
+    numbers = ", ".join(map(str, vehicle["left_out"]))
+    left_out = f"; it does not fit at the starts {numbers} of the scenario's files" if numbers else ""
+    return f"{vehicle['name']}, not the scenario's own{left_out}"
 
 
 def results_table(provenance: Provenance, summary: Summary, groups: Sequence[Group]) -> dict[str, Any]:
@@ -55,8 +73,8 @@ def results_table(provenance: Provenance, summary: Summary, groups: Sequence[Gro
         "format": FORMAT,
         **dataclasses.asdict(provenance),
         "versions": versions(),
-        "summary": dataclasses.asdict(summary),
-        "groups": [dataclasses.asdict(group) for group in groups],
+        "summary": summary.as_table(),
+        "groups": [{"by": group.by, "name": group.name, "summary": group.summary.as_table()} for group in groups],
     }
     rounded: dict[str, Any] = _rounded(table)
     return rounded
@@ -93,11 +111,9 @@ def read_results(path: Path) -> dict[str, Any]:
 
     if not path.is_file():
         raise InputError(f"There is no file {path}. Name the results.json, or the folder, of a finished evaluation.")
+    table: dict[str, Any] = read_json(path)
     try:
-        table: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         check_results(table)
-    except (UnicodeDecodeError, json.JSONDecodeError) as cause:
-        raise InputError(f"{path} is not JSON: {cause}. Run the evaluation again.") from cause
     except jsonschema.ValidationError as cause:
         place = "/".join(map(str, cause.absolute_path)) or "the top"
         raise InputError(

@@ -115,7 +115,7 @@ class Squadron:
         ]
         with self._watch.kept():
             states = self._fly(task, seats)
-        course = course_of(wave[0])
+        course = course_of(wave[0], task_of(wave[0], self._options))
         flown = []
         for place, (flight, seat) in enumerate(zip(wave, seats, strict=True)):
             rows = {name: values[:, place] for name, values in states.items()}

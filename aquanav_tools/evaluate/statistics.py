@@ -34,6 +34,10 @@ class Proportion:
     high: float
 
 
+UNKNOWN = Proportion(0.0, 0.0, 1.0)
+"""The share of no episodes at all."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """A mean with its 95 % interval."""

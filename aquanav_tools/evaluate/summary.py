@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from aquanav_tools.evaluate.episode_table import EpisodeTable
-from aquanav_tools.evaluate.metrics import OUTCOMES, REGIONS, EpisodeMetrics
+from aquanav_tools.evaluate.metrics import INFEASIBLE, OUTCOMES, REGIONS, EpisodeMetrics
 from aquanav_tools.evaluate.statistics import (
+    UNKNOWN,
     Estimate,
     Proportion,
     bootstrap_means,
@@ -40,13 +43,27 @@ class Summary:
     failure_bound: float
     """Probability of anything but collision-free success that is not exceeded with 95 % confidence."""
     outcomes: dict[str, int]
-    """Number of episodes per outcome."""
+    """Number of episodes per outcome; infeasible ones are named where there are any."""
     collisions_per_100m: Estimate
     """Collisions of all episodes over the way of all, per 100 m."""
     min_clearance: float
     """Smallest over all episodes, m."""
     means: dict[str, Estimate]
     """Mean over episodes of each of MEANS that any episode has."""
+    infeasible_episodes: int = 0
+    """Different ones in which no policy could have arrived in time: rates and SPL leave them out."""
+
+    @property
+    def counted_episodes(self) -> int:
+        """Different episodes that the rates are shares of; 0 where the limit left none a chance."""
+        return self.distinct_episodes - self.infeasible_episodes
+
+    def as_table(self) -> dict[str, Any]:
+        """Return plain values for JSON; infeasible episodes are named where there are any."""
+        table = dataclasses.asdict(self)
+        if not self.infeasible_episodes:
+            del table["infeasible_episodes"]
+        return table
 
 
 @dataclass(frozen=True)
@@ -68,17 +85,25 @@ def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
     distinct = table.distinct()
     successes, collisions = distinct.are("outcome", "success"), distinct.column("collisions")
     clean = int((successes & (collisions == 0)).sum())
+    infeasible = int(distinct.are("outcome", INFEASIBLE).sum())
+    counted = len(distinct) - infeasible
     return Summary(
         episodes=len(table),
         distinct_episodes=len(distinct),
-        success=wilson(int(successes.sum()), len(distinct)),
-        collision_free_success=wilson(clean, len(distinct)),
-        failure_bound=failure_bound(len(distinct) - clean, len(distinct)),
-        outcomes={outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES},
+        success=wilson(int(successes.sum()), counted) if counted else UNKNOWN,
+        collision_free_success=wilson(clean, counted) if counted else UNKNOWN,
+        failure_bound=failure_bound(counted - clean, counted) if counted else 1.0,
+        outcomes=_counts(table),
         collisions_per_100m=bootstrap_ratio(collisions.astype(float), distinct.column("path_length") / 100.0),
         min_clearance=float(table.column("min_clearance").min()),
         means=_means(distinct),
+        infeasible_episodes=infeasible,
     )
+
+
+def _counts(table: EpisodeTable) -> dict[str, int]:
+    counts = {outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES}
+    return {outcome: count for outcome, count in counts.items() if count or outcome != INFEASIBLE}
 
 
 def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:
@@ -99,6 +124,9 @@ def _in_columns(episodes: Sequence[EpisodeMetrics]) -> EpisodeTable:
 
 def _means(episodes: EpisodeTable) -> dict[str, Estimate]:
     values = np.stack([episodes.column(name) for name in MEANS], axis=1).astype(float, copy=False)
+    infeasible = episodes.are("outcome", INFEASIBLE)
+    if not infeasible.all():
+        values[infeasible, MEANS.index("spl")] = np.nan
     lacks = np.isnan(values)
     is_whole = ~lacks.any(axis=0)
     whole = [name for name, all_have_it in zip(MEANS, is_whole, strict=True) if all_have_it]

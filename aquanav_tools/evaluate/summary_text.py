@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from aquanav_tools.evaluate.episode_table import EpisodeTable
-from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.evaluate.statistics import Estimate, Proportion, episodes_for, failure_bound
+from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
+from aquanav_tools.evaluate.statistics import UNKNOWN, Estimate, Proportion, episodes_for, failure_bound
 from aquanav_tools.evaluate.summary import Summary
 
 GOAL_HALF_WIDTH = 0.05
@@ -17,7 +17,14 @@ GOAL_HALF_WIDTH = 0.05
 
 def percent(proportion: Proportion) -> str:
     """Return a rate with its interval: 80 % [66, 89]."""
+    if proportion == UNKNOWN:
+        return rate_text(proportion)
     return f"{share(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
+
+
+def rate_text(rate: Proportion) -> str:
+    """Return a rate without its interval."""
+    return "not known" if rate == UNKNOWN else share(rate.rate)
 
 
 def share(value: float) -> str:
@@ -38,11 +45,13 @@ def metres(value: float) -> str:
 
 def sentence(summary: Summary) -> str:
     """Return how it went, in two sentences."""
-    free = round(summary.collision_free_success.rate * summary.distinct_episodes)
+    if not summary.counted_episodes:
+        return infeasible_text(summary)
+    free = round(summary.collision_free_success.rate * summary.counted_episodes)
     clearance = summary.means["mean_clearance"].mean
     label, value = bound(summary)
     return (
-        f"It reached the goal without a collision in {free} of {summary.distinct_episodes} different episodes, and "
+        f"It reached the goal without a collision in {free} of {summary.counted_episodes} different episodes, and "
         f"kept {clearance:.2f} m clear of everything on average. With 95 % confidence it {label} {value} of such "
         "episodes."
     )
@@ -54,11 +63,22 @@ def bound(summary: Summary) -> tuple[str, str]:
     Failures are bounded where most episodes were collision-free successes, and these where they were few: the other
     bound would be near 100 % and say nothing.
     """
-    count = summary.distinct_episodes
+    count = summary.counted_episodes
     num_free = round(summary.collision_free_success.rate * count)
     if 2 * num_free >= count:
         return "fails in at most", share(summary.failure_bound)
     return "is collision-free in at most", share(failure_bound(num_free, count))
+
+
+def infeasible_text(summary: Summary) -> str:
+    """Return what is said of episodes in which no policy could have arrived in time."""
+    count = summary.outcomes[INFEASIBLE]
+    return (
+        f"In {count} of {summary.episodes} episodes the time limit is shorter than the way takes at the vehicle's top "
+        "speed, so no policy could arrive. They ran out of time, and count neither as success nor as failure. Give "
+        "more time with --max-decisions; without it, and without a limit in the scenario, the limit follows from the "
+        "way."
+    )
 
 
 def variety_text(episodes: Sequence[EpisodeMetrics], summary: Summary, num_possible: int | None) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -41,6 +41,9 @@ class Venue(Protocol):
     @property
     def course(self) -> Course:
         """What episodes are held against; its condition is to be filled in."""
+
+    def ideal_time(self, task: TaskOptions) -> Callable[[float], float] | None:
+        """Return the time that a way of some length to the goal takes at best, s; None where that is not known."""
 
     def draws_water(self, task: TaskOptions) -> bool:
         """Return whether the water alone makes episodes from one start differ."""

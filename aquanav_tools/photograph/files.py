@@ -16,6 +16,7 @@ from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions
 from aquanav_tools.photograph.trajectory import Shot
 from aquanav_tools.photograph.water import FloatImage
+from aquanav_tools.text_files import read_json
 from aquanav_tools.types import Array
 
 VIDEO = "dive.mp4"
@@ -40,8 +41,8 @@ def clear(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     truth = folder / TRUTH
     if truth.exists():
-        for camera in json.loads(truth.read_text())["cameras"]:
-            (folder / camera["name"]).unlink(missing_ok=True)
+        for camera in read_json(truth)["cameras"]:
+            (folder / Path(camera["name"]).name).unlink(missing_ok=True)
     (folder / VIDEO).unlink(missing_ok=True)
     if (folder / DEPTH_DIR).exists():
         shutil.rmtree(folder / DEPTH_DIR)

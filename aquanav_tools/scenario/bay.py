@@ -7,6 +7,7 @@ from pathlib import Path
 
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.provenance import digest, file_hash
+from aquanav_tools.scenario.schema import OtherVehicle
 from aquanav_tools.scenario.shipped import BAYS
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.original import SUFFIX as ORIGINAL_SUFFIX
@@ -53,6 +54,8 @@ class Bay:
     """Of a fixed bay."""
     content_hash: str
     """Of settings and map."""
+    other_vehicle: OtherVehicle | None = None
+    """The boat where that is not the one in the settings' file."""
 
 
 def is_bay(spec: str | Path) -> bool:

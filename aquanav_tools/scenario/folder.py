@@ -13,14 +13,16 @@ import weakref
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.errors import ScenarioError, did_you_mean
+from aquanav_tools.errors import ScenarioError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.flow_file import read_flow, write_flow
+from aquanav_tools.scenario.replacing import finish_replacing
 from aquanav_tools.scenario.schema import FORMAT, Scenario, ScenarioSettings
 from aquanav_tools.scenario.shipped import BAYS, SETTINGS_FILE, scenario_folder, scenario_names
 from aquanav_tools.shipped import shipped_names
 from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.text_files import read_text
 
 GEOMETRY_FILES = ("cave.ply", "collision.obj", "field.npz", "guide.json", "starts.json")
 VEHICLE_FILE = "vehicle.toml"
@@ -65,10 +67,18 @@ def read_scenario(folder: str | Path) -> Scenario:
             outside the folder, changed since it was written, or inconsistent with the others.
     """
     folder = scenario_folder(folder)
+    try:
+        finish_replacing(folder)
+    except OSError as cause:
+        raise ScenarioError(
+            f"The build of {folder} was stopped while it moved its files into place, and that cannot be finished: "
+            f"{cause}. Make the folder writable and try again."
+        ) from cause
     if not (folder / SETTINGS_FILE).is_file():
+        near = near_names(folder.name, [*scenario_names(), *shipped_names(BAYS)])
         raise ScenarioError(
             f"{folder} is not a scenario: it has no {SETTINGS_FILE}. Name a folder that aquanav-build-cave finished, "
-            f"or a shipped scenario.{did_you_mean(str(folder), [*scenario_names(), *shipped_names(BAYS)])}"
+            f"or a shipped scenario; the nearest names are {', '.join(near)}, and `aquanav list` has all."
         )
     table = read_toml(folder / SETTINGS_FILE, ScenarioError)
     if table.pop("format", None) != FORMAT:
@@ -89,7 +99,7 @@ def read_scenario(folder: str | Path) -> Scenario:
         field=geometry.read_field(folder / "field.npz"),
         guide=guide,
         starts=geometry.read_starts(folder / "starts.json"),
-        vehicle_toml=(folder / VEHICLE_FILE).read_text(encoding="utf-8") if VEHICLE_FILE in hashes else "",
+        vehicle_toml=read_text(folder / VEHICLE_FILE, ScenarioError) if VEHICLE_FILE in hashes else "",
         flow=read_flow(folder / FLOW_FILE) if FLOW_FILE in hashes else None,
         network=geometry.read_network(folder / "guide.json"),
         content_hash=content,

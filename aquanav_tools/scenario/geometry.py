@@ -6,7 +6,6 @@ import io
 import json
 import math
 import zipfile
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.field import BRICK, DistanceField, field_from_bricks
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario.centreline_table import graph_from_table, graph_to_table
+from aquanav_tools.text_files import NOT_A_TABLE, read_json, read_text
 from aquanav_tools.types import Array, Mesh, Pose
 
 MAX_ARRAY_BYTES = 1_000_000_000
@@ -62,8 +62,8 @@ def write_collision(mesh: Mesh, path: Path) -> None:
 
 def read_collision(path: Path) -> Mesh:
     """Return the mesh in an OBJ that `write_collision` wrote: lines `v x y z`, then `f a b c`, nothing else."""
+    text = read_text(path, ScenarioError)
     try:
-        text = path.read_text(encoding="ascii")
         first_face = text.index("f ")
         vertices = np.loadtxt(io.StringIO(text[:first_face].replace("v ", "")), ndmin=2)
         faces = np.loadtxt(io.StringIO(text[first_face:].replace("f ", "")), dtype=np.int64, ndmin=2) - 1
@@ -92,7 +92,7 @@ def read_field(path: Path) -> DistanceField:
             spacing = float(read_member(archive, "spacing", np.float64, ()))
             bricks = read_member(archive, "bricks", np.int32, (-1, -1, -1))
             cores = read_member(archive, "clearance", np.float32, (-1, BRICK, BRICK, BRICK))
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile, zlib.error) as cause:
+    except Exception as cause:  # whatever a damaged archive, or an array's header, makes the parsers raise
         raise ScenarioError(f"{path} is not a distance field: {cause!r}. Build the scenario again.") from cause
     if not bricks.size or not len(cores) or not spacing > 0:
         raise ScenarioError(
@@ -169,7 +169,7 @@ def read_guide(path: Path) -> tuple[Guide, tuple[Portal, ...]]:
             for lid in table["portals"]
         )
         return Guide(_array(table["centreline"], (-1, 3)), panels), portals
-    except (KeyError, TypeError, ValueError) as cause:
+    except NOT_A_TABLE as cause:
         raise ScenarioError(f"{path} is not a guide: {cause!r}. Build the scenario again.") from cause
 
 
@@ -178,7 +178,7 @@ def read_network(path: Path) -> CentrelineGraph:
     table = _read_json(path).get("centreline_graph")
     try:
         return graph_from_table(table) if table is not None else NO_NETWORK
-    except (KeyError, TypeError, ValueError) as cause:
+    except NOT_A_TABLE as cause:
         raise ScenarioError(f"{path} has no valid centreline graph: {cause!r}. Build the scenario again.") from cause
 
 
@@ -209,7 +209,7 @@ def read_starts(path: Path) -> tuple[Start, ...]:
             )
             for row in _read_json(path)["starts"]
         )
-    except (KeyError, TypeError, ValueError) as cause:
+    except NOT_A_TABLE as cause:
         raise ScenarioError(f"{path} has no valid start poses: {cause!r}. Build the scenario again.") from cause
     if not starts:
         raise ScenarioError(f"{path} lists no start pose. Build the scenario again.")
@@ -221,10 +221,7 @@ def _write_json(table: dict[str, Any], path: Path) -> None:
 
 
 def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        table = json.loads(path.read_text(encoding="utf-8"))
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as cause:
-        raise ScenarioError(f"{path} is not valid JSON: {cause}. Build the scenario again.") from cause
+    table = read_json(path, ScenarioError)
     if not isinstance(table, dict):
         raise ScenarioError(f"{path} must hold a table. Build the scenario again.")
     return table

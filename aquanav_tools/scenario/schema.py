@@ -16,6 +16,7 @@ from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
 from aquanav_tools.errors import did_you_mean
+from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.types import Mesh
 
 FORMAT = 1
@@ -141,13 +142,14 @@ class LimitSettings:
     """Physics step, s."""
     substeps: int = 5
     """Physics steps per agent decision."""
-    decisions: int = 2400
-    """Episode limit, in decisions."""
+    decisions: int = ORIGINAL_DECISIONS
+    """Episode limit, in decisions. The original's 2400 is a least, which grows where the way is long for the vehicle
+    (`sim.time_limit`); any other number is the limit."""
 
     def __post_init__(self) -> None:
         _check_range("limits.dt", self.dt, 1e-4, 0.1)
         _check_range("limits.substeps", self.substeps, 1, 1000)
-        _check_range("limits.decisions", self.decisions, 1, 1_000_000)
+        _check_range("limits.decisions", self.decisions, 1, MAX_DECISIONS)
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,19 @@ class ScenarioSettings:
             raise ValueError(f"vehicle = '{self.vehicle}' is no name of letters, digits, '-' and '_'.")
 
 
+@dataclass(frozen=True)
+class OtherVehicle:
+    """A vehicle that takes the place of a scenario's own."""
+
+    name: str
+    path: str
+    """Name or file, as it was given."""
+    sha256: str
+    """Of its file."""
+    left_out: tuple[int, ...] = ()
+    """Numbers of the scenario's starts that are not among its starts now, since the hull does not fit there."""
+
+
 @dataclass(frozen=True, eq=False)
 class Scenario:
     """A cave ready to dive in."""
@@ -190,6 +205,8 @@ class Scenario:
     """All passages of the cave; empty when nobody looked for them."""
     content_hash: str = ""
     """SHA-256 over the hashes of all its files; empty before it is written."""
+    other_vehicle: OtherVehicle | None = None
+    """Whose hull, starts and ways these are where that is not the vehicle in the files."""
     folder: Path | None = None
     """Where it was read from."""
 

@@ -6,7 +6,6 @@ the starts is taken for it. Rocks keep their triangles; the outline that ways an
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.sea.outlines import outline_area
 from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap
 from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.text_files import NOT_A_TABLE, read_json, read_text
 from aquanav_tools.types import Array, Mesh
 
 SUFFIX = "_rocks.obj"
@@ -37,9 +37,9 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
         InputError: a file is missing or is no such scene, a rock is not closed, or no boat of that clearance can
             cross; the message says which.
     """
+    table, triangles = read_json(scene), read_text(scene.with_name(scene.stem + SUFFIX))
     try:
-        table = json.loads(scene.read_text(encoding="utf-8"))
-        vertices, faces = _read_triangles(scene.with_name(scene.stem + SUFFIX))
+        vertices, faces = _parse_triangles(triangles)
         starts = np.array([start["position"] for start in table["starts"]], dtype=np.float64)
         level = float(np.median(starts[:, 2]))
         walls = [_box_corners(box) for box in table["boxes"] if box["name"] != FLOOR]
@@ -47,16 +47,16 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
         edge = np.concatenate([floor[:, :2].min(axis=0), floor[:, :2].max(axis=0)])
         goal = Goal(_outline_of_box(_box_corners(table["goal"])))
         headings = np.radians([float(start["yaw_deg"]) for start in table["starts"]])
-    except OSError as cause:
-        raise InputError(f"{cause.filename} cannot be read: {cause.strerror}. Check the path.") from cause
-    except (ValueError, KeyError, TypeError, IndexError) as cause:
-        raise InputError(f"{scene} is no surface scene of the original: {type(cause).__name__} {cause}.") from cause
-    vertices[:, 2] -= level
-    rocks = [_rock(Mesh(*part)) for part in _parts(vertices, faces)]
-    rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in walls]
-    depth = level - float(floor[:, 2].max())
-    berths = tuple(Berth(start[:2], float(heading)) for start, heading in zip(starts, headings, strict=True))
-    sea = SeaMap(str(table["key"]), edge, depth, tuple(rocks), goal, berths, (), source=str(table["source"]))
+        rocks = [_rock(Mesh(*part)) for part in _parts(vertices - [0.0, 0.0, level], faces)]
+        rocks += [Rock(_outline_of_box(corners), float(corners[:, 2].max() - level)) for corners in walls]
+        depth = level - float(floor[:, 2].max())
+        berths = tuple(Berth(start[:2], float(heading)) for start, heading in zip(starts, headings, strict=True))
+        sea = SeaMap(str(table["key"]), edge, depth, tuple(rocks), goal, berths, (), source=str(table["source"]))
+    except NOT_A_TABLE as cause:
+        raise InputError(
+            f"{scene} with its rocks is no surface scene of the original: {type(cause).__name__} {cause}. Export both "
+            "again."
+        ) from cause
     return _with_ways(sea, clearance)
 
 
@@ -102,8 +102,8 @@ def _parts(vertices: Array, faces: Array) -> list[tuple[Array, Any]]:
     return [(np.asarray(piece.vertices), np.asarray(piece.faces, dtype=np.int64)) for piece in pieces]
 
 
-def _read_triangles(path: Path) -> tuple[Array, Any]:
-    rows = [line.split() for line in path.read_text(encoding="ascii").splitlines()]
+def _parse_triangles(text: str) -> tuple[Array, Any]:
+    rows = [line.split() for line in text.splitlines()]
     vertices = np.array([row[1:4] for row in rows if row[:1] == ["v"]], dtype=np.float64)
     faces = [[int(corner.split("/")[0]) - 1 for corner in row[1:4]] for row in rows if row[:1] == ["f"]]
     return vertices, np.array(faces, dtype=np.int64)

@@ -17,9 +17,12 @@ import numpy as np
 
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.sea.outlines import clearance_at, outline_area, outlines_of
+from aquanav_tools.text_files import NOT_A_TABLE, read_json
 from aquanav_tools.types import Array, IntArray, Mesh
 
 FORMAT = 1
+MAX_BYTES = 100_000_000
+"""Bound on a map's file: ten thousand times a usual one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +158,12 @@ def read_map(path: Path) -> SeaMap:
     Raises:
         ScenarioError: the file is missing, no such map, or of another format; the message says what is wrong.
     """
+    table = read_json(path, ScenarioError, MAX_BYTES)
     try:
-        table = json.loads(path.read_text(encoding="utf-8"))
         if table["format"] != FORMAT:
             raise ScenarioError(f"{path} has the format {table['format']!r}, and this version reads {FORMAT}.")
         return _from_table(table)
-    except OSError as cause:
-        raise ScenarioError(f"There is no map to read at {path}: {cause.strerror}. Check the path.") from cause
-    except (ValueError, KeyError, TypeError, IndexError) as cause:
+    except NOT_A_TABLE as cause:
         raise ScenarioError(f"{path} is no sea map: {type(cause).__name__} {cause}. Write it again.") from cause
 
 

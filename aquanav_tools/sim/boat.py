@@ -201,8 +201,18 @@ def load_boat(name: str | Path) -> Boat:
     Raises:
         InputError: no such boat (with the closest name), or the file has an unknown, missing or senseless value.
     """
+    path = boat_path(name)
+    return from_table(Boat, read_toml(path), path.name)
+
+
+def boat_path(name: str | Path) -> Path:
+    """Return the file of a boat by its name; a path that ends in .toml is returned as it is.
+
+    Raises:
+        InputError: no boat of that name ships with aquanav; the message has the closest one.
+    """
     path = Path(name) if Path(name).suffix == ".toml" else BOAT_DIR / f"{name}.toml"
     known = sorted(one.stem for one in BOAT_DIR.glob("*.toml"))
     if path.parent == BOAT_DIR and path.stem not in known:
         raise InputError(f"There is no boat '{name}'.{did_you_mean(str(name), known)}")
-    return from_table(Boat, read_toml(path), path.name)
+    return path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,18 +40,24 @@ class Trial:
 
 def try_out(vehicle: Vehicle, density: float = 1000.0) -> Trial:
     """Swim a vehicle from rest with each of its actions at full, in water of `density` (kg/m^3)."""
-    ahead = _swim(vehicle, density, (0.0, 0.0, 1.0), 60.0)
     reverse = _swim(vehicle, density, (0.0, 0.0, -1.0), 60.0)
     turn = _swim(vehicle, density, (0.0, 1.0, 1.0), 60.0)
     rising = np.diff(_swim(vehicle, density, (1.0, 0.0, 0.0), 10.0)[:, 2]) / DT
     sinking = np.diff(_swim(vehicle, density, (-1.0, 0.0, 0.0), 10.0)[:, 2]) / DT
     return Trial(
-        ahead=float((rotation_matrix(ahead[-1, 3:7]) @ ahead[-1, 7:10])[0]),
+        ahead=top_speed(vehicle, density),
         reverse=-float((rotation_matrix(reverse[-1, 3:7]) @ reverse[-1, 7:10])[0]),
         turn=float(turn[-1, 12]),
         rise=float(rising.max()),
         sink=abs(float(sinking.min())),
     )
+
+
+@functools.lru_cache(maxsize=64)
+def top_speed(vehicle: Vehicle, density: float = 1000.0) -> float:
+    """Return the speed that a vehicle reaches ahead in 60 s of full thrust, m/s, in still water of `density`."""
+    end = _swim(vehicle, density, (0.0, 0.0, 1.0), 60.0)[-1]
+    return float((rotation_matrix(end[3:7]) @ end[7:10])[0])
 
 
 def boat_speed(boat: Boat | OriginalVehicle) -> float:

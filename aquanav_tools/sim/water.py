@@ -157,6 +157,21 @@ class Water:
         return waves, np.clip(waves[:, 6] / (2.0 * np.pi * self._eddy_scale), SHORTEST, LONGEST)
 
 
+def mean_velocities(scenario: Scenario, current: Current | None, points: Array) -> Array:
+    """Return the (N, 3) velocity of the water at (N, 3) places without gusts, eddies and waves, world frame, m/s.
+
+    Args:
+        scenario: the cave and its flow; without a flow only one velocity everywhere moves it.
+        current: as `Water` takes it; None takes the scenario's.
+        points: world, m.
+    """
+    chosen = scenario.settings.water.current if current is None else current
+    if np.ndim(chosen) == 0:
+        still = np.zeros_like(points)
+        return still if scenario.flow is None else _strength(chosen) * scenario.flow.velocity(points)
+    return np.broadcast_to(np.array(chosen, dtype=np.float64), points.shape)
+
+
 def is_constant(scenario: Scenario, current: Current | None = None) -> bool:
     """Return whether the water of a scenario, or another current in it, has one velocity at all places and times."""
     settings = scenario.settings.water

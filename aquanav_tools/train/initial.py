@@ -14,6 +14,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.policy.architecture import KINDS, read_kind, read_options
 from aquanav_tools.policy.archive import TRAINED, read_archive, read_weights
 from aquanav_tools.policy.normaliser import HIDDEN
+from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.policy.spaces import describe_space, is_same_space, parse_space
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_path
@@ -21,8 +22,6 @@ from aquanav_tools.train.learners import blind_places, make_policy
 from aquanav_tools.train.settings import TrainSettings
 
 BASELINE = "baseline:"
-IN_A_RUN = ("best.zip", "policy.zip")
-"""Of a run's folder, the first that is there."""
 CLASSES = {
     "ppo": "stable_baselines3.common.policies.ActorCriticPolicy",
     "recurrent-ppo": "sb3_contrib.common.recurrent.policies.RecurrentActorCriticPolicy",
@@ -84,8 +83,7 @@ def _path_of(name: str) -> Path:
         folder, suffix = TRAINED
         return shipped_path(folder, name.removeprefix(BASELINE), suffix)
     path = Path(name)
-    inside = [path / file for file in IN_A_RUN if (path / file).is_file()]
-    return inside[0] if inside else path
+    return best_policy(path) if path.is_dir() else path
 
 
 def _check_spaces(

@@ -176,8 +176,11 @@ def _plain(tree: Any) -> Any:
     return json.loads(json.dumps(tree))
 
 
-def _named(scenario: Place) -> dict[str, str]:
-    return {"name": scenario.name, "content_hash": scenario.content_hash}
+def _named(scenario: Place) -> dict[str, Any]:
+    named: dict[str, Any] = {"name": scenario.name, "content_hash": scenario.content_hash}
+    if scenario.other_vehicle is not None:
+        named["vehicle"] = dataclasses.asdict(scenario.other_vehicle)
+    return named
 
 
 def _differences(found: Any, wanted: Any, where: str = "") -> Any:

@@ -128,6 +128,9 @@ class TrainSettings(TaskOptions):
 class RunSettings:
     """What concerns a run as a whole, over all its lessons."""
 
+    vehicle: str | None = None
+    """Vehicle that learns instead of the scenarios' own: a name (aquanav list has them) or a .toml file. Its hull must
+    fit; starts at which it touches the wall are left out."""
     validation: tuple[str, ...] = ()
     """Scenarios to try the policy in while it learns, each in its own water. The best policy is kept in best.zip, which
     there is with validation only."""

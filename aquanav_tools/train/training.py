@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 from aquanav_tools.envs.batch import check_batched
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
@@ -82,8 +82,8 @@ def train(
         tell: Called with sentences about what is going to be learned.
 
     Raises:
-        InputError: the folder holds another run, an algorithm is not installed, or the policy to begin with does not
-            fit.
+        InputError: the folder holds another run, an algorithm is not installed, the policy to begin with does not
+            fit, or the vehicle does not fit into a scenario.
         ScenarioError: a scenario cannot be read.
         ResourceError: the disk is full, or a worker was killed.
         TrainingError: learning diverged.
@@ -92,12 +92,15 @@ def train(
         for lesson in pipeline.lessons:
             check_batched(lesson, lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
+    vehicle = pipeline.run.vehicle
     scenarios = [
-        [scenario] if scenario else [read_place(name) for name in lesson.scenarios] for lesson in pipeline.lessons
+        [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.scenarios)]
+        for lesson in pipeline.lessons
     ]
-    trials_in = [read_place(name) for name in pipeline.run.validation]
+    trials_in = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
     places = [one for group in scenarios for one in group]
     _check_task(pipeline, [*places, *trials_in])
+    say_left_out([*places, *trials_in])
     initial = _initial(pipeline, places[0])
     record = RunRecord(output_dir, pipeline, seed, places, trials_in, initial)
     with _writable(output_dir):

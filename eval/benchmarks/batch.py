@@ -15,7 +15,6 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
-import argparse
 import functools
 import resource
 import sys
@@ -33,9 +32,11 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from eval.benchmarks.env import fine_tube
+from eval.smoke import parser_of
 
 Act = Callable[[np.ndarray], np.ndarray]
-OPTIONS = {"observation": "paper", "action": "continuous", "reward": "safe"}
+OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "reward": "safe"}
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
 
@@ -109,11 +110,12 @@ def pybullet_env(kind: str, num: int, scenario: Scenario) -> Any:
 def parts(scenario: Scenario, num: int, rays: str) -> None:
     """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
     env = PlaceVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
+    task: Any = env._task
     obs = env.reset()
     spent: dict[str, float] = {}
     for decision in range(40):
         env.step_async(steer(obs))
-        for launch in env._task.world._decision[0]:
+        for launch in task.world._decision[0]:
             start = time.process_time()
             launch.launch()
             if decision >= 10:
@@ -125,16 +127,17 @@ def parts(scenario: Scenario, num: int, rays: str) -> None:
 
 
 def main() -> None:
-    from env import fine_tube
-
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("scenario", type=Path, nargs="?")
     parser.add_argument("--sizes", type=int, nargs="+", default=[1, 64, 1024, 16384])
     parser.add_argument("--seconds", type=float, default=4.0, help="by the clock, for each line")
     parser.add_argument("--threads", type=int, default=None, help="of the batch; as many as there are by default")
     parser.add_argument("--only", nargs="+", default=["pybullet", "mesh", "field"], help="what to measure")
     options = parser.parse_args()
-    scenario = fine_tube() if options.scenario is None else read_scenario(options.scenario)
+    tube = (144, 174)
+    if options.smoke:
+        options.sizes, options.seconds, tube = [1, 8], 0.2, (24, 30)
+    scenario = fine_tube(*tube) if options.scenario is None else read_scenario(options.scenario)
     faces = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m")
     print(f"  {'':<26}{'N':>7}{'per second':>12}{'CPU-s / 1e6':>12}{'per CPU-s':>13}{'episodes':>9}{'touched':>9}")

@@ -8,17 +8,20 @@ new bays are drawn as in training. Rounds take turns, and the best of each count
 
 from __future__ import annotations
 
-import argparse
+import sys
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
+
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.sim.sea_state import SEA_STATES
+from eval.smoke import parser_of
 
-ROUNDS = 3
 HELD = 10
 """Decisions for which a choice is held."""
 OPTIONS: dict[str, Any] = {"on_collision": "end", "reward": "safe"}
@@ -60,14 +63,15 @@ def alone(sea: str, decisions: int) -> float:
 
 def main() -> None:
     """Print a line for each sea."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--num", type=int, default=256, help="boats in the batch")
     parser.add_argument("--decisions", type=int, default=200, help="of each boat")
     options = parser.parse_args()
+    num, decisions, num_alone, num_rounds = (4, 5, 5, 1) if options.smoke else (options.num, options.decisions, 1000, 3)
     batched("still", 2, 2), alone("still", 2)  # compiles
     print("| sea | alone, decisions per CPU second | batch | ratio |\n|---|---|---|---|")
     for sea in SEA_STATES:
-        rounds = [(alone(sea, 1000), batched(sea, options.num, options.decisions)) for _ in range(ROUNDS)]
+        rounds = [(alone(sea, num_alone), batched(sea, num, decisions)) for _ in range(num_rounds)]
         one, many = (max(column) for column in zip(*rounds, strict=True))
         print(f"| {sea} | {one:,.0f} | {many:,.0f} | {many / one:.1f} |", flush=True)
 

@@ -3,6 +3,7 @@
     python eval/benchmarks/cavity.py                          # ours alone
     python eval/benchmarks/cavity.py --peers VENV/bin/python  # with those that this interpreter can import
     python eval/benchmarks/cavity.py --triangles 100000       # a smaller scan of the same cave
+    python eval/benchmarks/cavity.py --smoke                  # only to see that everything runs
 
 For the peers: pip install pymeshfix pymeshlab point-cloud-utils (an environment of its own; some are GPL).
 Every method runs in a process of its own. All are judged on the same stretch, away from the two torn ends, where each
@@ -11,7 +12,6 @@ of them does something else. The table is kept in eval/results/cavity.md.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import platform
@@ -26,6 +26,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the judge lives with the corpus
 
 from eval.child import Ended, run_child
+from eval.smoke import parser_of
 
 ROOT = Path(__file__).parents[2]
 PEERS = ("open3d-poisson", "pymeshfix", "pymeshlab-alpha-wrap", "pymeshlab-close-holes", "point-cloud-utils-watertight")
@@ -37,6 +38,7 @@ FACES_PER_METRE = 32.3
 END_MARGIN = 2.5
 """Nothing nearer to the ends counts, m: they are torn up to 0.6 m deep and the passage is 3 m wide."""
 NUM_SAMPLES = 50_000
+SMOKE_TRIANGLES = 15_000
 
 
 def make_scan(num_triangles: int, folder: Path) -> None:
@@ -107,7 +109,11 @@ def _compare(mesh: Any, truth: Any, path: Any) -> dict[str, Any]:
     if solid.volume < 0.0:  # wound inwards, as open3d's Poisson does: turned round without blame
         mesh = Mesh(mesh.vertices, mesh.faces[:, ::-1])
         solid = mesh.to_trimesh()
-    facts = {"triangles": len(mesh.faces), "is_volume": bool(solid.is_volume), "components": int(solid.body_count)}
+    facts: dict[str, Any] = {
+        "triangles": len(mesh.faces),
+        "is_volume": bool(solid.is_volume),
+        "components": int(solid.body_count),
+    }
     points = resample(path, 0.05)
     points = points[(points[:, 0] > END_MARGIN) & (points[:, 0] < LENGTH - END_MARGIN)]
     facts |= {
@@ -164,7 +170,7 @@ def markdown(rows: list[dict[str, Any]], triangles: int, load: float) -> str:
         "|" + "---|" * 13,
     ]
     lines += ["| " + " | ".join(_row(row)) + " |" for row in rows]
-    stages = next((row["stages"] for row in rows if "stages" in row), [])
+    stages: list[dict[str, Any]] = next((row["stages"] for row in rows if "stages" in row), [])
     lines += ["", "| our stage | s | peak memory (MB) |", "|---|---|---|"]
     lines += [f"| {stage['title']} | {stage['seconds']:.1f} | {stage['peak_memory_mb']:.0f} |" for stage in stages]
     return "\n".join(lines) + "\n"
@@ -184,11 +190,15 @@ def _row(row: dict[str, Any]) -> tuple[str, ...]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--peers", type=Path, help="interpreter that has the peers' libraries")
     parser.add_argument("--triangles", type=int, default=1_000_000, help="size of the scan, about")
     parser.add_argument("--timeout", type=float, default=900.0, help="seconds a method may take")
     arguments = parser.parse_args()
+    peers: tuple[str, ...] = PEERS if arguments.peers else ()
+    if arguments.smoke:
+        arguments.triangles, peers = SMOKE_TRIANGLES, PEERS[:1]
+        print(f"{', '.join(PEERS[1:])}: left out, they need an environment of their own (--peers).")
     folder = ROOT / "out" / "benchmarks" / f"cavity-{arguments.triangles}"
     load = os.getloadavg()[0]
     # Large work is done in a process of its own: a child's memory is counted from its parent's.
@@ -198,7 +208,7 @@ def main() -> None:
         with np.load(folder / "scan.npz") as scan:
             triangles = len(scan["faces"])
         rows = []
-        for method in ("aquanav", *(PEERS if arguments.peers else ())):
+        for method in ("aquanav", *peers):
             is_ours = method == "aquanav"
             row = run_ours(folder, arguments.timeout) if is_ours else None
             row = row or run_peer(arguments.peers, method, folder, arguments.timeout)
@@ -209,6 +219,7 @@ def main() -> None:
     print("\n" + page)
     if arguments.triangles >= 1_000_000:
         (ROOT / "eval" / "results" / "cavity.md").write_text(page, encoding="utf-8")
+    sys.exit(rows[0]["exit_code"] != 0)
 
 
 if __name__ == "__main__":

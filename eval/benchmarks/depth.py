@@ -10,9 +10,9 @@ pixels with rock within 5 m. Give it an idle machine. The table is printed, and 
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
+import sys
 import tempfile
 import time
 from dataclasses import dataclass, replace
@@ -22,6 +22,8 @@ from typing import Any
 
 import numba
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
 
 from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
 from aquanav_tools.photograph.dive import photograph
@@ -34,6 +36,7 @@ from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, load_d
 from aquanav_tools.reconstruct.mapping import SparseModel
 from aquanav_tools.types import Array, Mesh
 from eval.photos.score import is_seen, read_true_cameras, read_wall
+from eval.smoke import parser_of
 
 STATION_M = 0.7
 """Between stations of five photos, as in the demo dive."""
@@ -71,7 +74,7 @@ HEAD = """| device | width | agreement | wall s | CPU s | 2 cm % | 5 cm % | 1 % 
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--photos", type=int, default=20)
     parser.add_argument("--size", default="1280x960")
     parser.add_argument("--widths", type=int, nargs="+", default=[480, 960, 1280])
@@ -79,7 +82,11 @@ def main() -> None:
     parser.add_argument("--agreement", action="store_true", help="also measure with agreement")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.photos, arguments.size, arguments.widths = 5, "320x240", [160]
     obstacle = cuda_obstacle()
+    if obstacle and "cuda" in arguments.devices:
+        print(f"cuda is left out: {obstacle}")
     devices = [device for device in arguments.devices if device == "cpu" or not obstacle]
     lines = [_heading(arguments.photos, arguments.size, obstacle), "", HEAD]
     print("\n".join(lines), flush=True)
@@ -134,8 +141,8 @@ def true_model(folder: Path) -> Any:
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(turn), -turn @ centre))
     for column, point in enumerate(points):
         track = pycolmap.Track()
-        for index in np.flatnonzero(found[:, column]):
-            track.add_element(int(index) + 1, int(rank[index, column]))
+        for photo in np.flatnonzero(found[:, column]):
+            track.add_element(int(photo) + 1, int(rank[photo, column]))
         model.add_point3D(point, track)
     return model
 

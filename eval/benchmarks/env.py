@@ -1,6 +1,6 @@
 """Measure the environment: decisions per second on one core, where the time goes, reset, memory.
 
-    python eval/benchmarks/env.py [scenario folder ...]
+    python eval/benchmarks/env.py [scenario folder ...] [--smoke]
 
 Without a folder it takes a tube of about 50,000 triangles. All times are this process's own CPU time on one thread, the
 best of several runs, since other processes on the machine disturb. "ahead" swims along the route with the reactive
@@ -21,7 +21,6 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import argparse
 import contextlib
 import dataclasses
 import importlib.util
@@ -33,6 +32,7 @@ from typing import Any
 
 import numpy as np
 import psutil
+import pybullet
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
@@ -42,16 +42,31 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim import bullet
 from aquanav_tools.types import Mesh
+from eval.smoke import parser_of
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
 
-DECISIONS, REPEATS = 1000, 8
-NUM_RESETS, NUM_EXTRA, DRIFT = 200, 64, 200
 GOAL = layout("full")["goal"]
 CURRENT = (0.1, 0.0, 0.0)
 """m/s, along the passage."""
 DRONES = "gym_pybullet_drones"
+
+
+@dataclasses.dataclass(frozen=True)
+class Size:
+    """How much is measured."""
+
+    decisions: int = 1000
+    repeats: int = 8
+    """Runs, of which the best counts."""
+    resets: int = 200
+    drift: int = 200
+    """Decisions of a run of the breakdown."""
+    extra: int = 64
+    """Environments whose memory is measured."""
+
+
+SMOKE = Size(decisions=20, repeats=1, resets=3, drift=5, extra=2)
 
 
 def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
@@ -90,10 +105,10 @@ def act_at_random(env: CaveEnv, obs: np.ndarray) -> Any:
     return env.action_space.sample()
 
 
-def microseconds(function: Callable[[], object], calls: int) -> float:
+def microseconds(function: Callable[[], object], calls: int, repeats: int) -> float:
     """Return the CPU time of one call, the best of several runs."""
     best = np.inf
-    for _ in range(REPEATS):
+    for _ in range(repeats):
         start = time.process_time()
         for _ in range(calls):
             function()
@@ -101,7 +116,7 @@ def microseconds(function: Callable[[], object], calls: int) -> float:
     return best / calls * 1e6
 
 
-def per_decision(env: Any, act: Callable[[Any, Any], Any]) -> float:
+def per_decision(env: Any, act: Callable[[Any, Any], Any], size: Size) -> float:
     """Return the microseconds of a decision, resets included."""
     obs = env.reset(seed=0)[0]
 
@@ -112,7 +127,7 @@ def per_decision(env: Any, act: Callable[[Any, Any], Any]) -> float:
             obs = env.reset()[0]
 
     step()  # compiles
-    return microseconds(step, DECISIONS)
+    return microseconds(step, size.decisions, size.repeats)
 
 
 @contextlib.contextmanager
@@ -128,7 +143,7 @@ def without(env: CaveEnv, part: str) -> Iterator[None]:
             dict.fromkeys(("progress", "time", "contact", "proximity", "goal", "collision", "timeout"), 0.0),
         ),
     )
-    observation = env._observe(rays, state, env._action_model.command([1, 1, 1]))
+    observation = env._observe(rays, state, env.action_model.command([1, 1, 1]))
     replaced: dict[str, tuple[Any, str, Any]] = {
         "physics, 5 substeps": (env._world, "step", lambda commands, current: [False] * len(commands)),
         "28 rays": (env._sensor, "sense", lambda state: rays),
@@ -149,42 +164,42 @@ def without(env: CaveEnv, part: str) -> Iterator[None]:
 PARTS = ("physics, 5 substeps", "28 rays", "current", "actuators", "progress", "observation", "info, clearance")
 
 
-def drift(env: CaveEnv) -> float:
+def drift(env: CaveEnv, decisions: int) -> float:
     """Return the microseconds of a decision that lets the vehicle drift along the passage, away from the walls."""
     env.reset(seed=0, options={"start": 0})
     start = time.process_time()
-    for _ in range(DRIFT):
+    for _ in range(decisions):
         env.step([1, 1, 1])
-    return (time.process_time() - start) / DRIFT * 1e6
+    return (time.process_time() - start) / decisions * 1e6
 
 
-def breakdown(env: CaveEnv) -> dict[str, float]:
+def breakdown(env: CaveEnv, size: Size) -> dict[str, float]:
     """Return the microseconds of a whole decision, and of one without each part."""
     best = dict.fromkeys(("", *PARTS), np.inf)
-    for _ in range(10 * REPEATS):
-        best[""] = min(best[""], drift(env))
+    for _ in range(10 * size.repeats):
+        best[""] = min(best[""], drift(env, size.drift))
         for part in PARTS:
             with without(env, part):
-                best[part] = min(best[part], drift(env))
+                best[part] = min(best[part], drift(env, size.drift))
     return best
 
 
-def bullet_steps(env: CaveEnv) -> tuple[float, float]:
+def bullet_steps(env: CaveEnv, size: Size) -> tuple[float, float]:
     """Return how many of the physics steps of a random decision ask Bullet, and the microseconds of one in Bullet."""
-    step, durations = bullet.pybullet.stepSimulation, []
+    step, durations = pybullet.stepSimulation, []
 
     def timed(physicsClientId: int) -> None:
         start = time.perf_counter()
         step(physicsClientId=physicsClientId)
         durations.append(time.perf_counter() - start)
 
-    bullet.pybullet.stepSimulation = timed
+    pybullet.stepSimulation = timed  # which the environment calls through the module
     try:
-        per_decision(env, act_at_random)
+        per_decision(env, act_at_random, size)
     finally:
-        bullet.pybullet.stepSimulation = step
+        pybullet.stepSimulation = step
     # Other processes only ever lengthen a duration, so the lower quartile is nearer to what it takes than the mean.
-    return len(durations) / (DECISIONS * REPEATS), float(np.percentile(durations, 25)) * 1e6
+    return len(durations) / (size.decisions * size.repeats), float(np.percentile(durations or [np.nan], 25)) * 1e6
 
 
 def resident_mb() -> float:
@@ -192,60 +207,62 @@ def resident_mb() -> float:
     return psutil.Process().memory_info().rss / 1e6
 
 
-def memory_per_env(scenario: Scenario) -> float:
+def memory_per_env(scenario: Scenario, num_extra: int) -> float:
     """Return the megabytes that one more environment of the same scenario takes."""
     envs = [CaveEnv(scenario)]
     envs[0].reset(seed=0)
     before = resident_mb()
-    for _ in range(NUM_EXTRA):
+    for _ in range(num_extra):
         envs.append(CaveEnv(scenario))
         envs[-1].reset(seed=0)
     grown = resident_mb() - before
     for env in envs:
         env.close()
-    return grown / NUM_EXTRA
+    return grown / num_extra
 
 
-def report(scenario: Scenario) -> None:
+def report(scenario: Scenario, size: Size) -> None:
     """Print everything about one scenario."""
     triangles = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {triangles}, {scenario.settings.limits.substeps} substeps")
     env, flowing = (CaveEnv(scenario, reward="safe", current=current) for current in (CURRENT, "full"))
     runs = (("ahead", env, steer_to_goal), ("ahead, full flow", flowing, steer_to_goal), ("random", env, act_at_random))
     for name, which, act in runs:
-        duration = per_decision(which, act)
+        duration = per_decision(which, act, size)
         print(f"  {name:<17}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
-    num_asked, duration = bullet_steps(env)
+    num_asked, duration = bullet_steps(env, size)
     print(f"  random: {num_asked:.1f} steps per decision ask Bullet, whose own step takes {duration:.1f} us")
-    durations = breakdown(env)
+    durations = breakdown(env, size)
     print(f"  one decision in free water {durations.pop(''):6.1f} us; without ...")
     for part, duration in durations.items():
         print(f"    {part:<24}{duration:6.1f} us")
-    print(f"  reset {microseconds(env.reset, NUM_RESETS) / 1000:.3f} ms")
+    print(f"  reset {microseconds(env.reset, size.resets, size.repeats) / 1000:.3f} ms")
     env.close()
     flowing.close()
-    print(f"  memory per extra environment {memory_per_env(scenario):.2f} MB, the mean of {NUM_EXTRA}")
+    print(f"  memory per extra environment {memory_per_env(scenario, size.extra):.2f} MB, the mean of {size.extra}")
 
 
-def report_drones() -> None:
+def report_drones(size: Size) -> None:
     """Print the speed of gym-pybullet-drones' hover task, where it is installed."""
     if importlib.util.find_spec(DRONES) is None:
-        print("gym-pybullet-drones is not installed: no comparison.")
+        print("gym-pybullet-drones is left out: it is not installed.")
         return
     from gym_pybullet_drones.envs.HoverAviary import HoverAviary
 
     env = HoverAviary(ctrl_freq=30, pyb_freq=240)
-    duration = per_decision(env, lambda env, obs: env.action_space.sample())
+    duration = per_decision(env, lambda env, obs: env.action_space.sample(), size)
     print(f"gym-pybullet-drones, HoverAviary: {1e6 / duration:.0f} decisions/s, {duration:.1f} us each")
     env.close()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("scenario", type=Path, nargs="*")
-    for scenario in [read_scenario(path) for path in parser.parse_args().scenario] or [fine_tube()]:
-        report(scenario)
-    report_drones()
+    options = parser.parse_args()
+    size, tube = (SMOKE, (24, 30)) if options.smoke else (Size(), (144, 174))
+    for scenario in [read_scenario(path) for path in options.scenario] or [fine_tube(*tube)]:
+        report(scenario, size)
+    report_drones(size)
 
 
 if __name__ == "__main__":

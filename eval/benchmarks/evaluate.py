@@ -2,6 +2,7 @@
 
     python eval/benchmarks/evaluate.py memory [--sizes 50 500 2000]
     python eval/benchmarks/evaluate.py recording --policy policy.zip --scenario cave-test-1 [--episodes 60] [--rounds 2]
+    python eval/benchmarks/evaluate.py --smoke
 
 Each measurement is a run of aquanav-eval from its start to its report. Memory: the largest resident size of the process
 that leads and of the largest that flies, looked at ten times a second, in a straight tube. Recording: of every episode
@@ -10,7 +11,6 @@ and of none, in turns, so that a busy machine is as busy for both; CPU time is t
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -25,6 +25,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with t
 
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.shipped import scenario_folder
+from eval.smoke import parser_of
 from tests.caves import tube_scenario
 
 COMMAND = (sys.executable, "-c", "from aquanav_tools.cli.evaluate import main; main()")
@@ -84,7 +85,9 @@ def measure_memory(backends: list[str], sizes: list[int]) -> None:
                 print(f"| {backend} | {size:,} | {lead:.0f} | {flies:.0f} | {journal:.2f} |", flush=True)
 
 
-def measure_recording(backends: list[str], policy: str, scenario: Path, episodes: int, rounds: int) -> None:
+def measure_recording(
+    backends: list[str], policy: str, scenario: Path, episodes: int, rounds: int, *words: str
+) -> None:
     """Print the table of recording."""
     print("| backend | recorded | CPU, s | wall, s | flying, s | beside none, CPU and wall |")
     print("|---|---|---|---|---|---|")
@@ -96,7 +99,7 @@ def measure_recording(backends: list[str], policy: str, scenario: Path, episodes
                 for record, times in sums.items():
                     before, clock = os.times(), time.perf_counter()
                     recorded = ("--record", record, "--max-recordings", str(episodes))
-                    process = start(policy, scenario, episodes, output, *recorded, *BACKENDS[backend])
+                    process = start(policy, scenario, episodes, output, *recorded, *BACKENDS[backend], *words)
                     check(process.wait(), output)
                     after = os.times()
                     cpu = sum(after[2:4]) - sum(before[2:4])  # of children that have ended
@@ -110,8 +113,8 @@ def measure_recording(backends: list[str], policy: str, scenario: Path, episodes
 
 def main() -> None:
     """Measure what is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("memory", "recording"))
+    parser = parser_of(__doc__)
+    parser.add_argument("what", choices=("memory", "recording"), nargs="?", default="memory")
     parser.add_argument("--only", choices=BACKENDS, nargs="+", default=list(BACKENDS))
     parser.add_argument("--sizes", type=int, nargs="+", default=[50, 500, 2000])
     parser.add_argument("--policy", default="baseline:reactive")
@@ -119,7 +122,12 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=60)
     parser.add_argument("--rounds", type=int, default=2)
     given = parser.parse_args()
-    if given.what == "memory":
+    if given.smoke:
+        measure_memory(given.only, [2])
+        with tempfile.TemporaryDirectory() as folder:
+            write_scenario(tube_scenario(), Path(folder) / "tube")
+            measure_recording(["pybullet"], "baseline:random", Path(folder) / "tube", 1, 1, "--max-decisions", "5")
+    elif given.what == "memory":
         measure_memory(given.only, given.sizes)
     else:
         measure_recording(given.only, given.policy, scenario_folder(given.scenario), given.episodes, given.rounds)

@@ -1,6 +1,6 @@
 """Measure the distance field: time, peak memory and error, beside the plain way of asking libigl at every sample.
 
-    python eval/benchmarks/field.py [--length 300] [--spacing 0.1] [--cave cave.ply ...] [--dense]
+    python eval/benchmarks/field.py [--length 300] [--spacing 0.1] [--cave cave.ply ...] [--dense] [--smoke]
 
 The cave is a rough, winding passage of radius 2 to 4 m with 500 triangles per metre, or the cavity in a scenario
 folder. `--dense` also runs the plain way, for which the box around the cave must fit in memory.
@@ -19,12 +19,15 @@ from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
+
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.synthetic.caves import _tube_faces, bend
 from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.cave.water.field import BAND, BRICK, ROCK, DistanceField
 from aquanav_tools.scenario import geometry
 from aquanav_tools.types import Array, Mesh
+from eval.smoke import parser_of
 
 NUM_CHECKED = 200_000
 SECTIONS, RINGS_PER_METRE = 50, 5
@@ -122,13 +125,15 @@ def used(start: float, cpu: float, base: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--length", type=float, default=300.0)
     parser.add_argument("--spacing", type=float, default=0.1)
     parser.add_argument("--cave", type=Path, help="a scenario's cave.ply instead of the made-up passage")
     parser.add_argument("--dense", action="store_true", help="run the plain way too")
     parser.add_argument("--alone", choices=["ours", "dense"], help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.length, arguments.spacing, arguments.dense = 20.0, 0.5, True
     if not arguments.alone:
         compare(arguments.dense)
         return

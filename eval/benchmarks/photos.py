@@ -31,12 +31,14 @@ from eval.child import run_child
 from eval.corpus.run import outcome, sentence
 from eval.photos.sets import CASES, PhotoSetCase
 from eval.photos.table import print_table, write_table
+from eval.smoke import parser_of
 
 ROOT = Path(__file__).parents[2]
 DATA_DIR = Path(os.environ.get("AQUANAV_DATA", ROOT.parent / "shared" / "data"))
 RENDER = "from aquanav_tools.cli.info import main; main()"
 Run = Callable[[PhotoSetCase, argparse.Namespace], dict[str, Any]]
 NO_TIME = {"seconds": 0.0, "cpu_seconds": 0.0}
+SMOKE_PHOTOS = 10
 TAKEN_SHARE = 0.2
 """A stage that took less than this share of its earlier CPU time was not carried out again."""
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
@@ -44,7 +46,7 @@ BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 
 def parse_arguments() -> argparse.Namespace:
     """Return the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--only", default="", help="only sets whose name contains this")
     parser.add_argument("--photos", type=int, default=0, help="photos per rendered set, when not its own number")
     parser.add_argument("--quality", default="standard", help="draft, standard or high")
@@ -56,7 +58,14 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--timeout", type=float, default=7200.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real photos; skipped when absent")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "photos", help="where photos and builds go")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.only, arguments.photos, arguments.quality, arguments.fresh = "clear", SMOKE_PHOTOS, "draft", True
+        arguments.output /= "smoke"
+        if shutil.which("colmap") is None:
+            arguments.peer = "none"
+            print("COLMAP is left out: there is no command colmap here (Debian's package colmap).")
+    return arguments
 
 
 def main() -> None:
@@ -126,7 +135,7 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
         flags += ["--positions", str(photos / "positions.csv")]
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
-    result = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
+    result: dict[str, Any] = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
     result |= {"seconds": ended.seconds, "cpu_seconds": ended.cpu_seconds}
     result |= {"sentence": sentence(ended).replace(f"{folder}/", "")}
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])

@@ -1,13 +1,17 @@
-"""Time of a new bay with its shortest way: python eval/benchmarks/sea.py [NUMBER OF SEEDS]."""
+"""Time of a new bay with its shortest way: python eval/benchmarks/sea.py [NUMBER OF SEEDS] [--smoke]."""
 
 from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
+
 from aquanav_tools.sea.generate import MapSettings, generate_map
+from eval.smoke import parser_of
 
 CASES = {
     "default": MapSettings(),
@@ -17,7 +21,10 @@ CASES = {
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    parser = parser_of(__doc__)
+    parser.add_argument("seeds", type=int, nargs="?", default=300)
+    options = parser.parse_args()
+    count = 3 if options.smoke else options.seeds
     generate_map(0)  # compiles
     print("| bay | rocks | median | 95 % | longest (CPU time, ms) | straight way blocked |")
     print("|---|---|---|---|---|---|")

@@ -1,18 +1,25 @@
-"""CPU time of the surface environment, one thread: python eval/benchmarks/surface.py [NUMBER OF DECISIONS]."""
+"""CPU time of the surface environment, one thread: python eval/benchmarks/surface.py [DECISIONS] [--smoke]."""
 
 from __future__ import annotations
 
 import sys
 import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
 
 from aquanav_tools.envs.surface_env import SurfaceEnv
+from eval.smoke import parser_of
 
 SEAS, BOATS = ("still", "calm", "rough"), ("otter", "boat")
 REPEATS, NUM_RESETS = 3, 20
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    parser = parser_of(__doc__)
+    parser.add_argument("decisions", type=int, nargs="?", default=300)
+    options = parser.parse_args()
+    count = 3 if options.smoke else options.decisions
     print("| sea | boat | decision, ms | decisions/s | new bay and sea, ms |")
     print("|---|---|---|---|---|")
     for sea in SEAS:

@@ -1,6 +1,6 @@
 """Measure training: what collecting decisions costs in several places, and what learning from them costs.
 
-    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 lean batch512]
+    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 lean batch512] [--smoke]
 
 Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480, batch 1024, 5 epochs). Collecting:
 "here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
@@ -16,13 +16,14 @@ others use the machine too.
 
 from __future__ import annotations
 
-import argparse
 import copy
 import dataclasses
 import os
+import sys
 import time
 from collections.abc import Callable
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,19 +33,25 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
 
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval and the tiny caves are no part of the package
+
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.train.batched import BatchedEnvs
-from aquanav_tools.train.crew import make_env
+from aquanav_tools.train.crew import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.settings import TrainSettings
 from aquanav_tools.train.update import LeanPPO
+from eval.smoke import parser_of
+from tests.caves import tube_scenario
 
 Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
 LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096", "sbx")
-PYBULLET_ENVS = 16
+SETTINGS = TrainSettings(observation="paper", reward="dense", current="still", num_envs=16, buffer=20_480, batch=1024)
+SMOKE = dataclasses.replace(SETTINGS, buffer=4096, batch=1024, epochs=1)
+"""The largest batch has 2048 environments, of two decisions each at least."""
 
 
 class Watch(BaseCallback):
@@ -65,7 +72,7 @@ def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple
         settings = dataclasses.replace(settings, num_envs=int(place.removeprefix("batch")))
         envs: Any = BatchedEnvs([scenario], settings)
     elif place == "subproc":
-        envs = SubprocVecEnv([lambda: make_env(scenario, settings)] * settings.num_envs)
+        envs = SubprocVecEnv([lambda: training_env(scenario, settings)] * settings.num_envs)
     else:
         envs = TrainingEnvs([scenario], settings, 2 if place == "workers" else 0)
     learner: Any = make_learner(VecNormalize(envs, norm_obs=False), settings, seed=0)
@@ -113,15 +120,13 @@ def learning_in_jax(full: Any) -> Action:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--scenario", default="cave-train-1")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--only", nargs="+", choices=PLACES + LEARNERS, default=PLACES + LEARNERS, metavar="NAME")
     options = parser.parse_args()
-    scenario = read_scenario(options.scenario)
-    settings = TrainSettings(
-        observation="paper", reward="dense", current="still", num_envs=PYBULLET_ENVS, buffer=20_480, batch=1024
-    )
+    scenario = tube_scenario() if options.smoke else read_scenario(options.scenario)
+    settings, num_rounds = (SMOKE, 1) if options.smoke else (SETTINGS, options.rounds)
     actions: dict[str, Action] = {}
     learners = []
     for place in (place for place in PLACES if place in options.only):
@@ -139,9 +144,9 @@ def main() -> None:
                 actions["learn sbx"] = learning_in_jax(full)
             else:
                 print("sbx is left out: it is not installed (pip install sbx-rl).")
-    print(f"{scenario.name}, {os.cpu_count()} processors, {options.rounds} rounds, load {os.getloadavg()[0]:.1f}")
+    print(f"{scenario.name}, {os.cpu_count()} processors, {num_rounds} rounds, load {os.getloadavg()[0]:.1f}")
     spent = {name: np.zeros(2) for name in actions}
-    for turn in range(options.rounds + 1):
+    for turn in range(num_rounds + 1):
         for name, act in actions.items():
             before = np.array([time.perf_counter(), cpu_seconds()])
             act()
@@ -149,7 +154,7 @@ def main() -> None:
                 spent[name] += np.array([time.perf_counter(), cpu_seconds()]) - before
     print(f"| {'':<22} | decisions/CPU-s | CPU-us/decision | decisions/s |\n|---|---|---|---|")
     for name, (wall, cpu) in spent.items():
-        num = options.rounds * settings.buffer
+        num = num_rounds * settings.buffer
         print(f"| {name:<22} | {num / cpu:>15,.0f} | {1e6 * cpu / num:>15.1f} | {num / wall:>11,.0f} |")
     print(f"load {os.getloadavg()[0]:.1f}")
     for learner in learners:

@@ -4,6 +4,7 @@
     python eval/corpus/run.py --fresh        # all, from the beginning
     python eval/corpus/run.py --quick        # a dozen small ones
     python eval/corpus/run.py --only demo-0  # those whose name contains it
+    python eval/corpus/run.py --smoke        # one, to see that everything runs
 
 Each case is written as a file and built by the command aquanav-build-cave in a process of its own. Inputs, scenarios
 and one JSON line per finished case are kept in out/corpus.
@@ -26,16 +27,18 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # the corpus is no part of t
 
 from eval.child import Ended, run_child
 from eval.corpus.table import print_tables, write_tables
+from eval.smoke import parser_of
 
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 ERROR_CODES = range(2, 7)
+SMOKE_CASE = "tube-holes-20x30cm"
 ROOT = Path(__file__).parents[2]
 DATA_DIR = ROOT.parent / "shared" / "data"
 
 
 def parse_arguments() -> argparse.Namespace:
     """Return the command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="only a dozen small cases")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
@@ -43,7 +46,11 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real scans; skipped when absent")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "corpus", help="where inputs and results go")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    if arguments.smoke:
+        arguments.quick, arguments.only, arguments.fresh = True, SMOKE_CASE, True
+        arguments.output /= "smoke"
+    return arguments
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,12 +151,18 @@ def tube_dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
     return build
 
 
-@pytest.mark.parametrize("share", np.sort(np.random.default_rng(0).uniform(0.0, 0.75, 10)).round(3))
+def moments(rng: np.random.Generator, low: float, high: float) -> list[Any]:
+    """Return ten shares of a build's processor time, two of them for `.ci/run` and the others nightly."""
+    shares = rng.uniform(low, high, 10).round(3)
+    return [pytest.param(share, marks=[pytest.mark.nightly] * (n >= 2)) for n, share in enumerate(shares)]
+
+
+@pytest.mark.parametrize("share", moments(np.random.default_rng(0), 0.0, 0.75))
 def test_photo_stages_killed_at_a_random_moment_end_the_same(share: float, dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(dive, share, tmp_path / "out")
 
 
-@pytest.mark.parametrize("share", np.sort(np.random.default_rng(1).uniform(0.3, 0.85, 10)).round(3))
+@pytest.mark.parametrize("share", moments(np.random.default_rng(1), 0.3, 0.85))
 def test_cave_stages_killed_at_a_random_moment_end_the_same(share: float, tube_dive: Build, tmp_path: Path) -> None:
     kill_and_repeat(tube_dive, share, tmp_path / "out")
 

@@ -8,26 +8,30 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
+from aquanav_tools.build import recipe
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from tests.build.pictures import leave_out_pictures
 from tests.cave.open_caves import wavy_sheet
 from tests.commands import run_here
+from tests.disks import fill, small_disk
 
 LENGTH = 6.0
 """Of the tube, m."""
 OUTPUTS = {
     "scenario.toml", "cave.ply", "cave.glb", "collision.obj", "field.npz", "flow.npz", "guide.json", "starts.json",
     "vehicle.toml", "report.html", "report.json", "build.rrd", "build.json", "cave.png", "cave-lod1.glb",
-    "cave-lod2.glb", "drawings",
+    "cave-lod2.glb", "drawings", "work",
 }  # fmt: skip
 
 
@@ -128,6 +132,57 @@ def test_a_finished_scenario_is_only_replaced_when_told_so(scan: Path, built: Pa
     assert (built / "scenario.toml").read_bytes() == before
 
 
+def content(folder: Path) -> dict[str, str]:
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {path.relative_to(folder).as_posix(): file_hash(path) for path in files if "work" not in path.parts}
+
+
+def test_a_build_that_fails_leaves_the_scenario_it_was_to_replace_as_it_was(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # "." is a folder, too
+    assert run(scan, "-o", ".", "--starts.count", 5).returncode == 0
+    before = content(tmp_path)
+    result = run(scan, "-o", ".", "--overwrite", "--cut", *"4 9 0 1 0 0".split())
+    assert result.returncode == 4
+    assert "misses the cave" in result.stderr
+    assert "Kept in failed: report.html. The scenario in . is as it was." in result.stderr
+    found = content(tmp_path)
+    assert {name: found[name] for name in before} == before
+    assert {name.split("/")[0] for name in found.keys() - before.keys()} == {"failed"}
+    assert "misses the cave" in json.loads((tmp_path / "failed" / "report.json").read_text())["error"]
+    assert run(scan, "-o", ".", "--overwrite", "--starts.count", 4).returncode == 0
+    assert not (tmp_path / "failed").exists()
+    assert len(read_scenario(tmp_path).starts) == 4
+    stages = {stage["title"] for stage in json.loads((tmp_path / "build.json").read_text())["stages"]}
+    assert "Closing the cavity" not in stages  # the walls are the same: only what depends on the starts is made again
+
+
+def test_a_disk_that_fills_up_leaves_the_scenario_it_was_to_replace_as_it_was(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with small_disk(tmp_path / "disk", 300) as disk:
+        assert run(scan, "-o", disk / "mine", "--starts.count", 5).returncode == 0
+        before = content(disk / "mine")
+
+        record_cave = recipe.record_cave
+
+        def fill_and_record(*arguments: Any) -> None:
+            fill(disk, leave_megabytes=0)
+            record_cave(*arguments)
+
+        monkeypatch.setattr(recipe, "record_cave", fill_and_record)
+        result = run(scan, "-o", disk / "mine", "--starts.count", 4, "--overwrite")
+        assert result.returncode == 6
+        assert f"disk under {disk}" in result.stderr
+        assert content(disk / "mine") == before
+        assert read_scenario(disk / "mine").starts
+        result = run(scan, "-o", disk / "mine", "--starts.count", 4, "--overwrite")
+        assert re.search(r"is full: \d MB are free", result.stderr)
+        assert "Reading the scan" not in result.stderr  # said before the work
+        assert content(disk / "mine") == before
+
+
 def a_sheet(path: Path) -> None:
     wavy_sheet().to_trimesh().export(path)
 
@@ -192,6 +247,7 @@ def test_a_scan_that_is_no_cave_ends_with_a_sentence_and_a_report(
         "build.json",
         "faults.png",
         "drawings",
+        "work",
     }
     assert re.search(message, json.loads((tmp_path / "out" / "report.json").read_text())["error"])
 
@@ -223,7 +279,14 @@ def test_an_unknown_portal_is_answered_with_those_there_are(scan: Path, tmp_path
             a_cave_in_millimetres,
             (),
             2,
-            "The cave is 8,000 m wide: are these millimetres? Then give --unit mm",
+            "m wide: are these millimetres? Then give --unit mm",
+        ),
+        (
+            "mm.stl",
+            a_cave_in_millimetres,
+            ("--unit", "km"),
+            2,
+            "With --unit km the cave is 8,000,000 m long",
         ),
         ("far.ply", a_header_of_fifty_million_points, (), 6, "has about 50 million points, more than the 20 million"),
         ("sheet.ply", a_sheet, ("--vehicle", "bluerov"), 2, "Did you mean 'bluerov2'"),

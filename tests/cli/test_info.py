@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import importlib.metadata
 import os
 import subprocess
@@ -13,6 +14,10 @@ import pytest
 from aquanav_tools import __version__
 from aquanav_tools.cli import doctor, info
 from aquanav_tools.sim.vehicle import VEHICLE_DIR, known_vehicles
+from tests.project import commands
+
+NAMES = {"build": "aquanav-build-cave", "train": "aquanav-train", "eval": "aquanav-eval"}
+LONG = {short: commands()[name].split(":")[0] for short, name in NAMES.items()}
 
 
 def test_info_names_the_version_of_aquanav_and_of_each_library(capsys: pytest.CaptureFixture[str]) -> None:
@@ -112,3 +117,32 @@ def test_a_misspelt_subcommand_ends_with_code_2_and_no_traceback() -> None:
     assert done.returncode == 2
     assert "doctor" in done.stdout + done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_version_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    info.main(["--version"])
+    assert capsys.readouterr().out == f"aquanav {__version__}\n"
+
+
+@pytest.mark.parametrize(("short", "module"), sorted(info.COMMANDS.items()))
+def test_short_subcommands_are_the_long_commands(
+    short: str, module: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    helps = []
+    for main, words in ((info.main, [short, "--help"]), (importlib.import_module(LONG[short]).main, ["--help"])):
+        with pytest.raises(SystemExit) as ending:
+            main(words)
+        assert ending.value.code == 0
+        helps.append(capsys.readouterr().out)
+    assert helps[0] == helps[1] != ""
+    handed: list[list[str]] = []
+    monkeypatch.setattr(f"aquanav_tools.cli.{module}.main", handed.append)
+    info.main(["--debug", short, "x", short, "--flag"])
+    assert handed == [["--debug", "x", short, "--flag"]]
+
+
+def test_help_names_the_short_subcommands(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        info.main(["--help"])
+    printed = capsys.readouterr().out
+    assert all(f"{short} " in printed and command in printed for short, command in NAMES.items())

@@ -21,6 +21,7 @@ from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.envs.steps import random_steps
 from tests.evaluate.winding import winding_scenario
+from tests.shipped_caves import shipped_caves
 
 SCENARIOS: dict[str, Callable[[], Scenario]] = {
     "tube": tube_scenario,
@@ -40,7 +41,7 @@ SPEED = 3.0
 """m/s."""
 
 
-@pytest.fixture(scope="module", params=[*SCENARIOS, *(pytest.param(name, marks=pytest.mark.slow) for name in SHIPPED)])
+@pytest.fixture(scope="module", params=[*SCENARIOS, *shipped_caves()])
 def scenario(request: pytest.FixtureRequest) -> Scenario:
     return read_scenario(request.param) if request.param in SHIPPED else SCENARIOS[request.param]()
 

@@ -104,6 +104,14 @@ def test_some_failed_episodes_are_a_warning_with_their_number(folder: Path, kind
     assert "collision-free success" in result.stdout
 
 
+def test_search_for_failures_is_none_where_the_policy_cannot_act(folder: Path) -> None:
+    flags = ("--budget", 2, "--max-decisions", 3, "--workers", 1, "-o", "out")
+    result = aquanav_eval("stress", "own_failing:raises", "--scenario", folder, *flags)
+    assert result.returncode == 8
+    assert "itself failed in every episode (4), first in episode 0 (seed" in result.stderr
+    assert "It failed in" not in result.stdout
+
+
 def test_policy_that_only_misses_the_goal_is_no_failed_policy(folder: Path) -> None:
     result = aquanav_eval(
         "baseline:random", "--scenario", folder, "--episodes", 2, "--max-decisions", 5, "--record", "none"

@@ -12,10 +12,10 @@ from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.shipped import shipped_names
 from aquanav_tools.sim.vehicle import known_vehicles
 from tests.evaluate.test_policies import score
 from tests.evaluate.winding import winding_scenario
+from tests.shipped_caves import shipped_caves
 
 NEAR_ZERO = 0.05
 """Random successes without a collision: 1 in 20."""
@@ -64,21 +64,36 @@ def test_oracle_finds_a_goal_that_is_out_of_sight_without_a_collision() -> None:
     assert summary.collision_free_success.rate == 1.0
 
 
+def test_oracle_goes_on_where_there_is_less_room_than_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.MARGIN", 2.0)  # a passage of 1.1 m leaves 0.93 m beside the hull
+    summary = score(winding_scenario(), "baseline:oracle", 2)
+    assert summary.success.rate == 1.0
+
+
+def test_oracle_finds_a_way_that_a_coarse_map_does_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = CaveEnv(winding_scenario())
+    env.reset(seed=0, options={"start": 0})
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10,))
+    with pytest.raises(InputError, match="No way as wide as the vehicle"):
+        OraclePolicy().board(env)
+    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10, 300_000))
+    OraclePolicy().board(env)
+    env.close()
+
+
 def test_oracle_that_has_no_map_says_so() -> None:
     with pytest.raises(InputError, match="call its board"):
         OraclePolicy().reset(0)
 
 
-@pytest.mark.slow  # half an hour: builds the scenarios, and 20 episodes each with both policies
-@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("name", shipped_caves())
 @pytest.mark.parametrize("current", [None, "still", "full"])
 def test_oracle_dives_through_every_shipped_scenario_without_a_collision(name: str, current: str | None) -> None:
     summary = score(read_scenario(name), "baseline:oracle", 20, max_decisions=2400, current=current)
     assert summary.collision_free_success.rate == 1.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", shipped_names("scenarios"))
+@pytest.mark.parametrize("name", shipped_caves())
 def test_random_stays_near_zero_in_every_shipped_scenario(name: str) -> None:
     # A collision decides already, so the episode may end with it.
     summary = score(read_scenario(name), "baseline:random", 20, max_decisions=2400, on_collision="end")

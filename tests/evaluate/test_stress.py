@@ -116,7 +116,7 @@ def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how
     with pytest.raises(InputError, match="add --trust"):
         stress(options_of(folder, tmp_path / "stress", policy=policy), ignore)
     found = stress(options_of(folder, tmp_path / "stress", policy=policy, trust=True, budget=2), ignore)
-    assert {trial.metrics.outcome for trial in (*found.drawn, *found.searched)} <= {"timeout", "collision"}
+    assert {trial.metrics.outcome for trial in (*found.drawn, *found.searched)} <= {"infeasible", "collision"}
     page = found.report.read_text()
     misses = sum(trial.metrics.outcome != "success" for trial in found.drawn)
     assert f"missed the goal in {50 * misses} %" in verdict(found)

@@ -72,7 +72,7 @@ def test_a_missing_file_is_named_with_how_it_begins(tmp_path: Path) -> None:
 
 def test_a_picture_is_no_list(tmp_path: Path) -> None:
     Image.new("RGB", (64, 48)).save(tmp_path / "p.png")
-    with pytest.raises(InputError, match=r"p\.png is no CSV file"):
+    with pytest.raises(InputError, match=r"p\.png is not text in UTF-8: byte 0 \(line 1\) is 0x89"):
         read_positions(tmp_path / "p.png", NAMES)
 
 

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import io
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -170,6 +172,33 @@ def test_a_field_that_promises_more_than_it_may_hold_is_refused_unread(tube: Sce
         archive.writestr("clearance.npy", header.getvalue())
     with pytest.raises(ScenarioError, match="clearance takes 4096000000 bytes, more than 1000000000"):
         geometry.read_field(path)
+
+
+@pytest.mark.parametrize(("place", "value"), [(10, 99), (8, 1)], ids=["an unknown compression", "said to be encrypted"])
+def test_a_field_in_a_zip_that_python_does_not_unpack_is_refused(
+    tube: Scenario, tmp_path: Path, place: int, value: int
+) -> None:
+    path = tmp_path / "field.npz"
+    np.savez(path, **field_arrays(tube))
+    content = path.read_bytes()
+    entry = bytes([80, 75, 1, 2])  # of the directory at the end; what it says of a member counts
+    for at in [match.start() for match in re.finditer(re.escape(entry), content)]:
+        content = content[: at + place] + bytes([value]) + content[at + place + 1 :]
+    path.write_bytes(content)
+    with pytest.raises(ScenarioError, match=r"field\.npz is not a distance field"):
+        geometry.read_field(path)
+
+
+def test_a_vehicle_that_is_no_text_is_refused_with_the_byte(tube: Scenario, tmp_path: Path) -> None:
+    folder = tmp_path / "tube"
+    write_scenario(dataclasses.replace(tube, vehicle_toml='name = "a"\n'), folder)
+    damaged = b'name = "\xe9"\n'  # an e with an accent in Latin-1
+    (folder / "vehicle.toml").write_bytes(damaged)
+    settings = folder / "scenario.toml"
+    old, new = (hashlib.sha256(content).hexdigest() for content in (b'name = "a"\n', damaged))
+    settings.write_text(settings.read_text().replace(old, new))
+    with pytest.raises(ScenarioError, match=r"vehicle\.toml is not text in UTF-8: byte 8 \(line 1\) is 0xe9"):
+        read_scenario(folder)
 
 
 def test_settings_are_frozen(tube: Scenario) -> None:

@@ -64,8 +64,8 @@ def test_a_filled_slot_is_read(tube: Scenario, cache: Path) -> None:
     assert read_scenario("cave-real-2").name == tube.name
 
 
-def test_a_misspelt_name_gets_the_closest() -> None:
-    with pytest.raises(ScenarioError, match="Did you mean 'cave-train-1'"):
+def test_a_misspelt_name_gets_the_three_closest() -> None:
+    with pytest.raises(ScenarioError, match="the nearest names are cave-train-1, cave-train-10, cave"):
         read_scenario("cave-trian-1")
 
 

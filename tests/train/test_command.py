@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import pytest
 from aquanav_tools.cli.train import main
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.train.pipeline import Pipeline
 from tests.caves import tube_scenario
+from tests.vehicles import write_vehicle
 
 
 def exit_code(*arguments: str) -> int:
@@ -54,8 +57,11 @@ def test_what_the_command_line_says_counts_above_the_pipeline(monkeypatch: pytes
     monkeypatch.setattr("aquanav_tools.train.training.train", keep)
     # 0.2 is the default, and said all the same; 0.1 is what lessons 2 and 3 of the file have.
     assert exit_code("--pipeline", "paper", "--clip", "0.2", "--workers=2", "--no-normalise") == 2
+    assert exit_code("--pipeline", "paper", "--backend", "batch") == 2
     assert [lesson.clip for lesson in pipelines[0].lessons] == [0.2, 0.2, 0.2]
     assert [lesson.learning_rate for lesson in pipelines[0].lessons] == [3e-4, 3e-4, 1.5e-4]
+    # "batch" is a backend there, and no option of that name.
+    assert [lesson.batch for lesson in pipelines[1].lessons] == [1024, 1024, 1024]
     assert pipelines[0].run.workers == 2 and not pipelines[0].lessons[0].normalise
 
 
@@ -67,3 +73,27 @@ def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[
 def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("--scenario", ".", "--num-envs", "3", "--buffer", "4096") == 2
     assert "must be a multiple of num_envs" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_another_vehicle_learns_and_belongs_to_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    long = write_vehicle(tmp_path / "long.toml", 0.2, 5.0)
+    write_scenario(tube_scenario(limits=LimitSettings(decisions=40)), tmp_path / "tube")
+    small = ["--buffer", "128", "--batch", "64", "--num-envs", "2", "--hidden", "8", "--steps", "128"]
+    run = ["--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run"), *small]
+    main([*run, "--vehicle", str(long)])
+    assert f"--scenario {tmp_path / 'tube'} --vehicle {long}" in capsys.readouterr().out
+    record = json.loads((tmp_path / "run" / "train.json").read_text())
+    assert record["run"]["vehicle"] == str(long)
+    assert record["scenarios"][0]["vehicle"]["left_out"] == [0, 1, 2, 3]
+    assert exit_code(*run) == 2
+    assert "holds another training run, with run.vehicle" in capsys.readouterr().err.replace("\n", " ")
+    write_vehicle(long, 0.2, 5.5)
+    assert exit_code(*run, "--vehicle", str(long)) == 2
+    assert "vehicle.sha256" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_a_vehicle_that_does_not_fit_does_not_learn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_scenario(tube_scenario(), tmp_path / "tube")
+    assert exit_code("--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run"), "--vehicle", "boat") == 2
+    assert "9.40 m long, 3.09 m wide" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()

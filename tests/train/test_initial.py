@@ -190,5 +190,7 @@ def test_hostile_weights_are_not_run(old: Path, tube: Path, tmp_path: Path) -> N
 def test_missing_policy_is_told_with_what_to_name(tube: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no policy at .*none.zip to begin with. Give --init a policy.zip"):
         train(tiny_pipeline(tube, run=beginning_with(tmp_path / "none.zip")), 0, tmp_path / "run")
+    with pytest.raises(InputError, match=r"is a folder without best.zip or policy.zip"):
+        train(tiny_pipeline(tube, run=beginning_with(tube)), 0, tmp_path / "run")
     with pytest.raises(InputError, match="Did you mean 'reference'"):
         train(tiny_pipeline(tube, run=beginning_with("baseline:referense")), 0, tmp_path / "run")

@@ -13,6 +13,7 @@ import numpy as np
 
 from aquanav_tools.build.original.unity_yaml import Document, read_documents
 from aquanav_tools.errors import InputError
+from aquanav_tools.text_files import NOT_A_TABLE
 from aquanav_tools.types import Array, rotation_matrix
 
 GAME_OBJECT, TRANSFORM, BEHAVIOUR = 1, 4, 114
@@ -67,7 +68,7 @@ def _rewarder(path: Path) -> Rewarder:
         )
     try:
         frames = [_world_from_panel(link, documents) for link in links[:MAX_PANELS]]
-    except (KeyError, TypeError, ValueError) as cause:
+    except NOT_A_TABLE as cause:
         raise InputError(
             f"The DistanceRewarder {path} names {len(links)} panels, one of which is not in it ({cause!r}). The prefab "
             "is damaged: clone the project again."
@@ -86,7 +87,9 @@ def _world_from_panel(link: Any, documents: dict[int, Document]) -> Array:
     panel = documents[int(link["fileID"])]
     owner = documents[int(panel.fields["m_GameObject"]["fileID"])]
     parts = [documents.get(int(row["component"]["fileID"])) for row in owner.fields["m_Component"]]
-    transform = next(part for part in parts if part is not None and part.kind == TRANSFORM)
+    transform = next((part for part in parts if part is not None and part.kind == TRANSFORM), None)
+    if transform is None:
+        raise ValueError("an object has no place")
     world = np.eye(4)
     for _ in range(MAX_PARENTS):
         world = local_transform(transform.fields) @ world

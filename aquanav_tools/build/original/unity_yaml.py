@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.text_files import read_text
 
 MAX_FILE_BYTES = 256 << 20
 HEADER = re.compile(r"^--- !u!(\d+) &(-?\d+)( stripped)?\s*$", re.MULTILINE)
@@ -38,11 +39,7 @@ def read_documents(path: Path, kinds: Collection[int]) -> dict[int, Document]:
     Raises:
         InputError: the file is too large, not Unity's YAML, or a pointer of Git LFS.
     """
-    if path.stat().st_size > MAX_FILE_BYTES:
-        raise InputError(
-            f"{path} has {path.stat().st_size} bytes, more than {MAX_FILE_BYTES}; no prefab is that large."
-        )
-    text = path.read_text(encoding="utf-8", errors="replace")
+    text = read_text(path, max_bytes=MAX_FILE_BYTES, encoding="utf-8-sig")
     if text.startswith(LFS_POINTER):
         raise InputError(f"{path} is only a pointer of Git LFS. Fetch the file itself: git lfs pull.")
     if not text.startswith("%YAML"):

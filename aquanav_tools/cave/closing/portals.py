@@ -27,7 +27,13 @@ OBSERVED_VOXELS = 2.0
 MAX_CUT_SHARE = 0.5
 """A flat cut that would remove more of the volume than this is a mistake."""
 FLAT_LID = 1e-3
-"""Faces within this share of a voxel of a lid's plane belong to it."""
+"""Faces within this share of a voxel of a lid's plane belong to it ..."""
+ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
+"""... or within this share of the largest coordinate: they are stored as float32."""
+MIN_CUT_LID = 0.5
+"""Share of a user's cut that must be left as its portal once all ends are cut."""
+MIN_END_LEFT = 0.5
+"""An open end of which the user's cuts leave less than this share ends at the cut."""
 CUT_STEPS = (0.0, 0.1, 0.25, 0.5, 1.0)
 """Voxels by which a cut moves inwards until its rim leaves no slivers that cross each other when stored in float32, and
 it makes no pillar out of rock that ended freely beyond it."""
@@ -37,6 +43,8 @@ TOUCH = 0.1
 """Water within this distance of an end's invented surface lies before that end, voxels."""
 SLIT = 1e-3
 """Thickness of the slit that a user's cut makes before one side is dropped, m."""
+TURN = "The last three numbers of a cut point towards the part that goes: turn them round, or leave out one of the two."
+MOVE = "Move the plane farther into the cave, or leave it out: that end becomes a portal without it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +70,8 @@ def cut_portals(
         cuts: the user's own.
 
     Raises:
-        MeshError: a cut misses the cave or does not divide it, or the result is no proven solid.
+        MeshError: a cut of the user misses the cave, does not divide it, or makes no portal because another cut takes
+            it away; the message says which. Or the result is no proven solid.
     """
     solid = to_manifold(closed.mesh)
     mesh, lids = _cut_soundly(solid, ends, cuts, voxel)
@@ -98,29 +107,69 @@ def _cut_all(
     solid: Any, ends: tuple[End, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
 ) -> tuple[Mesh, list[End]]:
     """Return the mesh of a solid after all cuts, as it will be stored, and the lids they leave."""
-    lids = []
+    lids: list[End] = []
     for cut in cuts:
-        solid, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), voxel)
+        rest, lid = _cut_across(solid, replace(cut, point=cut.point - inwards * cut.normal), cuts[: len(lids)], voxel)
+        _check_are_left(rest, lids, voxel, f"the {_name(cut)} takes it away with all beyond. {TURN}")
         lids.append(lid)
-    for end in ends:
+        solid = rest
+    for end in _left_by(solid, ends, voxel) if cuts else ends:
         if not _is_cut_away(solid, end, voxel):
             lid = end if end.is_flat else replace(end, point=end.point - inwards * end.normal)
             solid = solid if end.is_flat else _cut_flat(solid, lid, voxel)
+            reason = f"the open end at {end.point.round(2)} m lies so near that cutting it flat takes it away. {MOVE}"
+            _check_are_left(solid, lids[: len(cuts)], voxel, reason)
             lids.append(lid)
     rest = from_manifold(solid)
     # The scenario stores float32: prove what will be read back.
     return Mesh(rest.vertices.astype(np.float32).astype(np.float64), rest.faces), lids
 
 
-def _cut_across(solid: Any, cut: Cut, voxel: float) -> tuple[Any, End]:
+def _name(cut: Cut) -> str:
+    return f"cut at {cut.point.round(2)} m across {cut.normal.round(2)}"
+
+
+def _check_are_left(solid: Any, lids: list[End], voxel: float, reason: str) -> None:
+    """Check that of every cut of the user most is left on a solid.
+
+    Raises:
+        MeshError: with the cut of which it is not, and the reason.
+    """
+    mesh = from_manifold(solid)
+    for lid in lids:
+        area = float(mesh.areas[_faces_on_lid(mesh, lid, voxel)].sum())
+        if area < MIN_CUT_LID * 0.25 * np.pi * lid.diameter**2:
+            raise MeshError(f"The {_name(Cut(lid.point, lid.normal))} makes no portal: {reason}")
+
+
+def _left_by(solid: Any, ends: tuple[End, ...], voxel: float) -> tuple[End, ...]:
+    """Return the ends of which most is left on the solid after the user's cuts."""
+    import igl
+
+    mesh = from_manifold(solid)
+
+    def share(end: End) -> float:
+        squared = igl.point_mesh_squared_distance(end.places, mesh.vertices, mesh.faces)[0]
+        is_within = igl.fast_winding_number(mesh.vertices, mesh.faces, end.places) > 0.5
+        return float((is_within | (squared < voxel**2)).mean())
+
+    return tuple(end for end in ends if share(end) >= MIN_END_LEFT)
+
+
+def _cut_across(solid: Any, cut: Cut, earlier: tuple[Cut, ...], voxel: float) -> tuple[Any, End]:
     """Return what is left of the solid behind a user's plane, and the end that makes."""
     import manifold3d
     import shapely
 
     section = section_polygon(from_manifold(solid), cut.point, cut.normal)
-    where = f"The cut at {cut.point.round(2)} m across {cut.normal.round(2)}"
+    where = f"The {_name(cut)}"
     if section is None or section.distance(shapely.Point(0.0, 0.0)) > voxel:
-        raise MeshError(f"{where} misses the cave. Name a point in its water; the report's plan has coordinates.")
+        gone = "".join(
+            f" Or the {_name(one)} takes that place away. {TURN}"
+            for one in earlier
+            if (cut.point - one.point) @ one.normal > 0.0
+        )
+        raise MeshError(f"{where} misses the cave. Name a point in its water; the report's plan has coordinates.{gone}")
     outline = shapely.geometry.polygon.orient(section.buffer(0.5 * voxel))
     slit = manifold3d.CrossSection([np.asarray(outline.exterior.coords)[:-1]]).extrude(SLIT)
     axes = plane_axes(cut.normal)
@@ -231,7 +280,8 @@ def _divided(water: Any, places: Array, voxel: float) -> tuple[Any, Any]:
 
 def _faces_on_lid(mesh: Mesh, lid: End, voxel: float) -> Any:
     offsets = mesh.triangles - lid.point
-    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < FLAT_LID * voxel
+    tolerance = max(FLAT_LID * voxel, ROUNDING * float(np.abs(mesh.vertices).max()))
+    in_plane = np.abs(offsets @ lid.normal).max(axis=1) < tolerance
     return in_plane & (np.linalg.norm(offsets, axis=2).max(axis=1) <= 1.5 * lid.radius)
 
 

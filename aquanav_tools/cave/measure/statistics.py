@@ -21,6 +21,9 @@ ROSE_BIN_DEG = 10
 ROSE_LEG = 1.0
 """Lines are cut into legs of this length for the rose, m: a survey's legs are no shorter, and bends still show."""
 
+STILL_THERE = 0.01
+"""Wall that cutting the ends did not touch is moved by less than this, voxels: only stored as float32."""
+
 
 @dataclass(frozen=True)
 class CaveStatistics:
@@ -41,16 +44,8 @@ class CaveStatistics:
     total_length: float
     """Of all branches of the centreline; that of the route when no branches are known, m."""
     num_panels: int
-    min_clearance: float
-    """At the narrowest place of the guide, m."""
-    narrowest_at: float
-    """Distance of that place along the guide, m."""
-    narrowest_position: tuple[float, float, float]
-    """World, m."""
-    mean_clearance: float
-    """Along the guide, m."""
     max_clearance: float
-    """Anywhere in the water, m."""
+    """Anywhere in the water, to the nearest wall or portal, m."""
     lowest: float
     """World z of the lowest water, m."""
     highest: float
@@ -93,8 +88,6 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
         guide: the route.
         branches: (C, 3) lines of the whole centreline graph, m; without them the route stands for the cave.
     """
-    clearance = field.clearance(guide.centreline)
-    narrowest = int(np.argmin(clearance))
     lines = branches or (guide.centreline,)
     total_length = float(sum(arc_lengths(line)[-1] for line in lines))
     low, high = cavity.mesh.vertices.min(axis=0), cavity.mesh.vertices.max(axis=0)
@@ -108,10 +101,6 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
         route_length=guide.length,
         total_length=total_length,
         num_panels=len(guide.panels),
-        min_clearance=float(clearance[narrowest]),
-        narrowest_at=float(arc_lengths(guide.centreline)[narrowest]),
-        narrowest_position=_triple(guide.centreline[narrowest]),
-        mean_clearance=float(clearance.mean()),
         max_clearance=field.max_clearance,
         lowest=float(low[2]),
         highest=float(high[2]),
@@ -147,21 +136,21 @@ def rose_of(lines: Sequence[Array]) -> Array:
     return rose
 
 
-def measure_fit(cavity: Cavity, points: Array, voxel: float) -> ScanFit:
-    """Return how well the cavity follows (N, 3) points of the scan; those cut off behind portals do not count."""
+def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> ScanFit:
+    """Return how well a cavity follows (N, 3) points of the scan; those of parts that were cut off do not count.
+
+    Args:
+        cavity: the water.
+        points: (N, 3) of the scan, m.
+        voxel: resolution of the scan, m.
+        closed: the solid before its ends were cut. Where the nearest place on it is not the cavity's any more, a point
+            belongs to what was cut off.
+    """
     import igl
 
-    inside_lids = np.ones(len(points), dtype=bool)
-    for portal in cavity.portals:
-        offsets = points - portal.centre
-        behind = offsets @ portal.normal > 0.0
-        inside_lids &= ~(behind & (np.linalg.norm(offsets, axis=1) < 3.0 * np.sqrt(portal.area)))
-    kept = points[inside_lids]
-    mesh: Mesh = cavity.mesh
+    mesh = cavity.mesh
+    nearest = igl.point_mesh_squared_distance(points, closed.vertices, closed.faces)[2]
+    moved = igl.point_mesh_squared_distance(nearest, mesh.vertices, mesh.faces)[0]
+    kept = points[np.sqrt(moved) <= STILL_THERE * voxel]
     distance = np.sqrt(igl.point_mesh_squared_distance(kept, mesh.vertices, mesh.faces)[0])
     return ScanFit(float(np.median(distance)), float(np.percentile(distance, 95)), float((distance <= voxel).mean()))
-
-
-def _triple(point: Array) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in point)
-    return x, y, z

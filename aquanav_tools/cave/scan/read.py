@@ -9,17 +9,12 @@ import numpy as np
 
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.cave.scan.files import read_surface
+from aquanav_tools.cave.scan.plausibility import METRES_PER_UNIT, check_size, upright_cautions
 from aquanav_tools.cave.scan.thinning import MAX_POINTS, EvenThinner, thinned_caution
+from aquanav_tools.cave.scan.wall_samples import sample_wall
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, Mesh, PointCloud
 
-METRES_PER_UNIT = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 0.001, "km": 1000.0, "ft": 0.3048, "in": 0.0254}
-LARGEST_CAVE = 500.0
-"""A scan wider than this is rather one in centimetres or millimetres, unless --unit m says otherwise, m."""
-SMALLEST_CAVE = 0.5
-"""A scan that is not even this wide is rather one in kilometres or without a scale, m."""
-TYPICAL_CAVE = 15.0
-"""Of the units that are possible, the one that brings the scan closest to this size is proposed, m."""
 FAR_FROM_ORIGIN = 1000.0
 """Beyond this, float32 coordinates are coarser than 0.1 mm and the scan is moved to the origin, m."""
 
@@ -39,7 +34,8 @@ def read_scan(path: Path, options: ScanOptions) -> Scan:
     """Return the surface in a file.
 
     Raises:
-        InputError: the file is missing, of no known format, damaged, empty, or has coordinates that are not finite.
+        InputError: the file is missing, of no known format, damaged, empty, has coordinates that are not finite, or a
+            size that no cave has.
         ResourceError: it has more than MAX_LOADED points.
     """
     if not path.is_file():
@@ -47,9 +43,12 @@ def read_scan(path: Path, options: ScanOptions) -> Scan:
     surface, cautions = read_surface(path)
     points = surface.vertices if isinstance(surface, Mesh) else surface.points
     _check_points(points, path)
-    _check_size(points, options.unit)
+    wall = sample_wall(surface)
+    check_size(surface, wall, options.unit)
+    cautions += upright_cautions(surface, wall, options, path)
     if isinstance(surface, PointCloud) and len(points) > MAX_POINTS:
-        surface, cautions = _thinned(surface, path.name)
+        surface, thinned = _thinned(surface, path.name)
+        cautions += thinned
         points = surface.points
     rotation = _world_from_file(options.up)
     moved = METRES_PER_UNIT[options.unit or "m"] * points @ rotation.T
@@ -69,25 +68,6 @@ def _thinned(cloud: PointCloud, name: str) -> tuple[PointCloud, tuple[tuple[str,
     normals = None if cloud.normals is None else cloud.normals[kept]
     colours = None if cloud.colours is None else cloud.colours[kept]
     return PointCloud(cloud.points[kept], normals, colours), thinned_caution(name, thinner, len(kept))
-
-
-def _check_size(points: Array, unit: str | None) -> None:
-    """Refuse a size that no cave has, unless the user named the unit.
-
-    Raises:
-        InputError: with the unit that it may be in.
-    """
-    if unit is not None:
-        return
-    width = float((np.percentile(points, 99.5, axis=0) - np.percentile(points, 0.5, axis=0)).max())
-    if SMALLEST_CAVE <= width <= LARGEST_CAVE or not width > 0.0:
-        return
-    names = {"dm": "decimetres", "cm": "centimetres", "mm": "millimetres", "km": "kilometres"}
-    likely = min(names, key=lambda name: abs(np.log(METRES_PER_UNIT[name] * width / TYPICAL_CAVE)))
-    raise InputError(
-        f"The cave is {width:{',.0f' if width >= 1.0 else '.2g'}} m wide: are these {names[likely]}? Then give --unit "
-        f"{likely}. If it is really that size, give --unit m."
-    )
 
 
 def _check_points(points: Array, path: Path) -> None:

@@ -20,6 +20,9 @@ NOISE_VOXELS_PER_RADIUS = 1.0
 """... but never larger than the vehicle's radius."""
 MIN_MESH_NOISE = 0.2
 """Unevenness of a mesh below this share of its edges is the relief of the wall: decimation leaves no noise."""
+MAX_RADII = 8.0
+"""A cave so large that the memory only lets it be closed at more radii of the vehicle is refused; chosen: at 4 GB and
+0.17 m, two square kilometres of wall."""
 NUM_NOISE_SAMPLES = 5_000
 NUM_MESH_NEIGHBOURS = 16
 NUM_CLOUD_NEIGHBOURS = 48
@@ -60,7 +63,7 @@ def choose_resolution(
 
     Raises:
         InputError: the scan has no extent.
-        ResourceError: the user's choice does not fit into the budget.
+        ResourceError: the user's choice does not fit into the budget, or what fits is far too coarse.
     """
     area = _wall_area(scan, vehicle_radius)
     smallest = float(np.sqrt(area * BYTES_PER_CELL / max((budget_gb - BASE_GB) * 1e9, 1.0)))
@@ -73,18 +76,27 @@ def choose_resolution(
         return Resolution(wanted, "as given", _memory(area, wanted))
     finest = vehicle_radius / VOXELS_PER_RADIUS
     if isinstance(scan, Mesh):
-        detail = min(float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS)
-        reason = "the median edge of the scan"
+        edge, coarsest = float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS
+        detail, reason = min(
+            (edge, "the median edge of the surface"),
+            (coarsest, f"half of the vehicle's radius; the surface's median edge is {1000.0 * edge:.0f} mm"),
+        )
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
     noise = min(VOXELS_OF_NOISE * _noise(scan), vehicle_radius / NOISE_VOXELS_PER_RADIUS)
     is_relief = isinstance(scan, Mesh) and _noise(scan) < MIN_MESH_NOISE * float(np.median(_edge_lengths(scan)))
     if detail < noise and not is_relief:
-        detail, reason = noise, "the noise of the scan"
+        detail, reason = noise, "the noise of the surface"
     if detail < finest:
         detail, reason = finest, "a quarter of the vehicle's radius"
     if detail < smallest:
         detail, reason = smallest, f"the memory limit of {budget_gb:.1f} GB"
+    if detail > MAX_RADII * vehicle_radius:
+        raise ResourceError(
+            f"The scan has {area:,.0f} m2 of wall. Within {budget_gb:.1f} GB it can be closed at {detail:.2g} m, "
+            f"{detail / vehicle_radius:.0f} times the vehicle's radius: passages it fits through would be lost. Check "
+            "--unit, give more --memory, or build the cave in parts."
+        )
     return Resolution(detail, reason, _memory(area, detail))
 
 

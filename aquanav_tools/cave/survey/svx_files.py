@@ -9,6 +9,7 @@ from aquanav_tools.errors import InputError
 
 MAX_FILE_BYTES = 20_000_000
 """The largest single file of a public cave survey has about 2 MB."""
+MAX_TOTAL_BYTES = 100_000_000
 MAX_FILES = 5000
 MAX_DEPTH = 40
 """Of files included in files; Survex's own limit is that of open files."""
@@ -23,6 +24,8 @@ class SurveyFiles:
     suffix: str
     """What an *include may leave out, such as .svx."""
     opened: list[Path] = field(default_factory=list)
+    num_bytes: int = 0
+    """Of all that was opened, each time that it was."""
 
     def text(self, path: Path) -> str:
         """Return a file's text.
@@ -38,6 +41,12 @@ class SurveyFiles:
                 f"{self.root} includes more than {MAX_FILES} files. A file may include itself; break that."
             )
         size = path.stat().st_size
+        self.num_bytes += size
+        if self.num_bytes > MAX_TOTAL_BYTES:
+            raise InputError(
+                f"{self.root} and the files that it includes have more than {MAX_TOTAL_BYTES:,} bytes. A file may be "
+                "included again and again; break that."
+            )
         if size > MAX_FILE_BYTES:
             raise InputError(f"{path} has {size:,} bytes; survey data has at most {MAX_FILE_BYTES:,}. Check the path.")
         content = path.read_bytes()

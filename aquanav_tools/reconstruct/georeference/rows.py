@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array
 
 
@@ -52,16 +54,16 @@ def read_rows(path: Path, columns: Sequence[str], what: str) -> Iterator[Row]:
     """
     if not path.is_file():
         raise InputError(f"The {what} {path} does not exist. Give a CSV file that begins with: {','.join(columns)}")
+    text = read_text(path, encoding="utf-8-sig")
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            table = csv.DictReader(stream, skipinitialspace=True)
-            lacking = set(columns) - set(table.fieldnames or ())
-            if lacking:
-                raise InputError(
-                    f"{path} lacks the columns {', '.join(sorted(lacking))}; its first line is {table.fieldnames}. "
-                    f"The first line must be: {','.join(columns)}"
-                )
-            for cells in table:
-                yield Row(cells, f"{path}, line {table.line_num}")
-    except (UnicodeDecodeError, csv.Error) as error:
+        table = csv.DictReader(io.StringIO(text, newline=""), skipinitialspace=True)
+        lacking = set(columns) - set(table.fieldnames or ())
+        if lacking:
+            raise InputError(
+                f"{path} lacks the columns {', '.join(sorted(lacking))}; its first line is {table.fieldnames}. "
+                f"The first line must be: {','.join(columns)}"
+            )
+        for cells in table:
+            yield Row(cells, f"{path}, line {table.line_num}")
+    except csv.Error as error:
         raise InputError(f"{path} is no CSV file: {error}. Save it as CSV in UTF-8.") from error

@@ -99,7 +99,17 @@ def test_las_files_are_read_in_their_scale(points: np.ndarray, tmp_path: Path) -
     ("name", "content", "message"),
     [
         ("missing.stl", None, "There is no file"),
-        ("cave.docx", b"x", r"no known scan format \('.docx'\)"),
+        ("cave.docx", b"x", "cave.docx is a document, not a scan. .* save it as text"),
+        (
+            "map.PDF",
+            b"%PDF-1.7",
+            "map.PDF is a document or a drawing, not a scan. .* Give the survey it was drawn from",
+        ),
+        ("one.jpg", b"x", "a single picture. .* put them into a folder"),
+        ("scan.e57", b"x", "in a format that is not read. Export it as .las"),
+        ("cave.plyy", b"x", r"no known scan format \('.plyy'\). Did you mean '.ply'"),
+        ("cave.vtkx", b"x", r"no known scan format \('.vtkx'\). Scans are meshes"),
+        ("cave", b"x", "no ending that tells its format. Scans are meshes"),
         (
             "cut.stl",
             b"solid x\nfacet normal 0 0 1\n outer loop\n vertex 0 0",
