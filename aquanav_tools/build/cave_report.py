@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.cave_tables import narrow_table, portal_table, station_table, statistics_table
@@ -18,13 +19,18 @@ from aquanav_tools.cave.route.passability import Narrow, Passability
 from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.cave.survey.write import write_svx
 from aquanav_tools.report.cave_map import CaveMap, Mark
-from aquanav_tools.report.html import Fact, Figure, Page, Section
+from aquanav_tools.report.html import Fact, Figure, Model, Page, Section
+from aquanav_tools.report.scene_model import scene_caption, write_scene
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
 from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
 from aquanav_tools.report.views import draw_views
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.appearance import vehicle_mesh
+from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.types import Array
 
+VIEW = "view.glb"
+"""What the report shows in 3D: the cave in fewer triangles, its route, and the vehicle to scale."""
 DRAWINGS_DIR = "drawings"
 """Folder, in the scenario's, of the drawings as SVG and PNG and of the centreline for Survex."""
 
@@ -86,6 +92,23 @@ def write_drawings(cave: CaveMap, scenario: Scenario, rose: Sequence[float], fol
     )
 
 
+def cave_model(scenario: Scenario, folder: Path, colours: npt.NDArray[np.uint8] | None) -> Model:
+    """Write the 3D view of a cave, with its vehicle at the first start, into a folder; return it for the report.
+
+    Args:
+        scenario: the cave.
+        folder: which gets `view.glb`.
+        colours: (V, 3) sRGB per vertex of the cavity, where the scan has some.
+    """
+    path = folder / VIEW
+    placed = None
+    if scenario.vehicle_toml and scenario.starts:
+        vehicle = parse_vehicle(scenario.vehicle_toml, f"vehicle of the scenario {scenario.name}")
+        placed = vehicle_mesh(vehicle), scenario.starts[0].pose
+    write_scene(scenario, path, placed, colours=colours)
+    return Model(path, scene_caption(scenario))
+
+
 def write_centreline(cave: CaveMap, path: Path) -> None:
     """Write the stations, and the end of the route, as a Survex centreline with passage dimensions.
 
@@ -116,6 +139,7 @@ def cave_page(
     figures: Sequence[Figure],
     journal: Journal,
     sections: Sequence[Section] = (),
+    models: Sequence[Model] = (),
 ) -> Page:
     """Return the report of a finished build; further sections tell how the photos fared and what the stages cost."""
     numbers = built.statistics
@@ -136,6 +160,7 @@ def cave_page(
             portal_table(built),
             station_table(cave),
         ),
+        models=tuple(models),
         sections=tuple(sections),
         footer=footer(),
     )

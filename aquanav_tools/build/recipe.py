@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.ahead import compiling_ahead
-from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
@@ -240,6 +240,7 @@ def _finish(
         scenario = write_scenario(built.scenario, staged)
         colours = _colours_of(scan, scenario.cavity.mesh)
         write_glb(scenario.cavity, scenario.collision, staged / "cave.glb", colours)
+        model = cave_model(scenario, staged, colours)
         draw_cave(scenario, staged / "cave.png", has_north)
         record_cave(CaveModel(scenario), staged / "build.rrd")
     with journal.stage("Drawing the cave"):
@@ -254,7 +255,7 @@ def _finish(
     sections.append(current_section(scenario, cave, staged / DRAWINGS_DIR))
     sections.append(outputs.stage_section(journal, staged / DRAWINGS_DIR))
     figures = (*drawings, Figure(staged / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, figures, journal, sections)
+    page = cave_page(built, cave, figures, journal, sections, (model,))
     facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), staged / "build.json")
     outputs.write_json(

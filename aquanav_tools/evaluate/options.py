@@ -19,7 +19,7 @@ MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
 View = Literal["chase", "onboard"]
-"""As in envs.rendering, which takes long to import."""
+"""As in envs.pictures, which takes long to import."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,8 @@ class EvaluateOptions(ProtocolOptions):
     max_recordings: int = 50
     """Recordings stop at this number; each takes less than 1 MB."""
     film: bool = False
-    """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
+    """Also write a WebM film of each recorded episode, from behind the vehicle: a tenth of a second of one core per
+    decision. The report shows those of the worst; browsers play the others."""
     trust: bool = False
     """Let policy files run code, which those of unknown make and TorchScript do when they are loaded. Only for files
     whose maker you trust; what can be read without is, all the same."""
@@ -240,6 +241,7 @@ class ReplayOptions:
     vehicle: str | None = None
     """The vehicle's file, where another than the scenario's was evaluated and it is no longer at its path."""
     film: Path | None = None
-    """Also write this MP4 or GIF of the episode by lamp light; about half a second per decision."""
+    """Also write this film of the episode: .mp4 for players, .webm for browsers, .gif or .webp for pages that show no
+    video. It takes a tenth of a second of one core per decision."""
     view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.pictures.film import film_size
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
-from aquanav_tools.envs.rendering import film_size
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar

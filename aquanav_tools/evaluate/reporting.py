@@ -16,6 +16,7 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
+from aquanav_tools.evaluate.pilot import FILM_SUFFIX
 from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
@@ -32,7 +33,7 @@ from aquanav_tools.evaluate.summary_text import (
     variety_text,
 )
 from aquanav_tools.evaluate.venue import venue_of
-from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
+from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import FAILED, Trail
 from aquanav_tools.task import TaskOptions, choices_of
@@ -40,6 +41,9 @@ from aquanav_tools.task import TaskOptions, choices_of
 NUM_CHARTS = 6
 """Episodes that are drawn each by itself, the worst first, where each had a place of its own."""
 
+NUM_FILMS = 6
+"""Shown in the report, the worst first."""
+FILM_NAMES = "episode-*.webm"
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
 MAX_TRAILS = 100
@@ -98,6 +102,7 @@ def write_report(
             *_group_tables(groups),
         ),
         sections=(
+            *_film_section(episodes, recordings, folder),
             *sections,
             Section("Every episode", tables=(_episode_table(episodes, recordings),)),
             Section("To repeat it", _repetition(), tables=(_repeat_table(provenance, journal),)),
@@ -138,7 +143,17 @@ def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pi
         )
     count = f"all {len(own)}" if len(shown) == len(own) else f"{len(shown)} of {len(own)}"
     figures.append(Figure(paths["trails"], f"The trails of {count} episodes."))
-    return Section(f"In {scenario.name}", figures=tuple(figures))
+    model = venue_of(scenario).model(pictures / f"{scenario.name}.glb", shown, len(own))
+    return Section(f"In {scenario.name}", figures=tuple(figures), models=() if model is None else (model,))
+
+
+def _film_section(episodes: EpisodeTable, recordings: Mapping[int, str], folder: Path) -> tuple[Section, ...]:
+    """Return the films of the worst recorded episodes, where there are films."""
+    paths = {index: (folder / name).with_suffix(FILM_SUFFIX) for index, name in recordings.items()}
+    filmed = [index for index in worst_first(episodes) if index in paths and paths[index].is_file()]
+    films = tuple(Film(paths[index], f"{_describe(episodes[index])}.".capitalize()) for index in filmed[:NUM_FILMS])
+    text = f"The worst first, {len(films)} of {len(filmed)}. Each film is also a file beside this page, {FILM_NAMES}."
+    return (Section("Films", text, films=films),) if films else ()
 
 
 def _drawn(indices: Sequence[int]) -> list[int]:
