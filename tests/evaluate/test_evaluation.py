@@ -195,6 +195,9 @@ def test_recorded_episodes_are_filmed_on_request_and_old_films_go(
     (film,) = (tmp_path / "eval").glob("*.webm")
     assert film.stem == recording.stem
     assert film.stat().st_size > 1000
+    report = (tmp_path / "eval" / "report.html").read_text()
+    assert report.count("<video") == 1 and "data:video/webm;base64," in report
+    assert report.count('<script type="text/plain">') == 1 and "readGlb" in report  # the trails in 3D
     run("baseline:random", episodes=1, max_decisions=2, record="all")
     assert not list((tmp_path / "eval").glob("*.webm"))
 
