@@ -105,7 +105,7 @@ function show(figure) {
     }
   const radius = 0.5 * Math.hypot(...high.map((x, k) => x - low[k])), spans = high.map((x, k) => x - low[k]);
   const yaw = (spans[0] >= spans[2] ? 0 : 0.5 * Math.PI) + 0.35; // towards its longer side
-  const home = () => ({ target: high.map((x, k) => 0.5 * (x + low[k])), distance: 1.6 * radius, radius, yaw, pitch: 0.6 });
+  const home = () => ({ target: high.map((x, k) => 0.5 * (x + low[k])), distance: 1.75 * radius, radius, yaw, pitch: 0.6 });
   const solid = program(gl, TRIANGLES, LIT), line = program(gl, LINES, PLAIN);
   const meshes = parts.map((part) => upload(gl, part.isLine ? asRibbon(part) : part));
   const isOpen = figure.querySelector("input");

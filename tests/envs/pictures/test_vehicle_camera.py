@@ -152,3 +152,11 @@ def test_the_exposure_follows_the_light_as_fast_as_a_camera_does() -> None:
 def test_what_cannot_be_rendered_is_refused(tube: Scenario, wrong: dict[str, object]) -> None:
     with pytest.raises(InputError):
         CaveEnv(tube, **{"render_mode": "rgb_array", **wrong})
+
+
+def test_a_near_wall_in_a_dark_picture_keeps_its_detail() -> None:
+    light = np.full((40, 40, 3), 0.01, np.float32)
+    light[:, :4] = 1.0  # a tenth of the picture is a hundred times as bright
+    picture = AutoExposure().develop(light, 0.0)
+    assert picture[:, :4].max() < 240
+    assert picture[:, 4:].min() > 10
