@@ -25,6 +25,7 @@ from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.summary_text import (
     bound,
     estimate_text,
+    figure,
     infeasible_text,
     metres,
     percent,
@@ -209,7 +210,7 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
         Fact(
             "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
         ),
-        Fact("clearance", f"{means['mean_clearance'].mean:.2f} m", f"smallest {metres(summary.min_clearance)} m"),
+        Fact("clearance", f"{metres(means['mean_clearance'].mean)} m", f"smallest {metres(summary.min_clearance)} m"),
         Fact("time", f"{means['time'].mean:.0f} s", f"path {means['path_length'].mean:.1f} m"),
     )
 
@@ -270,7 +271,7 @@ def _mean_table(summary: Summary, reward: str) -> Table:
     ]
     for name, estimate in summary.means.items():
         label, form, unit = mean_row(name, reward)
-        rows.append((label, f"{estimate.mean:.{form}} {unit}".strip(), _ends(estimate, form)))
+        rows.append((label, f"{figure(estimate.mean, form)} {unit}".strip(), _ends(estimate, form)))
     return Table("On average over episodes", ("", "mean", "95 % interval"), tuple(rows))
 
 
@@ -281,7 +282,7 @@ def mean_row(name: str, reward: str) -> tuple[str, str, str]:
 
 
 def _ends(estimate: Estimate, form: str) -> str:
-    return f"{estimate.low:.{form}} to {estimate.high:.{form}}"
+    return f"{figure(estimate.low, form)} to {figure(estimate.high, form)}"
 
 
 def _group_tables(groups: Sequence[Group]) -> tuple[Table, ...]:
