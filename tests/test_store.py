@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import subprocess
 import threading
@@ -15,6 +16,7 @@ from aquanav_tools import store as store_module
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.store import (
+    LOCK_FILE,
     StageStore,
     check_room,
     copied,
@@ -209,6 +211,25 @@ def test_a_folder_in_use_is_refused_or_waited_for(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="Another process is at work"), locked(tmp_path):
             pass
         thread.start()
+        assert not entered.wait(0.2)
+    assert entered.wait(10.0)
+    thread.join()
+
+
+def test_who_waited_for_a_lock_that_was_removed_waits_for_the_one_in_its_place(tmp_path: Path) -> None:
+    entered = threading.Event()
+
+    def wait() -> None:
+        with locked(tmp_path / "work", waits=True):
+            entered.set()
+
+    thread = threading.Thread(target=wait)
+    with contextlib.ExitStack() as again:
+        with locked(tmp_path / "work"):
+            thread.start()
+            assert not entered.wait(0.2)
+            (tmp_path / "work" / LOCK_FILE).unlink()
+            again.enter_context(locked(tmp_path / "work"))
         assert not entered.wait(0.2)
     assert entered.wait(10.0)
     thread.join()

@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.source_words import words_for
 from aquanav_tools.build.time_stage import note_time
 from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.cave.cavity import WALL, Cavity
@@ -25,8 +26,8 @@ from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measu
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.route.narrows import Narrow, find_narrows
 from aquanav_tools.cave.route.panels import place_panels
+from aquanav_tools.cave.route.passability import Passability, measure_passability
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
@@ -50,6 +51,8 @@ MIN_OBSERVED_SHARE = 0.9
 MAX_DROPPED_SHARE = 0.05
 MAX_MEDIAN_VOXELS = 0.25
 """Half of the scan lies at most this far from the cavity, and 95 % within a voxel; or the report says so."""
+MAX_CUT_SHARE = 0.5
+"""Cuts that take away more of the water than this are warned of."""
 VOXELS_OF_MISFIT = 5.0
 """Relief and noise look alike before closing. Where half of the scan then turns out to lie farther from the cavity, it
 was noise, and the voxel becomes this many times that distance; never larger than the vehicle's radius."""
@@ -68,7 +71,7 @@ class BuiltCave:
     closed: ClosedSurface
     enclosure: float
     """Median share of the view from roomy places that is scanned wall."""
-    narrows: tuple[Narrow, ...]
+    passability: Passability
     handles: tuple[Handle, ...]
     """What one can swim around or through, thinnest first."""
     collision: CollisionMesh
@@ -116,6 +119,7 @@ def build_scenario(
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
     closing = _closing(scan, options, journal, load_vehicle(options.vehicle).capsule.radius, evidence, store)
+    _note_large_cut(closing, options, journal)
     if measured is not None:
         observed = _near_points(closing.cavity, measured, 2.0 * closing.resolution.voxel)
         closing = replace(closing, cavity=replace(closing.cavity, observed=observed))
@@ -142,7 +146,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
         share = _enclosure(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
-        narrows = find_narrows(guide.centreline, cavity, 2.0 * vehicle.capsule.radius)
+        passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
     flow = find_currents(cavity, field, guide, options.water, journal)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
@@ -157,7 +161,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     settings = _settings(options, kind, guide, vehicle.name, collision)
     vehicle_toml = read_text(vehicle_path(options.vehicle))
     scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
-    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, narrows, handles, collision)
+    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, passability, handles, collision)
     _note_weaknesses(built, options, journal)
     note_time(scenario, journal)
     return built
@@ -182,6 +186,18 @@ def _enclosure(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError]
     except UnseenWallsError as error:
         accept(error)
     return float(np.median(enclosure(surface, places)))
+
+
+def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -> None:
+    """Warn where the user's cuts take most of the cave: a direction may be the wrong way round."""
+    share = 1.0 - closing.cavity.volume / closing.closed.mesh.volume
+    if options.closing.cut and share > MAX_CUT_SHARE:
+        sentence = (
+            f"The cuts take away {share:.0%} of the water. The last three numbers of a cut point towards the part that "
+            "goes; turn them round if the wrong one went."
+        )
+        journal.announce(f"Look (large-cut): {sentence}")
+        journal.warn("large-cut", sentence)
 
 
 def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
@@ -347,40 +363,36 @@ def _sample(points: Array, rng: np.random.Generator) -> Array:
 
 
 def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) -> None:
-    statistics, fit, voxel = built.statistics, built.fit, built.resolution.voxel
+    kind = built.scenario.settings.built.kind
+    words, statistics, fit, voxel = words_for(kind), built.statistics, built.fit, built.resolution.voxel
     for code, sentence in built.closed.cautions:
         journal.warn(code, sentence)
     if built.surface.dropped_share > MAX_DROPPED_SHARE:
         journal.warn(
             "left-out",
-            f"{built.surface.dropped_share:.0%} of the scan was left out: stray objects, outliers, or walls hidden "
-            "behind others. If part of the cave is missing, look at the picture.",
+            f"{built.surface.dropped_share:.0%} of the {words.name} was left out: stray objects, outliers, or walls "
+            "hidden behind others. If part of the cave is missing, look at the picture.",
         )
-    if statistics.observed_share < MIN_OBSERVED_SHARE:
+    # Of a survey, "modelled-wall" has said how little is measured.
+    if statistics.observed_share < MIN_OBSERVED_SHARE and kind != "survey":
         journal.warn(
             "unobserved-wall",
-            f"Only {statistics.observed_share:.0%} of the wall was seen by the scan; the rest was filled in. Scan the "
-            "missing parts, or treat clearance there with care.",
+            f"Only {statistics.observed_share:.0%} of the wall was {words.seen}; the rest was {words.filled}. "
+            f"{words.advice}.",
         )
     if fit.percentile_95 > voxel or fit.median > MAX_MEDIAN_VOXELS * voxel:
         journal.warn(
             "loose-fit",
-            f"The scan's points lie {fit.median:.3f} m from the cavity (median), 95 % within {fit.percentile_95:.3f} m;"
-            f" a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the picture.",
-        )
-    cut_share = 1.0 - built.scenario.cavity.volume / built.closed.mesh.volume
-    if options.closing.cut and cut_share > 0.5:
-        journal.warn(
-            "large-cut",
-            f"The cuts take away {cut_share:.0%} of the water. The last three numbers of a cut point towards the part "
-            "that goes; turn them round if the wrong one went.",
+            f"Points of the {words.name} lie {fit.median:.3f} m from the cavity (median), 95 % within "
+            f"{fit.percentile_95:.3f} m; a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the "
+            "picture.",
         )
     if statistics.num_portals < 2:
         journal.warn(
             "few-portals",
             f"{'One open end was' if statistics.num_portals else 'No open ends were'} found, so the goal is the "
             "farthest place inside the cave. If the "
-            "passage goes on, check that the scan is open there, lower --min-portal, or cut it with --cut.",
+            f"passage goes on, {words.reopen}.",
         )
     if len(built.scenario.starts) < options.starts.count:
         journal.warn(

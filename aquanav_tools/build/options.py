@@ -35,6 +35,11 @@ class PhotoScaleOptions(ScaleSources):
         """The options given that can tell the size of what the photos show."""
         return super().scaling + (() if self.passage_height is None else ("passage_height",))
 
+    @property
+    def knows_north(self) -> bool:
+        """Whether a source is given whose y is north: positions from satellites, or a survey."""
+        return self.gps or (self.stations is not None and self.stations.suffix.lower() in SURVEY_SUFFIXES)
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.passage_height is not None and not self.passage_height > 0.0:
@@ -67,6 +72,8 @@ class BuildOptions:
     taken up without it.)"""
     survey: Path | None = None
     """Survey of the same cave in the coordinates of the scan: its legs are kept open, and the scan is checked."""
+    cave: str = ""
+    """Cave of a survey file that holds several, or one of its surveys, such as "mietusia" or "mietusia.rura"."""
     recipe: Path | None = None
     """TOML file with settings for the stages, as in pipelines/build; flags given here win over it."""
     scan: ScanOptions = field(default_factory=ScanOptions)

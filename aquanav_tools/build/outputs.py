@@ -17,7 +17,6 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
-from aquanav_tools.cave.route.narrows import largest_vehicle
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import draw_faults, grains
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
@@ -65,17 +64,7 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
         "handles": [
             {"centre": one.centre.tolist(), "length": one.length, "is_pillar": one.is_pillar} for one in built.handles
         ],
-        "narrows": [
-            {
-                "position": one.position.tolist(),
-                "arc_length": one.arc_length,
-                "width": one.width,
-                "is_passable": one.is_passable,
-                "text": str(one),
-            }
-            for one in built.narrows
-        ],
-        "largest_vehicle": largest_vehicle(built.narrows),
+        "passability": built.passability.facts(),
         "collision": {
             "triangles": len(built.collision.mesh.faces),
             "triangles_before": built.collision.num_triangles_before,

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.ahead import compiling_ahead
-from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_page, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, accepting, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
@@ -35,6 +35,8 @@ from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_
 from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
 from aquanav_tools.cave.scan.read import read_scan
+from aquanav_tools.cave.survey.caves import choose_cave
+from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError, ReconstructionError, ResourceError
 from aquanav_tools.provenance import file_hash
@@ -109,7 +111,7 @@ def _build_from_scan(options: BuildOptions, journal: Journal, staged: Path) -> B
     facts: dict[str, Any] = {"offset": scan.offset.tolist()}
     survey, evidence = None, NO_EVIDENCE
     if options.survey is not None:
-        survey = read_survey(options.survey)
+        survey = choose_cave(read_survey(options.survey), options.cave)
         inputs[options.survey.name] = file_hash(options.survey)
         evidence = survey_evidence(survey, scan.offset)
     try:
@@ -119,7 +121,9 @@ def _build_from_scan(options: BuildOptions, journal: Journal, staged: Path) -> B
         raise
     if survey is not None:
         facts["survey"] = hold_against(survey, built.scenario.cavity.mesh, scan.offset, journal)
-    return _finish(built, scan.surface, options, journal, inputs, facts, staged)
+    # Coordinates far from zero are those of a map, y grid north; those of a survey have compass bearings.
+    has_north = survey is not None or bool(scan.offset.any())
+    return _finish(built, scan.surface, options, journal, inputs, facts, staged, has_north=has_north)
 
 
 def build_made_up(closing: Closing, options: BuildOptions, journal: Journal, inputs: dict[str, str]) -> BuildResult:
@@ -135,7 +139,7 @@ def build_made_up(closing: Closing, options: BuildOptions, journal: Journal, inp
 
 def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
     with journal.stage("Reading the survey"):
-        survey = read_survey(options.input)
+        survey = choose_cave(read_survey(options.input), options.cave)
         inputs = {options.input.name: file_hash(options.input)}
     with journal.stage("Modelling the walls"):
         walls = model_walls(survey, journal)
@@ -145,7 +149,8 @@ def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) ->
     except MeshError as error:
         _report_failure(error, options, journal, inputs, facts, staged, walls.surface)
         raise
-    return _finish(built, walls.surface, options, journal, inputs, facts, staged)
+    legs = survey_legs(survey, walls.offset)
+    return _finish(built, walls.surface, options, journal, inputs, facts, staged, has_north=True, survey=legs)
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
@@ -192,7 +197,8 @@ def _build_cave_of(
         found = None if work.reconstruction is None else work.reconstruction.cloud
         _report_failure(error, options, journal, inputs, facts, staged, found, work)
         raise
-    return _finish(built, reconstruction.cloud, options, journal, inputs, facts, staged, work)
+    has_north = options.scale.knows_north
+    return _finish(built, reconstruction.cloud, options, journal, inputs, facts, staged, work, has_north)
 
 
 def _store(options: BuildOptions) -> StageStore:
@@ -220,6 +226,8 @@ def _finish(
     facts: dict[str, Any],
     staged: Path,
     work: PhotoWork | None = None,
+    has_north: bool = False,
+    survey: SurveyLegs | None = None,
 ) -> BuildResult:
     """Write everything into a folder aside, and put it in the place of what was there."""
     folder = options.output
@@ -227,10 +235,12 @@ def _finish(
         scenario = write_scenario(built.scenario, staged)
         colours = _colours_of(scan, scenario.cavity.mesh)
         write_glb(scenario.cavity, scenario.collision, staged / "cave.glb", colours)
-        draw_cave(scenario, staged / "cave.png")
+        model = cave_model(scenario, staged, colours)
+        draw_cave(scenario, staged / "cave.png", has_north)
         record_cave(CaveModel(scenario), staged / "build.rrd")
     with journal.stage("Drawing the cave"):
-        cave = map_of(scenario, built.narrows, [branch.points for branch in scenario.network.branches])
+        branches = [branch.points for branch in scenario.network.branches]
+        cave = map_of(scenario, built.passability.marked, branches, has_north, survey)
         drawings = write_drawings(cave, scenario, built.statistics.rose, staged / DRAWINGS_DIR)
     sections: list[Section] = []
     if work is not None:
@@ -240,8 +250,8 @@ def _finish(
     sections.append(current_section(scenario, cave, staged / DRAWINGS_DIR))
     sections.append(outputs.stage_section(journal, staged / DRAWINGS_DIR))
     figures = (*drawings, Figure(staged / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, built.narrows, figures, journal, sections)
-    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave, built.narrows)}
+    page = cave_page(built, cave, figures, journal, sections, (model,))
+    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave)}
     outputs.write_json(outputs.build_record(options, inputs, journal, facts), staged / "build.json")
     outputs.write_json(
         {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, staged / "report.json"

@@ -17,7 +17,9 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_made_up
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.mesh.contact import Surface as WallSurface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
+from aquanav_tools.cave.route.passability import route_clearance
 from aquanav_tools.cave.scan.resolution import Resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
@@ -135,9 +137,9 @@ class Difficulty:
 
     length: float
     """Of the way to the goal, m."""
-    tightness: float
-    """Width of the narrowest place on the way over the vehicle's; 1 leaves no room."""
-    usual_width: float
+    least_clearance: float
+    """Of the way, over half of the vehicle's width; 1 leaves no room."""
+    median_clearance: float
     """The same for the median of the way."""
     curvature: float
     """By how much the way turns, degrees per metre."""
@@ -149,9 +151,9 @@ class Difficulty:
 
 def difficulty(scenario: Scenario) -> Difficulty:
     """Return how hard a scenario is for the vehicle it carries."""
-    width = 2.0 * parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
+    radius = parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
     line = scenario.guide.centreline
-    clearance = scenario.field.clearance(line)
+    clearance = route_clearance(WallSurface(scenario.cavity.walls), line)
     ends = line[:: max(1, round(TURN_LENGTH / np.linalg.norm(line[1] - line[0])))]
     ahead = np.diff(ends, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -159,8 +161,8 @@ def difficulty(scenario: Scenario) -> Difficulty:
     network = scenario.network
     return Difficulty(
         length=scenario.guide.length,
-        tightness=2.0 * float(clearance.min()) / width,
-        usual_width=2.0 * float(np.median(clearance)) / width,
+        least_clearance=clearance.least / radius,
+        median_clearance=clearance.median / radius,
         curvature=float(turns.sum() / scenario.guide.length),
         num_loops=network.num_loops,
         num_dead_ends=network.num_dead_ends,

@@ -13,7 +13,7 @@ from aquanav_tools.cave.scan.read import FAR_FROM_ORIGIN
 from aquanav_tools.cave.survey.drift import DriftReport, check_drift
 from aquanav_tools.cave.survey.model import Survey
 from aquanav_tools.cave.survey.passage_graph import passage_graph
-from aquanav_tools.cave.survey.solid import survey_solid
+from aquanav_tools.cave.survey.solid import SurveyCave, survey_solid
 from aquanav_tools.cave.survey.walls import wall_points
 from aquanav_tools.types import Array, Mesh, Sim3
 
@@ -48,11 +48,7 @@ def model_walls(survey: Survey, journal: Journal) -> SurveyWalls:
     cave = survey_solid(survey)
     for sentence in cave.warnings:
         journal.warn("survey", sentence)
-    journal.warn(
-        "modelled-wall",
-        f"The walls are a model: {cave.num_wall_points} points of them were measured, half of these lie within "
-        f"{cave.median_misfit:.2f} m of it and 95 % within {cave.p95_misfit:.2f} m. Clearance is no better known.",
-    )
+    journal.warn("modelled-wall", _how_measured(cave))
     centre = np.round(cave.stations.mean(axis=0))
     offset = centre if np.abs(centre).max() > FAR_FROM_ORIGIN else np.zeros(3)
     surface = cave.open_surface
@@ -60,8 +56,8 @@ def model_walls(survey: Survey, journal: Journal) -> SurveyWalls:
         "survey": survey.title,
         "survey_length": survey.length,
         "wall_points": cave.num_wall_points,
-        "median_misfit": cave.median_misfit,
-        "p95_misfit": cave.p95_misfit,
+        "median_misfit": cave.median_misfit if cave.num_wall_points else None,
+        "p95_misfit": cave.p95_misfit if cave.num_wall_points else None,
         "measured_share": cave.measured_share,
         "survey_loops": cave.num_loops,
     }
@@ -71,6 +67,18 @@ def model_walls(survey: Survey, journal: Journal) -> SurveyWalls:
         wall_points(survey, passage_graph(survey)).points - offset,
         offset,
         facts,
+    )
+
+
+def _how_measured(cave: SurveyCave) -> str:
+    if not cave.num_wall_points:
+        return (
+            "The walls are a model: the survey has neither splays nor passage dimensions, so that nothing about the "
+            "passage's width is known. Take every clearance as made up."
+        )
+    return (
+        f"The walls are a model: {cave.num_wall_points} points of them were measured, half of these lie within "
+        f"{cave.median_misfit:.2f} m of it and 95 % within {cave.p95_misfit:.2f} m. Clearance is no better known."
     )
 
 

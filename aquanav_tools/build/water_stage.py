@@ -81,13 +81,16 @@ def current_section(scenario: Scenario, cave: CaveMap, folder: Path) -> Section:
     ways = ", ".join(
         f"{abs(share):.0%} {'enters' if share > 0 else 'leaves'} through portal {label}" for label, share in flow.shares
     )
-    text = f"Of the water, {ways}. Its narrowest section has {flow.narrowest[0]:.2f} m²; presets give the speed there."
+    text = (
+        f"Of the water, {ways}. Its smallest cross-section has {flow.narrowest[0]:.2f} m²; presets give the speed "
+        "there. That is a place by area; the narrowest place for a vehicle is one by width."
+    )
     rows = tuple(
         (name, f"{speed:g}", f"{facts['flux'][name]:.3f}", f"{facts['reynolds'][name]:.2g}")
         for name, speed in PRESETS.items()
     )
     table = Table(
-        "Presets", ("current", "speed in the narrowest section (m/s)", "flow (m³/s)", "Reynolds number"), rows
+        "Presets", ("current", "speed in the smallest cross-section (m/s)", "flow (m³/s)", "Reynolds number"), rows
     )
     caption = "The current at `full`, averaged from floor to ceiling; longer and darker arrows are faster water."
     return Section("Currents", text, (Figure(path, caption),), (table,))

@@ -42,6 +42,11 @@ class Cavity:
     portals: tuple[Portal, ...]
 
     @property
+    def walls(self) -> Mesh:
+        """The rock alone, without the lids of portals."""
+        return Mesh(self.mesh.vertices, np.ascontiguousarray(self.mesh.faces[self.labels == WALL]))
+
+    @property
     def volume(self) -> float:
         """Enclosed water, m^3."""
         return self.mesh.volume

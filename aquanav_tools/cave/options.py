@@ -30,7 +30,8 @@ class ClosingOptions:
     inside: tuple[tuple[float, float, float], ...] = ()
     """Points X Y Z (m, as in the report) that are water: picks one of two caves, keeps a passage open."""
     cut: tuple[tuple[float, float, float, float, float, float], ...] = ()
-    """Planes X Y Z NX NY NZ that end the cave: through a point in the water, with the direction that is cut away."""
+    """Planes X Y Z NX NY NZ that end the cave in a portal: through a point in the water, with the direction that is cut
+    away."""
     accept_open: bool = False
     """Go on where so little of the wall was seen, or its points scatter so much, that it may be no cave. The cavity is
     closed around the water that was seen; wall that nobody saw is invented, and marked so (`observed`)."""

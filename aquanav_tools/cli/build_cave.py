@@ -119,7 +119,7 @@ def _summary(folder: Path) -> str:
     return (
         f"A passage of {numbers['route_length']:.1f} m, {numbers['volume']:.1f} m3, {numbers['num_triangles']} "
         f"triangles, watertight; {numbers['num_portals']} portals, {numbers['num_panels']} panels, "
-        f"{report['num_starts']} starts, narrowest clearance {numbers['min_clearance']:.2f} m.\n"
+        f"{report['num_starts']} starts.\n{report['passability']['text']}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
         f"Recording: rerun {folder / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {folder}"

@@ -8,11 +8,13 @@ import platform
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from aquanav_tools import __version__
+from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
 from aquanav_tools.cli.command import DEBUG_FLAG, run_command
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
@@ -58,10 +60,10 @@ CONTENT = {
 
 @dataclass(frozen=True)
 class Info:
-    """Print the versions of aquanav and of the libraries that results depend on, or what a vehicle can do."""
+    """Print the versions that results depend on, or what a vehicle can do, or what gets through a built cave."""
 
     vehicle: Annotated[str | None, tyro.conf.Positional] = None
-    """A shipped vehicle's name, or a .toml file of your own, which is checked."""
+    """A shipped vehicle's name, or a .toml file of your own, which is checked; or the folder of a built cave."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +139,8 @@ def _run(options: Options) -> None:
     match options.command:
         case Info(vehicle=None):
             _print_table(_versions())
+        case Info(vehicle=str(name)) if is_built_cave(Path(name)):
+            _print_table(cave_facts(Path(name)))
         case Info(vehicle=str(name)):
             _print_table(_vehicle_facts(name))
         case Doctor():

@@ -11,7 +11,7 @@ import tyro
 
 from aquanav_tools.cli.command import stage_bar
 
-HEADER = "name                split       way    narrowest  usual width  turns    loops  dead ends  current"
+HEADER = "name                split       way    clearance least  median  turns    loops  dead ends  current"
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,8 @@ class Scenarios:
     """Name the shipped scenarios, with splits and difficulty, or build one into the cache folder and say where it lies.
 
     Wherever a scenario folder is asked for, one of these names will do; what is not built yet is built then (a minute
-    or two). The cache is ~/.cache/aquanav, or the folder that AQUANAV_CACHE names. Widths are in vehicle widths.
+    or two). The cache is ~/.cache/aquanav, or the folder that AQUANAV_CACHE names. Clearances, from the
+    way to the nearest wall, are in halves of the vehicle's width: 1 leaves no room.
     """
 
     name: Annotated[str | None, tyro.conf.Positional] = None
@@ -76,7 +77,8 @@ def _list() -> None:
         row = f"{name:<19} {recipe.split:<11}"
         if (folder / SETTINGS_FILE).is_file():
             hard = difficulty(read_scenario(folder))
-            row += f"{hard.length:>4.0f} m {hard.tightness:>10.1f} {hard.usual_width:>12.1f} {hard.curvature:>5.1f}°/m "
+            row += f"{hard.length:>4.0f} m {hard.least_clearance:>15.1f} {hard.median_clearance:>7.1f} "
+            row += f"{hard.curvature:>5.1f}°/m "
             row += f"{hard.num_loops:>7} {hard.num_dead_ends:>10}  {hard.current}"
         else:
             row += f"not built yet: {recipe.title}"

@@ -48,11 +48,11 @@ class Batch(Protocol):
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
 
-    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
         """Begin all episodes.
 
         Args:
-            seeds: One number for all, or one for each; caves, whose water is drawn by the vehicle, take the first.
+            seeds: (N,) of the first episodes: each is what it is alone, whatever else is in the batch.
             starts: The first episode's; None draws them.
         """
 

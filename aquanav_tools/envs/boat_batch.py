@@ -113,11 +113,9 @@ class BoatBatch:
         ways: Array = self.copy_of("ways")
         return ways
 
-    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
-        """Begin all episodes; one seed gives each boat another."""
+    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+        """Begin all episodes, each from a seed of its own."""
         arrays = self._arrays
-        if isinstance(seeds, int):
-            seeds = [int(np.random.SeedSequence([seeds, i]).generate_state(1)[0]) for i in range(self.num)]
         arrays["seeds"][:], arrays["episodes"][:] = seeds, 0
         arrays["asked"][:] = [-1 if start is None else start for start in starts or [None] * self.num]
         everyone = np.ones(self.num, dtype=np.bool_)

@@ -113,11 +113,10 @@ class CaveBatch:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
         return self._ways[self.view_of("start_indices")]
 
-    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
-        """Begin all episodes; of several seeds the first counts for all."""
-        seed = seeds if isinstance(seeds, int) else seeds[0]
-        first = None if starts is None else [-1 if start is None else start for start in starts]
-        self.world.reset(seed % (1 << 32), None if first is None else np.array(first, dtype=np.int32))
+    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+        """Begin all episodes, each from a seed of its own."""
+        first = None if starts is None else np.array([-1 if start is None else start for start in starts], np.int32)
+        self.world.reset(np.array([seed % (1 << 32) for seed in seeds]), first)
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""

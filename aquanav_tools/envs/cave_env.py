@@ -14,8 +14,8 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
+from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.progress import progress_measure
-from aquanav_tools.envs.rendering import VehicleCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
 from aquanav_tools.envs.starting import Starts
 from aquanav_tools.envs.vehicles import prepared
@@ -23,6 +23,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.actuators import actuator_model
+from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.bullet import BulletWorld
 from aquanav_tools.sim.sensors import RangeSensor, original_pattern
 from aquanav_tools.sim.spheres import SphereSensor, find_ends
@@ -181,6 +182,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._current_share = self._draw_current_share()
         self._episode = Episode(self._rules)
         self._beginning = pose.position
+        if self._camera is not None:
+            self._camera.reset()
         self._world.reset(pose)
         self._actuators.reset()
         self._actions.fill(IDLE)
@@ -259,7 +262,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         """
         if self.render_mode is None:
             gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
-        return None if self._camera is None else self._camera.picture(self._world.state)
+        if self._camera is None:
+            return None
+        return self._camera.picture(self._world.state, self._episode.num_decisions * self.decision_seconds)
 
     def close(self) -> None:
         """Let go of the physics, and of the viewer, which stays open."""
@@ -277,9 +282,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         if render_mode is not None:
             check_choice("render mode", render_mode, self.metadata["render_modes"])
         if render_mode == "rgb_array":
-            self._camera = VehicleCamera(self.scenario.cavity.mesh, hull, view, size)
+            self._camera = VehicleCamera(self.scenario, hull, vehicle_mesh(self.vehicle), view, size)
         elif render_mode == "human":
-            self._live = LiveDive(self.scenario, hull, original_pattern().directions, seconds)
+            self._live = LiveDive(self.scenario, vehicle_mesh(self.vehicle), original_pattern().directions, seconds)
 
     def _advance(self, command: Command) -> tuple[list[bool], Array]:
         """Hold a command for a decision; return for each physics step whether it touched, and an older state.

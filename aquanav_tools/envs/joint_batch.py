@@ -65,11 +65,10 @@ class JointBatch:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
         return np.concatenate([batch.ways for batch in self.batches])
 
-    def reset(self, seeds: int | Sequence[int], starts: Sequence[int | None] | None = None) -> None:
-        """Begin all episodes; of one seed each scenario gets another, counted on by the vehicles before it."""
+    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+        """Begin all episodes, each from a seed of its own."""
         for batch, share in zip(self.batches, self.shares, strict=True):
-            own = (seeds + share.start) % (1 << 32) if isinstance(seeds, int) else seeds[share]
-            batch.reset(own, None if starts is None else starts[share])
+            batch.reset(seeds[share], None if starts is None else starts[share])
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun; seeds count on as for `reset`."""

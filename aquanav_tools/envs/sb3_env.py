@@ -32,7 +32,9 @@ class PlaceVecEnv(VecEnv):
     def reset(self) -> Floats:
         """Begin all episodes; each call draws other starts, in an order that the seed gives."""
         seed = self._first_seed if self._seeds[0] is None else self._seeds[0]
-        self._task.reset((seed + self._num_resets) % (1 << 32))
+        # Not seed + n, as SB3 counts: runs whose seeds follow one another would learn from nearly the same episodes.
+        spread = np.random.SeedSequence([seed, self._num_resets]).generate_state(self.num_envs)
+        self._task.reset(spread.tolist())
         self._num_resets += 1
         self._reset_seeds()
         self._reset_options()

@@ -16,8 +16,8 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import Delay, disturb_rays
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
+from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, boat_weights, reward_terms
-from aquanav_tools.envs.sea_rendering import SeaCamera
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_observation import SurfaceObservation
 from aquanav_tools.errors import InputError
@@ -165,7 +165,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         if self._camera is None:
             gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
             return None
-        return self._camera.picture(self._world.state, self._water, self._rays)
+        time = self._episode.num_decisions * self.decision_seconds
+        return self._camera.picture(self._world.state, self._water, self._rays, time)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
         """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""

@@ -25,6 +25,7 @@ from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
 
 Flags = npt.NDArray[np.bool_]
+MAX_SEED = 1 << 32
 
 
 class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
@@ -38,8 +39,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
     ## Info
     One array each, (N,) unless noted: position (N, 3), velocity (N, 6), clearance, collision, num_collisions,
     progress, remaining, cost, start_index, outcome, and the reward's terms ("reward/<name>"). Units are those of the
-    environment with one vehicle. Starts are drawn from the seed, the vehicle's number and its count of episodes, so
-    that one vehicle's episodes do not depend on the others'.
+    environment with one vehicle. Each vehicle has a seed of its own, so that its episodes do not depend on the others'.
     """
 
     def __init__(self, num_envs: int, mode: AutoresetMode | str, make: Callable[..., Batch]) -> None:
@@ -62,20 +62,26 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         """Begin all episodes.
 
         Args:
-            seed: One number for the batch; None draws one from this environment's generator.
+            seed: (N,) of the vehicles' episodes. One number counts on from vehicle to vehicle, as in Gymnasium's own
+                vector environments; None, also within a list, draws from this environment's generator.
             options: {"start": index of a start, or (N,) indices}; later episodes draw theirs.
         """
-        if isinstance(seed, list):
-            raise InputError("A batch takes one seed, from which every vehicle's numbers are drawn.")
-        super().reset(seed=seed)
+        if isinstance(seed, list) and len(seed) != self.num_envs:
+            raise InputError(f"A batch of {self.num_envs} vehicles takes as many seeds, or one; got {len(seed)}.")
+        super().reset(seed=None if isinstance(seed, list) else seed)
         for name in options or {}:
             if name not in RESET_OPTIONS:
                 raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
         starts = (options or {}).get("start")
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
-        self.batch.reset(int(self.np_random.integers(1 << 32)) if seed is None else seed % (1 << 32), starts)
+        self.batch.reset(self._seeds(seed), starts)
         return self.batch.copy_of("observations"), self._infos()
+
+    def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
+        """Return a seed for each vehicle."""
+        given = [seed + n for n in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        return [int(self.np_random.integers(MAX_SEED)) if one is None else one % MAX_SEED for one in given]
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Flags, Flags, dict[str, Any]]:
         """Hold each vehicle's action for one decision."""

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 
 from aquanav_tools.cave.mesh.contact import CapsuleChecker
-from aquanav_tools.cave.route.narrows import find_narrows
+from aquanav_tools.cave.route.passability import measure_passability
 from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError, ScenarioError
@@ -19,6 +19,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import OtherVehicle, Scenario
 from aquanav_tools.sim.vehicle import load_vehicle, parse_vehicle, vehicle_path
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array
 
 _adapted: weakref.WeakKeyDictionary[Scenario, dict[object, Scenario]] = weakref.WeakKeyDictionary()
@@ -61,7 +62,7 @@ def dived_by(scenario: Scenario, vehicle: str | Path) -> Scenario:
     craft = load_vehicle(path)
     if craft == vehicle_of(scenario):
         return scenario
-    text = path.read_text(encoding="utf-8")
+    text = read_text(path)
     known = _adapted.setdefault(scenario, {})
     if text not in known:
         roomy = with_room_for(scenario, craft)
@@ -143,8 +144,8 @@ def _ways(scenario: Scenario, radius: float, positions: Array) -> Array:
 
 
 def _too_tight(scenario: Scenario, vehicle: Vehicle) -> str:
-    narrows = find_narrows(scenario.guide.centreline, scenario.cavity, 2.0 * vehicle.capsule.radius)
-    narrowest = min(narrows, key=lambda narrow: narrow.width)
+    line, width = scenario.guide.centreline, 2.0 * vehicle.capsule.radius
+    narrowest = measure_passability(scenario.cavity, scenario.field, line, width).narrowest
     return (
         f"{_size(vehicle)} finds no way to the goal of {scenario.name}, which was built for "
         f"{vehicle_of(scenario).name}: the passage is {narrowest.width:.2f} m wide where it is narrowest, "

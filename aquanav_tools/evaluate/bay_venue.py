@@ -12,8 +12,8 @@ from gymnasium.utils import seeding
 
 from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
+from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.places import make_env
-from aquanav_tools.envs.sea_rendering import SeaCamera, hull_of
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
@@ -26,6 +26,7 @@ from aquanav_tools.report.sea_chart import draw_chart
 from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.sea.sea_map import SeaMap
+from aquanav_tools.sim.appearance import boat_mesh
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_world import footprint_of
 from aquanav_tools.sim.sensors import boat_pattern
@@ -71,6 +72,9 @@ class BayVenue:
         """Return the chart of the bay, or of each episode's."""
         return BayPicture(self._bays, self._width)
 
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> None:
+        """Write nothing: a bay is flat, and its chart shows it."""
+
     def scene(self, track: Track) -> BayScene:
         """Return the bay and the waves of the track's episode."""
         env = self._begun(track)
@@ -83,7 +87,7 @@ class BayVenue:
             return env.water.rise(places)
 
         identity = f"{self._bay.name} {self._bay.content_hash}"
-        return BayScene(identity, env.sea_map, env.route, hull_of(env.vehicle), boat_pattern().directions, rise)
+        return BayScene(identity, env.sea_map, env.route, boat_mesh(env.vehicle), boat_pattern().directions, rise)
 
     def camera(self, track: Track, view: str, size: tuple[int, int]) -> VoyageCamera:
         """Return a camera behind the boat."""
@@ -130,8 +134,8 @@ class VoyageCamera:
         self._steps = iter(np.diff(track.times, append=track.times[-1]))
         self.size = size
 
-    def picture(self, state: Array) -> npt.NDArray[np.uint8]:
+    def picture(self, state: Array, time: float) -> npt.NDArray[np.uint8]:
         """Return the next picture."""
-        picture = self._camera.picture(state, self._water, next(self._ranges))
+        picture = self._camera.picture(state, self._water, next(self._ranges), time)
         self._water.advance(float(next(self._steps)))
         return picture

@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aquanav_tools.envs.rendering import VehicleCamera
+from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import Course
 from aquanav_tools.evaluate.presets import CAVE
+from aquanav_tools.report.html import Model
 from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import DiveScene
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.scene_model import scene_caption, write_scene
+from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import ideal_time
 from aquanav_tools.sim.trial import top_speed
@@ -67,14 +71,20 @@ class CaveVenue:
         """Return the cave, cut open."""
         return CavePicture(self._cave)
 
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model:
+        """Write the cave with trails, and the vehicle at the first start."""
+        vehicle = (vehicle_mesh(self._vehicle), self._cave.starts[0].pose) if self._cave.starts else None
+        write_scene(self._cave, path, vehicle, trails)
+        return Model(path, scene_caption(self._cave, len(trails), total))
+
     def scene(self, track: Track) -> DiveScene:
         """Return the cave with the hull: the same for all tracks."""
         return self._scene
 
     def camera(self, track: Track, view: str, size: tuple[int, int]) -> VehicleCamera:
         """Return a camera behind or in the vehicle."""
-        return VehicleCamera(self._cave.cavity.mesh, self._vehicle.capsule, view, size)
+        return VehicleCamera(self._cave, self._vehicle.capsule, vehicle_mesh(self._vehicle), view, size)
 
     @functools.cached_property
     def _scene(self) -> DiveScene:
-        return DiveScene(CaveModel(self._cave), self._vehicle.capsule, original_pattern().directions)
+        return DiveScene(CaveModel(self._cave), vehicle_mesh(self._vehicle), original_pattern().directions)

@@ -140,10 +140,10 @@ def _flyer(plan: Plan, options: EvaluateOptions) -> Flyer:
         return fly_on_cluster
     if options.backend == "pybullet":
         return flown
-    from aquanav_tools.evaluate.squadron import check_plan, fly_in_waves  # Warp takes a second to import
+    from aquanav_tools.evaluate.squadron import check_plan, run_batched  # Warp takes a second to import
 
     check_plan(plan, options)
-    return fly_in_waves
+    return run_batched
 
 
 def _fly_all(fly: Flyer, orders: Orders, plan: Plan, journal: Journal, progress: Progress) -> None:

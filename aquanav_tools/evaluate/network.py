@@ -11,6 +11,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.padding import BLOCK, pad_columns, pad_layers, pad_lstm
 from aquanav_tools.policy.architecture import ExoticPolicyError, Kind, read_kind, read_options
 from aquanav_tools.policy.archive import read_archive, read_weights
 from aquanav_tools.policy.spaces import parse_space
@@ -51,8 +52,10 @@ class NetworkPolicy:
         _load_weights(parts, self._kind, read_weights(weights, path), path)
         self.normaliser = parts.pop(self._kind.features, None)
         """What scales observations first, where the policy learned with that."""
-        self._lstm = parts.pop(LSTM, None)
-        self._layers = torch.nn.Sequential(*parts.values())
+        lstm = parts.pop(LSTM, None)
+        self._lstm: Any = None if lstm is None else pad_lstm(lstm)
+        self._num_outputs = _num_outputs(self._kind, settings, self.action_space, path)
+        self._layers = pad_layers(torch.nn.Sequential(*(layer for part in parts.values() for layer in _flat(part))))
         self._memory: Any = None
         """(2, layers, places, width) hidden and cell state of the vehicle at each place; None before any."""
 
@@ -62,39 +65,57 @@ class NetworkPolicy:
 
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
         """Return the action for one observation."""
-        return self.decide(self.think(np.asarray(observation)[None])[0])
+        return self.decide(self._outputs(np.asarray(observation)[None], np.zeros(1, dtype=np.int64))[0])
 
     def think(self, observations: npt.NDArray[np.float32], places: IntArray | None = None) -> npt.NDArray[np.float32]:
-        """Return what the last layer makes of (N, O) observations, (N, K).
+        """Return what the last layer makes of (N, O) observations, (N, K): of each the same as alone, to the bit.
 
         A recurrent network remembers each vehicle by its place, one of `places` for each row; without them the rows'
         order tells.
         """
+        places = np.arange(len(observations)) if places is None else places
+        before, outputs = self._memory, []
+        try:
+            for first in range(0, len(observations), BLOCK):
+                rows, where = observations[first : first + BLOCK], places[first : first + BLOCK]
+                missing = BLOCK - len(rows)
+                outputs.append(self._outputs(np.pad(rows, ((0, missing), (0, 0))), where)[: len(rows)])
+        except BaseException:
+            self._memory = before  # an error leaves the memory as it was
+            raise
+        return np.concatenate(outputs)
+
+    def _outputs(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
+        """Return the (N, K) outputs; rows beyond the places are only computed."""
         import torch
 
-        places = np.arange(len(observations)) if places is None else places
         with torch.inference_mode():
             features = torch.as_tensor(np.asarray(observations, dtype=np.float32)).flatten(1)
             if self.normaliser is not None:
                 features = self.normaliser(features)
-            after = None
+            features, after = pad_columns(features), None
             if self._lstm is not None:
-                sequence, after = self._lstm(features[None], self._recall(places))
+                sequence, after = self._lstm(features[None], self._recall(places, len(features)))
                 features = sequence[0]
             output = self._layers(features)
-            thought: npt.NDArray[np.float32] = (torch.tanh(output) if self._kind.is_squashed else output).numpy()
-            if after is not None:  # last: an error before leaves the memory as it was
-                self._memory[:, :, places] = torch.stack(after)
-            return thought
+            output = torch.tanh(output) if self._kind.is_squashed else output
+            if after is not None:
+                memory = self._memory.clone()
+                memory[:, :, places] = torch.stack(after)[:, :, : len(places)]
+                self._memory = memory
+            values: npt.NDArray[np.float32] = output[:, : self._num_outputs].numpy()
+            return values
 
-    def _recall(self, places: IntArray) -> tuple[Any, ...]:
-        """Return both parts of the memory of some places; new places remember nothing."""
+    def _recall(self, places: IntArray, num_rows: int) -> tuple[Any, ...]:
+        """Return both parts of the memory of some places, and nothing for rows beyond; new places remember nothing."""
         import torch
 
         known = 0 if self._memory is None else self._memory.shape[2]
         new = torch.zeros(2, self._lstm.num_layers, max(int(places.max()) + 1 - known, 0), self._lstm.hidden_size)
         self._memory = new if self._memory is None else torch.cat([self._memory, new], dim=2)
-        return tuple(self._memory[:, :, places])
+        rows = torch.zeros(2, self._lstm.num_layers, num_rows, self._lstm.hidden_size)
+        rows[:, :, : len(places)] = self._memory[:, :, places]
+        return tuple(rows)
 
     def decide(self, thought: npt.NDArray[np.float32]) -> Any:
         """Return the action that a row of `think` stands for: the best of each choice, or levels in [-1, 1].
@@ -143,6 +164,13 @@ def _build(
     if kind.output:
         parts[kind.output] = output
     return parts
+
+
+def _flat(part: Any) -> list[Any]:
+    """Return the layers of a part of the network."""
+    from torch import nn
+
+    return list(part) if isinstance(part, nn.Sequential) else [part]
 
 
 def _num_outputs(kind: Kind, settings: dict[str, Any], action: spaces.Space[Any], path: Path) -> int:

@@ -19,7 +19,7 @@ MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
 View = Literal["chase", "onboard"]
-"""As in envs.rendering, which takes long to import."""
+"""As in envs.pictures, which takes long to import."""
 
 
 @dataclass(frozen=True)
@@ -118,16 +118,17 @@ class EvaluateOptions(ProtocolOptions):
     max_recordings: int = 50
     """Recordings stop at this number; each takes less than 1 MB."""
     film: bool = False
-    """Also write an MP4 by lamp light of each recorded episode, from behind the vehicle; half a second per decision."""
+    """Also write a WebM film of each recorded episode, from behind the vehicle: a tenth of a second of one core per
+    decision. The report shows those of the worst; browsers play the others."""
     trust: bool = False
     """Let policy files run code, which those of unknown make and TorchScript do when they are loaded. Only for files
     whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; in caves it
-    draws other gusts than PyBullet from the same seeds. It takes neither the original's policies, sensor noise, delays
-    nor policies that look at the map."""
+    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; an episode is
+    the same whatever flies beside it. In caves it draws other gusts than PyBullet from the same seeds. It takes neither
+    the original's policies, sensor noise, delays nor policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""
@@ -155,11 +156,8 @@ class EvaluateOptions(ProtocolOptions):
             )
         if self.backend == "batch" and self.ray is not None:
             raise InputError("A batch flies in this process. Leave out --ray, or --backend batch.")
-        if self.backend == "batch" and (self.workers is not None or self.cases):
-            raise InputError(
-                "A batch flies in this process and draws the gusts of all its episodes from one seed, so it takes "
-                "neither --workers nor a protocol of cases. Leave them out, or --backend batch."
-            )
+        if self.backend == "batch" and self.workers is not None:
+            raise InputError("A batch flies in this process. Leave out --workers, or --backend batch.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -243,6 +241,7 @@ class ReplayOptions:
     vehicle: str | None = None
     """The vehicle's file, where another than the scenario's was evaluated and it is no longer at its path."""
     film: Path | None = None
-    """Also write this MP4 or GIF of the episode by lamp light; about half a second per decision."""
+    """Also write this film of the episode: .mp4 for players, .webm for browsers, .gif or .webp for pages that show no
+    video. It takes a tenth of a second of one core per decision."""
     view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""

@@ -30,7 +30,7 @@ from aquanav_tools.evaluate.rollout import Watch
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.track import Track
 
-RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".mp4"
+RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
 RecordRule = Literal["always", "failure", "never"]
 Row = dict[str, Any]
 """What the journal keeps of an episode."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from aquanav_tools.envs.pictures.film import SHOWN_FOR, Frame, film, film_size
 from aquanav_tools.envs.places import Place
-from aquanav_tools.envs.rendering import film, film_size
 from aquanav_tools.evaluate.venue import venue_of
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
@@ -20,11 +20,30 @@ def record_track(place: Place, track: Track, path: Path) -> None:
 
 
 def film_track(place: Place, track: Track, path: Path, view: str, progress: Progress = ignore_progress) -> None:
-    """Write a film of a track, as MP4 or GIF.
+    """Write a film of a track.
 
     Raises:
         InputError: there is no such view, or no film of that kind.
     """
-    states = np.concatenate([track.positions, track.orientations], axis=1)
     rate = round(1.0 / float(track.times[1] - track.times[0])) if len(track.times) > 1 else 1
-    film(venue_of(place).camera(track, view, film_size(path)), states, path, rate, progress)
+    film(venue_of(place).camera(track, view, film_size(path)), frames_of(track), path, rate, progress)
+
+
+def frames_of(track: Track) -> list[Frame]:
+    """Return what a film shows of each state of a track."""
+    states = np.concatenate([track.positions, track.orientations], axis=1)
+    begun = np.zeros(len(states), dtype=np.int64)
+    begun[track.contact_states] = 1
+    contacts, touched = np.cumsum(begun), track.times[track.collided]
+    return [
+        Frame(
+            state=state,
+            time=float(time),
+            clearance=max(float(track.clearances[row]), 0.0),
+            num_contacts=int(contacts[row]),
+            is_touching=bool(((touched <= time) & (touched > time - SHOWN_FOR)).any()),
+            progress=float(track.progress[row]),
+            speed=float(np.linalg.norm(track.velocities[row, :3])),
+        )
+        for row, (state, time) in enumerate(zip(states, track.times, strict=True))
+    ]

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.pictures.film import film_size
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
-from aquanav_tools.envs.rendering import film_size
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
-from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, plan_condition
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_track, record_track
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.report.track import FAILED, Track
@@ -56,8 +53,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
-    fly = partial(_fly_in_wave, lambda: _policy(table, options)) if is_batched else partial(_fly_alone, policy)
-    track, metrics = fly(flight, _rules(table["protocol"]))
+    track, metrics = (_fly_batched if is_batched else _fly_alone)(policy, flight, _rules(table["protocol"]))
     record_track(scenario, track, output)
     if options.film is not None:
         film_track(scenario, track, options.film, options.view, progress)
@@ -75,19 +71,13 @@ def _fly_alone(policy: LoadedPolicy, flight: Flight, rules: ProtocolOptions) -> 
         return hangar.fly(flight)
 
 
-def _fly_in_wave(
-    load: Callable[[], LoadedPolicy], flight: Flight, rules: ProtocolOptions
-) -> tuple[Track, EpisodeMetrics]:
-    """Fly the whole wave that the episode flew in."""
-    from aquanav_tools.evaluate.squadron import Squadron, num_policies, waves_of
+def _fly_batched(policy: LoadedPolicy, flight: Flight, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+    """Fly the episode as a batch of one, which is what it was beside others."""
+    from aquanav_tools.evaluate.squadron import Squadron
 
-    plans = plan_condition(flight.scenario, rules, flight.condition)
-    place = plans.index(flight.plan)
-    waves = waves_of([replace(flight, index=flight.index + n - place, plan=plan) for n, plan in enumerate(plans)])
-    (wave,) = [wave for wave in waves if flight in wave]
-    squadron = Squadron([load() for _ in range(num_policies(load(), len(wave)))], rules)
+    squadron = Squadron([policy], rules)
     try:
-        return squadron.fly(wave)[wave.index(flight)]
+        return squadron.fly([flight])[0]
     finally:
         squadron.close()
 

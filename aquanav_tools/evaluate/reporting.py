@@ -16,6 +16,7 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
+from aquanav_tools.evaluate.pilot import FILM_SUFFIX
 from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
@@ -24,6 +25,7 @@ from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.summary_text import (
     bound,
     estimate_text,
+    figure,
     infeasible_text,
     metres,
     percent,
@@ -32,7 +34,7 @@ from aquanav_tools.evaluate.summary_text import (
     variety_text,
 )
 from aquanav_tools.evaluate.venue import venue_of
-from aquanav_tools.report.html import Fact, Figure, Link, Notice, Page, Section, Table, write_page
+from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import FAILED, Trail
 from aquanav_tools.task import TaskOptions, choices_of
@@ -40,6 +42,9 @@ from aquanav_tools.task import TaskOptions, choices_of
 NUM_CHARTS = 6
 """Episodes that are drawn each by itself, the worst first, where each had a place of its own."""
 
+NUM_FILMS = 6
+"""Shown in the report, the worst first."""
+FILM_NAMES = "episode-*.webm"
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
 MAX_TRAILS = 100
@@ -98,6 +103,7 @@ def write_report(
             *_group_tables(groups),
         ),
         sections=(
+            *_film_section(episodes, recordings, folder),
             *sections,
             Section("Every episode", tables=(_episode_table(episodes, recordings),)),
             Section("To repeat it", _repetition(), tables=(_repeat_table(provenance, journal),)),
@@ -138,7 +144,17 @@ def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pi
         )
     count = f"all {len(own)}" if len(shown) == len(own) else f"{len(shown)} of {len(own)}"
     figures.append(Figure(paths["trails"], f"The trails of {count} episodes."))
-    return Section(f"In {scenario.name}", figures=tuple(figures))
+    model = venue_of(scenario).model(pictures / f"{scenario.name}.glb", shown, len(own))
+    return Section(f"In {scenario.name}", figures=tuple(figures), models=() if model is None else (model,))
+
+
+def _film_section(episodes: EpisodeTable, recordings: Mapping[int, str], folder: Path) -> tuple[Section, ...]:
+    """Return the films of the worst recorded episodes, where there are films."""
+    paths = {index: (folder / name).with_suffix(FILM_SUFFIX) for index, name in recordings.items()}
+    filmed = [index for index in worst_first(episodes) if index in paths and paths[index].is_file()]
+    films = tuple(Film(paths[index], f"{_describe(episodes[index])}.".capitalize()) for index in filmed[:NUM_FILMS])
+    text = f"The worst first, {len(films)} of {len(filmed)}. Each film is also a file beside this page, {FILM_NAMES}."
+    return (Section("Films", text, films=films),) if films else ()
 
 
 def _drawn(indices: Sequence[int]) -> list[int]:
@@ -194,7 +210,7 @@ def _facts(summary: Summary) -> tuple[Fact, ...]:
         Fact(
             "collisions per 100 m", f"{per_100m.mean:.2f}", f"95 % interval {per_100m.low:.2f} to {per_100m.high:.2f}"
         ),
-        Fact("clearance", f"{means['mean_clearance'].mean:.2f} m", f"smallest {metres(summary.min_clearance)} m"),
+        Fact("clearance", f"{metres(means['mean_clearance'].mean)} m", f"smallest {metres(summary.min_clearance)} m"),
         Fact("time", f"{means['time'].mean:.0f} s", f"path {means['path_length'].mean:.1f} m"),
     )
 
@@ -255,7 +271,7 @@ def _mean_table(summary: Summary, reward: str) -> Table:
     ]
     for name, estimate in summary.means.items():
         label, form, unit = mean_row(name, reward)
-        rows.append((label, f"{estimate.mean:.{form}} {unit}".strip(), _ends(estimate, form)))
+        rows.append((label, f"{figure(estimate.mean, form)} {unit}".strip(), _ends(estimate, form)))
     return Table("On average over episodes", ("", "mean", "95 % interval"), tuple(rows))
 
 
@@ -266,7 +282,7 @@ def mean_row(name: str, reward: str) -> tuple[str, str, str]:
 
 
 def _ends(estimate: Estimate, form: str) -> str:
-    return f"{estimate.low:.{form}} to {estimate.high:.{form}}"
+    return f"{figure(estimate.low, form)} to {figure(estimate.high, form)}"
 
 
 def _group_tables(groups: Sequence[Group]) -> tuple[Table, ...]:

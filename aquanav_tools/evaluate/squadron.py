@@ -1,15 +1,14 @@
 """Flying the episodes of an evaluation side by side, on the batched backend.
 
-The episodes of one scenario and condition fly in waves, in the order of the plan. What an episode in a cave draws
-(gusts, eddies, its share of the current) follows from the seed of its wave's first episode and its place in the wave;
-in bays, each from its own seed. A wave always flies whole, also where only some of its episodes are asked for, so that
-an episode repeats to the bit.
+The episodes of one scenario and condition fly beside each other, in the order of the plan. An episode draws from its
+own seed alone, and a network computes blocks of one size (`padding.py`), so that an episode is the same to the bit
+whatever flies beside it.
 """
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -28,12 +27,12 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Scribe, Task
 from aquanav_tools.evaluate.policies import Adapting, Boarding, LoadedPolicy, Policy, Vectorised
-from aquanav_tools.evaluate.protocol import EpisodePlan
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import Watch, begin_episode, choose
 from aquanav_tools.report.track import FAILED, Track
 from aquanav_tools.task import TaskOptions, choices_of
 
-WAVE = 256
+BATCH_SIZE = 256
 """Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
 KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
@@ -57,42 +56,42 @@ def check_plan(plan: Plan, options: ProtocolOptions) -> None:
         check_batched(task_of(flight, options), plan.policy.observation)
 
 
-def fly_in_waves(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+def run_batched(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
     """Yield the journal's rows of `count` tasks, which come in the plan's order."""
     if count == 0:
         return
-    waves = waves_of(plan.flights)
-    numbers = {flight.index: number for number, wave in enumerate(waves) for flight in wave}
-    asked = (task for task in tasks if task is not None)
-    policies = [orders.load(orders.policy) for _ in range(num_policies(plan.policy, max(map(len, waves))))]
+    policies = [orders.load(orders.policy) for _ in range(num_policies(plan.policy, min(count, BATCH_SIZE)))]
     squadron = Squadron(policies, orders.options, Watch(orders.options.action_time_limit))
     scribe = Scribe(orders.output, is_filming=orders.options.film)
+    asked = (task for task in tasks if task is not None)
     try:
-        for number, group in itertools.groupby(asked, key=lambda task: numbers[task.index]):
-            records = {task.index: task.record for task in group}
-            for flight, (track, metrics) in zip(waves[number], squadron.fly(waves[number]), strict=True):
-                if flight.index in records:
-                    yield scribe.keep(flight, records[flight.index], track, metrics)
+        for batch in task_batches(plan, asked):
+            flights = [plan.flights[task.index] for task in batch]
+            for flight, task, (track, metrics) in zip(flights, batch, squadron.fly(flights), strict=True):
+                yield scribe.keep(flight, task.record, track, metrics)
     finally:
         squadron.close()
 
 
-def waves_of(flights: Sequence[Flight]) -> list[tuple[Flight, ...]]:
-    """Return the flights in waves; the same for the same plan, whatever of it is asked for."""
-    waves = []
-    for _, group in itertools.groupby(flights, key=lambda flight: (flight.scenario.name, flight.condition)):
-        together = tuple(group)
-        waves += [together[first : first + WAVE] for first in range(0, len(together), WAVE)]
-    return waves
+def task_batches(plan: Plan, tasks: Iterable[Task]) -> Iterator[tuple[Task, ...]]:
+    """Yield tasks of one scenario and condition, at most `BATCH_SIZE` together; none is asked for before its turn."""
+
+    def place(task: Task) -> tuple[str, Condition]:
+        flight = plan.flights[task.index]
+        return flight.scenario.name, flight.condition
+
+    for _, group in itertools.groupby(tasks, key=place):
+        while batch := tuple(itertools.islice(group, BATCH_SIZE)):
+            yield batch
 
 
 def num_policies(loaded: LoadedPolicy, size: int) -> int:
-    """Return how many policies a wave of so many episodes takes."""
+    """Return how many policies a batch of so many episodes takes."""
     return 1 if isinstance(loaded.policy, Vectorised) else size
 
 
 class Squadron:
-    """Flies waves of episodes.
+    """Flies batches of episodes.
 
     A policy that can thinks about all vehicles at once; otherwise each vehicle has one of its own, as it may remember
     what it saw.
@@ -104,10 +103,10 @@ class Squadron:
         self._task: Batch | None = None
         self._place: tuple[Place, TaskOptions, int] | None = None
 
-    def fly(self, wave: Sequence[Flight]) -> list[tuple[Track, EpisodeMetrics]]:
-        """Return the track of each episode of a wave, and its metrics."""
-        task = self._prepare(wave)
-        plans = [flight.plan for flight in wave]
+    def fly(self, batch: Sequence[Flight]) -> list[tuple[Track, EpisodeMetrics]]:
+        """Return the track of each episode of a batch, and its metrics."""
+        task = self._prepare(batch)
+        plans = [flight.plan for flight in batch]
         task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
         ways, lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
         seats = [
@@ -115,9 +114,9 @@ class Squadron:
         ]
         with self._watch.kept():
             states = self._fly(task, seats)
-        course = course_of(wave[0], task_of(wave[0], self._options))
+        course = course_of(batch[0], task_of(batch[0], self._options))
         flown = []
-        for place, (flight, seat) in enumerate(zip(wave, seats, strict=True)):
+        for place, (flight, seat) in enumerate(zip(batch, seats, strict=True)):
             rows = {name: values[:, place] for name, values in states.items()}
             track = _track(task, seat, rows, int(starts[place]), float(lengths[place]))
             flown.append((track, measure(track, float(ways[place]), course, flight.index)))
@@ -129,14 +128,14 @@ class Squadron:
             self._task.close()
         self._task = self._place = None
 
-    def _prepare(self, wave: Sequence[Flight]) -> Batch:
-        """Return a batch for the wave: the last one where all but the starts is the same."""
-        place = (wave[0].scenario, task_of(wave[0], self._options), len(wave))
+    def _prepare(self, batch: Sequence[Flight]) -> Batch:
+        """Return the vehicles: the last ones where all but starts and seeds is the same."""
+        place = (batch[0].scenario, task_of(batch[0], self._options), len(batch))
         if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
             self.close()
             self._task = make_batch(
                 place[0],
-                len(wave),
+                len(batch),
                 next_step=True,
                 observation=self._policies[0].observation,
                 action=self._policies[0].action,

@@ -35,12 +35,18 @@ def share(value: float) -> str:
 def estimate_text(estimate: Estimate, form: str = "2f", unit: str = "") -> str:
     """Return a mean with its interval: 12.3 m [11.9, 12.8]."""
     unit = f" {unit}" if unit else ""
-    return f"{estimate.mean:.{form}}{unit} [{estimate.low:.{form}}, {estimate.high:.{form}}]"
+    return f"{figure(estimate.mean, form)}{unit} [{figure(estimate.low, form)}, {figure(estimate.high, form)}]"
+
+
+def figure(value: float, form: str) -> str:
+    """Return a number in a format such as 2f, without the minus of one that rounds to nothing."""
+    text = f"{value:.{form}}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
 
 
 def metres(value: float) -> str:
-    """Return a length to the centimetre, without the minus of one that rounds to nothing: 0.00 where a hull touches."""
-    return f"{round(value, 2) + 0.0:.2f}"
+    """Return a length to the centimetre: 0.00 where a hull touches."""
+    return figure(value, "2f")
 
 
 def sentence(summary: Summary) -> str:
@@ -52,7 +58,7 @@ def sentence(summary: Summary) -> str:
     label, value = bound(summary)
     return (
         f"It reached the goal without a collision in {free} of {summary.counted_episodes} different episodes, and "
-        f"kept {clearance:.2f} m clear of everything on average. With 95 % confidence it {label} {value} of such "
+        f"kept {metres(clearance)} m clear of everything on average. With 95 % confidence it {label} {value} of such "
         "episodes."
     )
 

@@ -7,11 +7,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from aquanav_tools.envs.pictures.film import Camera
 from aquanav_tools.envs.places import Place
-from aquanav_tools.envs.rendering import Camera
 from aquanav_tools.evaluate.bay_venue import BayVenue
 from aquanav_tools.evaluate.cave_venue import CaveVenue
 from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.report.html import Model
 from aquanav_tools.report.recording.episode import Scene
 from aquanav_tools.report.track import Track, Trail
 from aquanav_tools.scenario.bay import Bay
@@ -50,11 +51,14 @@ class Venue(Protocol):
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""
 
+    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model | None:
+        """Write the 3D view of the place with trails of some of `total` episodes as a GLB; None where there is none."""
+
     def scene(self, track: Track) -> Scene:
         """Return what the recording of a track shows around the vehicle."""
 
     def camera(self, track: Track, view: str, size: tuple[int, int]) -> Camera:
-        """Return what takes the pictures of a track in their order, of a width and height in px.
+        """Return what takes the pictures of a track in their order, once, of a width and height in px.
 
         Raises:
             InputError: there is no such view.

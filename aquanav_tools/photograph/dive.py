@@ -13,6 +13,7 @@ from aquanav_tools.photograph.options import DiveOptions
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.photograph.sensor import blur_by_motion, develop, image_motion, moving_points, vignette
 from aquanav_tools.photograph.trajectory import Shot, plan_capture
+from aquanav_tools.photograph.video import VideoFile
 from aquanav_tools.photograph.water import FloatImage, blur_ahead, transmission, veil_image
 from aquanav_tools.types import Array, Mesh, Progress, ignore_progress
 
@@ -103,7 +104,7 @@ def film(cave: SyntheticCave, folder: Path, options: DiveOptions, progress: Prog
     files.clear(folder)
     photographer = Photographer(cave.mesh, options)
     rate = (len(shots) - 1) / (shots[-1].time - shots[0].time)
-    with files.VideoFile(folder / files.VIDEO, rate, (options.camera.width, options.camera.height)) as video:
+    with VideoFile(folder / files.VIDEO, rate, (options.camera.width, options.camera.height)) as video:
         for index, shot in enumerate(shots):
             light, _ = photographer.expose(shot)
             video.write(develop(light, options.camera, np.random.default_rng([options.seed, index])))

@@ -6,14 +6,12 @@ import datetime
 import json
 import shutil
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 import numpy.typing as npt
 from PIL import ExifTags, Image
 
 from aquanav_tools.cave.synthetic.caves import SyntheticCave
-from aquanav_tools.errors import ResourceError
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions
 from aquanav_tools.photograph.trajectory import Shot
@@ -125,52 +123,3 @@ def quaternion(rotation: Array) -> Array:
     best = rows[np.argmax(np.diag(rows))]
     unit: Array = best / np.linalg.norm(best)
     return unit if unit[0] >= 0 else -unit
-
-
-class VideoFile:
-    """An MP4 (MPEG-4 part 2, which OpenCV's wheels encode everywhere); use it as a context."""
-
-    def __init__(self, path: Path, frames_per_second: float, size: tuple[int, int]) -> None:
-        import cv2
-
-        self._writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), frames_per_second, size)
-        if not self._writer.isOpened():
-            raise ResourceError(
-                f"OpenCV {cv2.__version__} cannot write the video {path}. The folder may be full or read-only, or "
-                "this OpenCV was built without ffmpeg. Install opencv-python-headless, or render photos."
-            )
-
-    def __enter__(self) -> VideoFile:
-        return self
-
-    def write(self, pixels: npt.NDArray[np.uint8]) -> None:
-        """Add an (H, W, 3) RGB frame."""
-        self._writer.write(np.ascontiguousarray(pixels[..., ::-1]))
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        self._writer.release()
-
-
-class GifFile:
-    """An animated GIF that repeats for ever, for pages that show no video; use it as a context."""
-
-    def __init__(self, path: Path, frames_per_second: float) -> None:
-        self._path, self._duration_ms = path, 1000.0 / frames_per_second
-        self._frames: list[Image.Image] = []
-
-    def __enter__(self) -> GifFile:
-        return self
-
-    def write(self, pixels: npt.NDArray[np.uint8]) -> None:
-        """Add an (H, W, 3) RGB frame; it is kept in 256 colours of its own until the file is written."""
-        # Median cut, the usual way, spends its colours on the rock and loses a hull of few pixels.
-        covering = Image.Quantize.MAXCOVERAGE
-        self._frames.append(Image.fromarray(pixels).quantize(256, covering, dither=Image.Dither.NONE))
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        if error is not None:
-            return
-        first, *others = self._frames
-        times = {"duration": self._duration_ms, "loop": 0}
-        # Each frame replaces the one before: differences would show through where the palettes differ.
-        first.save(self._path, format="GIF", save_all=True, append_images=others, disposal=1, **times)

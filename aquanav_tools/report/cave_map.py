@@ -9,6 +9,7 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.cave.measure.sections import Section, arc_lengths
+from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.report.relief import View
 from aquanav_tools.types import Array, Mesh
 
@@ -45,6 +46,21 @@ class CaveMap:
     marks: tuple[Mark, ...] = ()
     branches: tuple[Array, ...] = ()
     """(C, 3) other lines of the centreline, m."""
+    has_north: bool = False
+    """Whether y is north; otherwise no drawing names a bearing."""
+    north_unknown: str = "north is not known"
+    """What is said of directions where it is not."""
+    seen: str = "seen by the scan"
+    """What is said of wall that the source shows,"""
+    filled: str = "filled in"
+    """and of other wall."""
+    survey: SurveyLegs | None = None
+    """Stations and legs of the survey that the cave was made from."""
+
+    @property
+    def upward(self) -> str:
+        """What is up on a plan."""
+        return "north up" if self.has_north else f"y up; {self.north_unknown}"
 
     @property
     def stations(self) -> Array:

@@ -10,7 +10,7 @@ from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
 from aquanav_tools.report.cave_map import CaveMap, bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import INK, PORTAL, draw_scale_bar, new_figure, save_drawing
-from aquanav_tools.report.relief import View, plan_and_section
+from aquanav_tools.report.relief import PLAN, View
 from aquanav_tools.report.survey_drawing import DPI, LID_WASH, draw_north, draw_rings
 from aquanav_tools.scenario.schema import PRESETS
 from aquanav_tools.types import Array
@@ -32,8 +32,7 @@ def draw_flow(cave: CaveMap, flow: Flow, field: DistanceField, path: Path) -> No
         field: says where there is water.
         path: of the SVG; the PNG goes beside it.
     """
-    plan, _ = plan_and_section(cave.centreline)
-    rings = silhouette(cave.cavity.mesh, plan)
+    rings = silhouette(cave.cavity.mesh, PLAN)
     low, high = bounds(rings)
     size = np.maximum(high - low, 1e-6)
     scale = min((WIDTH_IN - 2 * MARGIN_IN) / size[0], MAX_HEIGHT_IN / size[1])
@@ -47,8 +46,8 @@ def draw_flow(cave: CaveMap, flow: Flow, field: DistanceField, path: Path) -> No
     axes.set_axis_off()
     draw_rings(axes, rings)
     for portal in cave.cavity.portals:
-        draw_rings(axes, lid_rings(cave.cavity, portal.label, plan), LID_WASH, PORTAL, 2.2)
-    places, velocities = column_means(flow, field, plan, float(max(size)) / ARROWS_ACROSS)
+        draw_rings(axes, lid_rings(cave.cavity, portal.label, PLAN), LID_WASH, PORTAL, 2.2)
+    places, velocities = column_means(flow, field, PLAN, float(max(size)) / ARROWS_ACROSS)
     velocities = PRESETS["full"] * velocities
     speeds = np.linalg.norm(velocities, axis=1)
     moves = speeds > SHORTEST * speeds.max(initial=0.0)
@@ -61,14 +60,16 @@ def draw_flow(cave: CaveMap, flow: Flow, field: DistanceField, path: Path) -> No
     )  # fmt: skip
     title = f"{cave.name}: current at full, {PRESETS['full']:g} m/s through {flow.narrowest[0]:.2f} m²"
     figure.text(MARGIN_IN / WIDTH_IN, 1.0 - 0.35 / height_in, title, color=INK, fontsize=13, fontweight="bold")
-    narrow = plan.project(flow.narrowest[1:])
-    axes.plot(*narrow, "o", markersize=9, markerfacecolor="none", markeredgecolor=PORTAL, markeredgewidth=1.6, zorder=5)
+    smallest = PLAN.project(flow.narrowest[1:])
+    axes.plot(
+        *smallest, "o", markersize=9, markerfacecolor="none", markeredgecolor=PORTAL, markeredgewidth=1.6, zorder=5
+    )
     bar = figure.add_axes((0.5, 0.45 / height_in, 0.3, 0.1 / height_in))
     figure.colorbar(arrows, cax=bar, orientation="horizontal")
-    bar.set_title("m/s, mean from floor to ceiling; the ring is the narrowest section", fontsize=8, color=INK)
+    bar.set_title("m/s, mean from floor to ceiling; the ring is the smallest cross-section", fontsize=8, color=INK)
     bar.tick_params(labelsize=8, colors=INK)
     draw_scale_bar(figure, scale, MARGIN_IN, 0.3)
-    draw_north(figure, plan)
+    draw_north(figure, cave.has_north, PLAN)
     save_drawing(figure, path, DPI)
 
 

@@ -6,12 +6,15 @@ import base64
 import html
 import os
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z.-]*[a-z]")
-TEMPLATE = Path(__file__).with_name("page.html")
-MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg"}
+TEMPLATE, VIEWER = (Path(__file__).with_name(name) for name in ("page.html", "viewer.js"))
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml", ".jpg": "image/jpeg", ".webm": "video/webm"}
+MAX_FILMS = 3_000_000
+"""Bytes of films that a page carries; those for which there is no room are shown from the files beside it."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +55,31 @@ class Figure:
             )
 
 
+@dataclass(frozen=True)
+class Model:
+    """A GLB that the reader can turn."""
+
+    path: Path
+    caption: str
+
+    def __post_init__(self) -> None:
+        if self.path.suffix != ".glb":
+            raise ValueError(f"A model is a GLB, not {self.path.name}.")
+
+
+@dataclass(frozen=True)
+class Film:
+    """A WebM with its caption."""
+
+    path: Path
+    """In the page's folder."""
+    caption: str
+
+    def __post_init__(self) -> None:
+        if self.path.suffix != ".webm":
+            raise ValueError(f"A film that browsers play is a WebM, not {self.path.name}.")
+
+
 class Link(str):
     """A text that leads somewhere, for a table."""
 
@@ -89,6 +117,8 @@ class Section:
     """What to make of it, in a sentence or two."""
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
+    models: tuple[Model, ...] = ()
+    films: tuple[Film, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -102,6 +132,8 @@ class Page:
     warnings: tuple[Notice, ...] = ()
     figures: tuple[Figure, ...] = ()
     tables: tuple[Table, ...] = ()
+    models: tuple[Model, ...] = ()
+    films: tuple[Film, ...] = ()
     sections: tuple[Section, ...] = ()
     """Parts after the first; a page with some has links to them at its top."""
     footer: str = ""
@@ -109,14 +141,21 @@ class Page:
 
 
 def write_page(page: Page, path: Path) -> None:
-    """Write a report as one HTML file that loads nothing from elsewhere. Texts are escaped; pictures are embedded."""
+    """Write a report as one HTML file that loads nothing from elsewhere. Texts are escaped; pictures are embedded.
+
+    So are models, with a viewer, and films as far as MAX_FILMS allows: others are shown from the files beside it.
+    """
     import jinja2
 
     template = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined).from_string(
         TEMPLATE.read_text(encoding="utf-8")
     )
     partial = path.with_name(path.name + ".partial")
-    partial.write_text(template.render(page=page, embed=_embed, typeset=_typeset), encoding="utf-8")
+    parts: tuple[Page | Section, ...] = (page, *page.sections)
+    viewer = VIEWER.read_text(encoding="utf-8") if any(part.models for part in parts) else ""
+    source = _film_sources([film for part in parts for film in part.films]).__getitem__
+    text = template.render(page=page, embed=_embed, typeset=_typeset, viewer=viewer, base64=_base64, source=source)
+    partial.write_text(text, encoding="utf-8")
     os.replace(partial, path)
 
 
@@ -126,4 +165,19 @@ def _typeset(text: str) -> str:
 
 
 def _embed(picture: Path) -> str:
-    return f"data:{MEDIA_TYPES[picture.suffix]};base64," + base64.b64encode(picture.read_bytes()).decode("ascii")
+    return f"data:{MEDIA_TYPES[picture.suffix]};base64,{_base64(picture)}"
+
+
+def _base64(path: Path) -> str:
+    return base64.b64encode(path.read_bytes()).decode("ascii")
+
+
+def _film_sources(films: Sequence[Film]) -> dict[Path, str]:
+    """Return where the page finds each film: in itself, in their order, as long as there is room."""
+    sources, room = {}, MAX_FILMS
+    for film in films:
+        size = film.path.stat().st_size
+        is_inside = size <= room
+        room -= size if is_inside else 0
+        sources[film.path] = _embed(film.path) if is_inside else film.path.name
+    return sources

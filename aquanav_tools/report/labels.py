@@ -30,6 +30,8 @@ class Labels:
         self._page = np.array([page.x0, page.y0, page.x1, page.y1])
         self._taken = np.empty((0, 4))
         """(N, 4) left, bottom, right, top of what must stay uncovered, pixels."""
+        self._apart = np.empty((0, 2))
+        """(N, 2) points of labels that stand apart, pixels."""
 
     def keep_inside(self, left_in: float, right_in: float) -> None:
         """Write labels only between two distances from the page's left edge, inches."""
@@ -41,12 +43,17 @@ class Labels:
         pixels = self._axes.transData.transform(np.atleast_2d(points))
         self._taken = np.vstack([self._taken, np.hstack([pixels - reach, pixels + reach])])
 
-    def add(self, point: Array, text: str, must: bool = True, **style: Any) -> bool:
+    def add(self, point: Array, text: str, must: bool = True, apart: float = 0.0, **style: Any) -> bool:
         """Write a label next to a (2,) point and return whether there was room.
 
-        A label that `must` be there moves away on a leader line until it finds room; another is left out.
+        A label that `must` be there moves away on a leader line until it finds room; another is left out. One that is
+        to stand `apart` is left out as well where another such label belongs to a point within so many points of it.
         """
         from matplotlib.patheffects import withStroke
+
+        anchor = self._axes.transData.transform(point)
+        if apart and (np.linalg.norm(self._apart - anchor, axis=1) < apart * self._pixels_per_point).any():
+            return False
 
         halo = [withStroke(linewidth=2.5, foreground=PAPER)]
         label = self._axes.annotate(
@@ -54,7 +61,6 @@ class Labels:
             path_effects=halo, **{"color": INK, "fontsize": 9.0, **style},
         )  # fmt: skip
         size = label.get_window_extent(self._renderer).size
-        anchor = self._axes.transData.transform(point)
         for distance in (*NEAR_PT, *(FAR_PT if must else ())):
             for angle in DIRECTIONS:
                 offset = self._offset(size, distance, angle)
@@ -62,6 +68,8 @@ class Labels:
                 if self._is_free(box):
                     self._taken = np.vstack([self._taken, box])
                     label.set_position(tuple(offset / self._pixels_per_point))
+                    if apart:
+                        self._apart = np.vstack([self._apart, anchor])
                     if distance > NEAR_PT[-1]:
                         self._draw_leader(point, offset - np.clip(offset, -0.5 * size, 0.5 * size))
                     return True

@@ -10,6 +10,7 @@ import numpy as np
 
 from aquanav_tools.report.figures import INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
+from aquanav_tools.report.survey_drawing import draw_north
 from aquanav_tools.report.track import Trail
 from aquanav_tools.report.trails import CRASH, draw_colour_bar, draw_crowds, draw_trails
 from aquanav_tools.types import Array, Mesh, rotation_matrix
@@ -25,7 +26,7 @@ MAX_VIEWS_HEIGHT_IN = 11.0
 DPI = 130
 SUPERSAMPLING = 1.25
 """Samples per pixel of the page along each side."""
-NAMES = ("Plan, seen from above", "Long section, seen from the side")
+NAMES = ("Plan, seen from above, turned so that the route runs to the right", "Long section, seen from the side")
 
 ROUTE = "#ffb703"
 GOAL = PORTAL
@@ -37,8 +38,10 @@ class CavePicture:
     is_shared = True
     """All episodes were in one place, so that they can be drawn together."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, has_north: bool = False) -> None:
         self._scenario = scenario
+        # Of a finished scenario no more is known than how it was built: surveys alone always have compass bearings.
+        self._has_north = has_north or scenario.settings.built.kind == "survey"
         self._views = plan_and_section(scenario.guide.centreline)
         self._inches = _inches_per_metre(scenario.cavity.mesh, self._views)
         pixel = 1.0 / (SUPERSAMPLING * self._inches * DPI)
@@ -68,15 +71,16 @@ class CavePicture:
                 _draw_starts(axes, self._scenario, view)
             _label_ends(axes, self._scenario, view)
         draw_scale_bar(figure, self._inches, MARGIN_IN, 0.28)
+        draw_north(figure, self._has_north, self._views[0], size_in=0.5, top_in=0.06)
         _draw_key(figure, height, tracks, contacts is None)
         if scale is not None:
             draw_colour_bar(figure, height, *scale)
         save_figure(figure, path, DPI)
 
 
-def draw_cave(scenario: Scenario, path: Path) -> None:
-    """Write a PNG of a cave, cut open, with its route, panels and starts."""
-    CavePicture(scenario).draw(path)
+def draw_cave(scenario: Scenario, path: Path, has_north: bool = False) -> None:
+    """Write a PNG of a cave, cut open, with its route, panels and starts, and an arrow to the north where y is that."""
+    CavePicture(scenario, has_north).draw(path)
 
 
 def _inches_per_metre(mesh: Mesh, views: tuple[View, View]) -> float:

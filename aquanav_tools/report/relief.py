@@ -60,6 +60,10 @@ class Relief:
         return self.extent[3] - self.extent[2]
 
 
+PLAN = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
+"""From above, y up the page: north, where the coordinates are those of a map or a survey."""
+
+
 def plan_and_section(centreline: Array) -> tuple[View, View]:
     """Return the plan (seen from above) and the long section (seen from the side) along a passage's main direction.
 

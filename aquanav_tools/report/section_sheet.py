@@ -51,12 +51,13 @@ def draw_sections(cave: CaveMap, path: Path) -> None:
     save_drawing(figure, path, DPI)
 
 
-def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path) -> None:
-    """Write the rose diagram: sectors as long as the share of the passages that run that way, north up.
+def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path, has_north: bool = True) -> None:
+    """Write the rose diagram: sectors as long as the share of the passages that run that way, y (north) up.
 
     Args:
         name: of the cave.
         rose: metres of passage by bearing over half a turn, the first centred on north; see `statistics.rose_of`.
+        has_north: whether y is north; otherwise angles are counted from y.
         path: of the SVG; the PNG goes beside it.
     """
     from matplotlib.ticker import MaxNLocator
@@ -65,13 +66,17 @@ def draw_rose(name: str, rose: Sequence[float] | np.ndarray, path: Path) -> None
     share = 100.0 * metres / max(float(np.sum(rose)), 1e-12)
     width = 2.0 * np.pi / len(metres)
     figure = new_figure(*ROSE_IN)
-    _write_title(figure, name, "Rose: share of the passage by bearing")
+    _write_title(
+        figure,
+        name,
+        "Rose: share of the passage by bearing" if has_north else "Rose: share of the passage by angle from y",
+    )
     axes = figure.add_axes((0.12, 0.06, 0.76, 0.71), projection="polar")
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
     axes.bar(width * np.arange(len(metres)), share, width=width, color=BLUE, edgecolor="white", linewidth=0.8)
-    axes.set_xticks(np.radians(np.arange(0, 360, 30)), ["N", "30°", "60°", "E", "120°", "150°", "S", "210°", "240°",
-                                                        "W", "300°", "330°"])  # fmt: skip
+    names = {0: "N", 90: "E", 180: "S", 270: "W"} if has_north else {0: "y", 90: "x"}
+    axes.set_xticks(np.radians(np.arange(0, 360, 30)), [names.get(angle, f"{angle}°") for angle in range(0, 360, 30)])
     axes.yaxis.set_major_locator(MaxNLocator(4))
     axes.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
     axes.set_rlabel_position(_quietest(share))

@@ -24,7 +24,8 @@ from aquanav_tools.report.figures import (
     save_drawing,
 )
 from aquanav_tools.report.labels import Labels
-from aquanav_tools.report.relief import View, plan_and_section
+from aquanav_tools.report.relief import PLAN, View, plan_and_section
+from aquanav_tools.report.survey_overlay import LEG, SURVEY_STATION, draw_legs, in_profile, name_stations
 from aquanav_tools.types import Array
 
 DPI = 150
@@ -51,15 +52,14 @@ Project = Callable[[Array], Array]
 
 
 def draw_plan(cave: CaveMap, path: Path) -> None:
-    """Write the plan: the water's outline from above, turned so that the route runs to the right, with a north arrow.
+    """Write the plan: the water's outline from above, y up, with a north arrow where y is north.
 
     Args:
         cave: what to draw.
         path: of the SVG; the PNG goes beside it.
     """
-    plan, _ = plan_and_section(cave.centreline)
-    figure = _draw_view(cave, plan, "Plan, seen from above")
-    draw_north(figure, plan)
+    figure = _draw_view(cave, PLAN, f"Plan, seen from above; {cave.upward}")
+    draw_north(figure, cave.has_north, PLAN)
     save_drawing(figure, path, DPI)
 
 
@@ -67,7 +67,8 @@ def draw_elevation(cave: CaveMap, path: Path) -> None:
     """Write the projected elevation: the water's outline seen from the side, the route running to the right."""
     _, section = plan_and_section(cave.centreline)
     north = np.degrees(np.arctan2(-section.towards[0], -section.towards[1])) % 360.0
-    figure = _draw_view(cave, section, f"Projected elevation, looking towards {north:.0f}°")
+    looking = f"looking towards {north:.0f}°" if cave.has_north else cave.north_unknown
+    figure = _draw_view(cave, section, f"Projected elevation, {looking}")
     save_drawing(figure, path, DPI)
 
 
@@ -92,7 +93,12 @@ def draw_long_section(cave: CaveMap, path: Path) -> None:
     def project(points: Array) -> Array:
         return unrolled(cave, points) * stretch
 
-    _number_stations(_mark_places(figure, axes, cave, project), cave, project)
+    labels = _mark_places(figure, axes, cave, project)
+    if cave.survey is not None:
+        shown = in_profile(cave, cave.survey, along, floor, ceiling)
+        draw_legs(axes, cave.survey, shown, project)
+        name_stations(labels, cave.survey, shown, project)
+    _number_stations(labels, cave, project)
     save_drawing(figure, path, DPI)
 
 
@@ -110,12 +116,16 @@ def _draw_view(cave: CaveMap, view: View, title: str) -> Any:
     draw_rings(axes, rings)
     for portal in cave.cavity.portals:
         draw_rings(axes, lid_rings(cave.cavity, portal.label, view), LID_WASH, PORTAL, 2.2)
+    if cave.survey is not None:
+        draw_legs(axes, cave.survey, np.ones(len(cave.survey.names), dtype=bool), view.project)
     for branch in cave.branches:
         axes.plot(*view.project(branch).T, color=MUTED, linewidth=0.9, dashes=(5, 2.5), zorder=3)
     axes.plot(*view.project(cave.centreline).T, color=BLUE, linewidth=1.1, dashes=(5, 2.5), zorder=3)
     labels = _mark_places(figure, axes, cave, view.project)
     for portal in cave.cavity.portals:
         labels.add(view.project(portal.centre), f"Portal {portal.label}", color=PORTAL)
+    if cave.survey is not None:
+        name_stations(labels, cave.survey, np.ones(len(cave.survey.names), dtype=bool), view.project)
     _number_stations(labels, cave, view.project)
     return figure
 
@@ -162,11 +172,13 @@ def _draw_key(figure: Any, cave: CaveMap, has_portals: bool) -> None:
         Line2D([], [], color=BLUE, linewidth=1.1, dashes=(5, 2.5), label="route"),
         Line2D([], [], **STATION, linestyle="", markersize=4, label="station"),
     ]
+    if cave.survey is not None:
+        entries.append(Line2D([], [], **{**SURVEY_STATION, **LEG, "linestyle": "-"}, markersize=4, label="survey"))
     if cave.branches:
         entries.append(Line2D([], [], color=MUTED, linewidth=0.9, dashes=(5, 2.5), label="other passages"))
     if has_portals:
         entries.append(Line2D([], [], color=PORTAL, linewidth=2.2, label="portal"))
-    for is_warning, colour, name in ((False, INK, "narrow, passable"), (True, BAD, "too narrow for the vehicle")):
+    for is_warning, colour, name in ((False, INK, "free width"), (True, BAD, "too narrow for the vehicle")):
         if any(mark.is_warning == is_warning for mark in cave.marks):
             entries.append(Line2D([], [], color=colour, marker="D", linestyle="", markersize=5, label=name))
     figure.legend(
@@ -176,11 +188,13 @@ def _draw_key(figure: Any, cave: CaveMap, has_portals: bool) -> None:
     )  # fmt: skip
 
 
-def draw_north(figure: Any, plan: View) -> None:
-    """Draw an arrow to the north (world y) in the upper right corner of a page WIDTH_IN wide."""
-    size_in, height_in = 0.62, figure.get_size_inches()[1]
+def draw_north(figure: Any, has_north: bool, plan: View, size_in: float = 0.62, top_in: float = 0.15) -> None:
+    """Draw an arrow to the north in the upper right corner of a page, where y is known to be north."""
+    if not has_north:
+        return
+    width_in, height_in = figure.get_size_inches()
     axes = figure.add_axes(
-        ((WIDTH_IN - MARGIN_IN - size_in) / WIDTH_IN, (height_in - 0.15 - size_in) / height_in, size_in / WIDTH_IN,
+        ((width_in - MARGIN_IN - size_in) / width_in, (height_in - top_in - size_in) / height_in, size_in / width_in,
          size_in / height_in)
     )  # fmt: skip
     axes.set_axis_off()

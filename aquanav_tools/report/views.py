@@ -200,12 +200,12 @@ def _draw_key(figure: Any, cave: CaveMap, height: float) -> None:
 
     square: dict[str, Any] = {"marker": "s", "linestyle": "", "markersize": 9}
     entries = [
-        Line2D([], [], color=tuple(ROCK), label="wall, seen by the scan", **square),
-        Line2D([], [], color=tuple(FILLED), label="wall, filled in", **square),
+        Line2D([], [], color=tuple(ROCK), label=f"wall, {cave.seen}", **square),
+        Line2D([], [], color=tuple(FILLED), label=f"wall, {cave.filled}", **square),
         Line2D([], [], color=tuple(LID), label="portal", **square),
         Line2D([], [], color="#b9c6cc", linewidth=1.2, label="panel"),
     ]
-    for is_warning, colour, name in ((False, INK, "narrow, passable"), (True, BAD, "too narrow")):
+    for is_warning, colour, name in ((False, INK, "free width"), (True, BAD, "too narrow")):
         if any(mark.is_warning == is_warning for mark in cave.marks):
             entries.append(Line2D([], [], color=colour, marker="D", linestyle="", markersize=5, label=name))
     figure.legend(

@@ -126,8 +126,11 @@ def _box_corners(box: dict[str, Any]) -> Array:
 
 def _outline_of_box(corners: Array) -> Array:
     """Return the (4, 2) outline of an upright box."""
-    from scipy.spatial import ConvexHull
+    from scipy.spatial import ConvexHull, QhullError
 
     flat = np.unique(np.round(corners[:, :2], 9), axis=0)
-    outline: Array = flat[ConvexHull(flat).vertices]
+    try:
+        outline: Array = flat[ConvexHull(flat).vertices]
+    except QhullError as cause:
+        raise ValueError("a box has no extent in x or y") from cause
     return outline

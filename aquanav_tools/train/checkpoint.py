@@ -73,8 +73,9 @@ def read_checkpoint(folder: Path) -> Checkpoint | None:
             raise ValueError("another version of aquanav wrote it")
         return Checkpoint(**{**table, "journal": json.loads(table["journal"])})
     except Exception as cause:  # whatever damaged bytes make the parser raise
+        reason = str(cause).partition("\n")[0] or type(cause).__name__
         raise InputError(
-            f"The checkpoint {path} ({path.stat().st_size} bytes) cannot be read: {str(cause).splitlines()[0]}. It was "
+            f"The checkpoint {path} ({path.stat().st_size} bytes) cannot be read: {reason}. It was "
             "changed or damaged. Restore it, or begin anew with --overwrite."
         ) from cause
 

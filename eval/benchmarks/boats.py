@@ -36,7 +36,7 @@ def batched(sea: str, num: int, decisions: int) -> float:
     """Return the decisions per second of processor time of a batch on one thread, its resets included."""
     rng = np.random.default_rng(0)
     batch = BoatBatch(None, num, next_step=False, sea=sea, num_threads=1, **OPTIONS)
-    batch.reset(0)
+    batch.reset(range(num))
     began = time.process_time()
     for n in range(decisions):
         if n % HELD == 0:

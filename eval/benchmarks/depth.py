@@ -141,8 +141,8 @@ def true_model(folder: Path) -> Any:
         model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pycolmap.Rotation3d(turn), -turn @ centre))
     for column, point in enumerate(points):
         track = pycolmap.Track()
-        for index in np.flatnonzero(found[:, column]):
-            track.add_element(int(index) + 1, int(rank[index, column]))
+        for photo in np.flatnonzero(found[:, column]):
+            track.add_element(int(photo) + 1, int(rank[photo, column]))
         model.add_point3D(point, track)
     return model
 

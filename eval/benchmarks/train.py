@@ -50,7 +50,7 @@ Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
 LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096", "sbx")
 SETTINGS = TrainSettings(observation="paper", reward="dense", current="still", num_envs=16, buffer=20_480, batch=1024)
-SMOKE = dataclasses.replace(SETTINGS, buffer=4096, batch=1024, epochs=1)
+SMOKE = dataclasses.replace(SETTINGS, num_envs=2, buffer=4096, batch=1024, epochs=1)
 """The largest batch has 2048 environments, of two decisions each at least."""
 
 

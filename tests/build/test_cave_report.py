@@ -14,7 +14,7 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.outputs import draw_failure, failure_page
 from aquanav_tools.cave.measure.statistics import ScanFit, measure_cave
-from aquanav_tools.cave.route.narrows import Narrow
+from aquanav_tools.cave.route.passability import Narrow, Passability, RouteClearance
 from aquanav_tools.cave.survey.svx import read_svx
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import MAX_GRAINS, grains
@@ -23,8 +23,11 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import PointCloud, silent
 from tests.caves import TUBE_RADIUS
 
+WIDE = Narrow(np.array([2.0, 0.0, 0.0]), 1.0, 1.4, 0.457)
 PASSABLE = Narrow(np.array([7.0, 0.0, 0.0]), 6.0, 0.6, 0.457)
 TIGHT = Narrow(np.array([12.0, 0.0, 0.0]), 11.0, 0.41, 0.457)
+BESIDE = RouteClearance(0.19, 8.0, np.array([9.0, 0.0, 0.0]), 1.2, 0.8, 0.7)
+PASSABILITY = Passability(0.457, TIGHT, (PASSABLE, TIGHT), TIGHT.width, BESIDE)
 DRAWINGS = {
     "centreline.svx", "views.png",
     *(f"{name}.{kind}" for kind in ("svg", "png")
@@ -42,16 +45,17 @@ def page(tube: Scenario, folder: Path) -> Page:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("aquanav_tools.report.views.DPI", 40)
         statistics = measure_cave(tube.cavity, tube.field, tube.guide)
-        cave = map_of(tube, (PASSABLE, TIGHT))
+        cave = map_of(tube, PASSABILITY.marked)
         figures = write_drawings(cave, tube, statistics.rose, folder / "drawings")
-    built = SimpleNamespace(scenario=tube, statistics=statistics, fit=ScanFit(0.002, 0.02, 0.99), voxel=0.05)
+    fit = ScanFit(0.002, 0.02, 0.99)
+    built = SimpleNamespace(scenario=tube, statistics=statistics, fit=fit, voxel=0.05, passability=PASSABILITY)
     journal = Journal(silent)
     journal.warn("few-starts", "Only 3 starts.")
-    return cave_page(built, cave, (PASSABLE, TIGHT), figures, journal)  # type: ignore[arg-type]
+    return cave_page(built, cave, figures, journal)  # type: ignore[arg-type]
 
 
 def table_of(page: Page, title: str) -> list[tuple[str, ...]]:
-    (table,) = (table for table in page.tables if table.title == title)
+    (table,) = (table for table in page.tables if table.title.startswith(title))
     return list(table.rows)
 
 
@@ -83,7 +87,7 @@ def test_stations_have_the_tube_radius_on_all_four_sides(page: Page) -> None:
 
 
 def test_narrow_places_have_their_verdict(page: Page) -> None:
-    assert [row[:4] for row in table_of(page, "Narrow places")] == [
+    assert [row[:4] for row in table_of(page, "Narrow places (below 0.91 m, 2 times the vehicle's width)")] == [
         ("6.0", "0.600", "0.457", "passes"),
         ("11.0", "0.410", "0.457", "does not pass"),
     ]
@@ -93,7 +97,9 @@ def test_statistics_are_those_of_the_tube(page: Page) -> None:
     rows = dict(table_of(page, "Statistics"))  # type: ignore[arg-type]
     assert rows["Length of the route"] == "18.00 m"
     assert rows["Vertical range"] == "4.00 m"
-    assert rows["Main bearing"].startswith("90° or 270°, 100%")
+    # A made-up cave: its y is nobody's north.
+    assert rows["Main bearing"].startswith("90° or 270° from y, 100%")
+    assert "Extent x and y" in rows
 
 
 def test_the_page_is_one_file_with_all_that(page: Page, folder: Path) -> None:
@@ -113,13 +119,33 @@ def test_the_centreline_is_a_map_of_the_same_length(page: Page, folder: Path) ->
     np.testing.assert_allclose(line.passages[0].lrud, TUBE_RADIUS, atol=0.003)  # 64 sides
 
 
+def test_every_part_of_the_page_has_the_same_narrowest_place(page: Page) -> None:
+    rows = dict(table_of(page, "Statistics"))  # type: ignore[arg-type]
+    facts = {fact.label: (fact.value, fact.note) for fact in page.facts}
+    assert facts["Largest vehicle"] == ("0.41 m", "wide, held up 11.0 m along the route")
+    assert rows["Largest vehicle (largest sphere that gets through)"] == "0.41 m wide, at the narrowest place"
+    narrowest = rows["Narrowest place of the route (width of the passage)"]
+    assert narrowest == "0.41 m wide, 11.0 m along the route, (12.00, 0.00, 0.00) m"
+    # The route runs beside the middle there: not a second narrowest place, and the row says so.
+    clearance = rows["Least clearance of the route (to the nearest wall)"]
+    assert clearance.startswith("0.19 m, 8.0 m along the route,")
+    assert clearance.endswith("where the passage is 1.20 m wide")
+
+
+def test_a_narrowest_place_that_is_not_narrow_is_marked_but_not_listed() -> None:
+    roomy = Passability(0.457, WIDE, (), WIDE.width, BESIDE)
+    assert roomy.marked == (WIDE,)
+    assert roomy.facts()["narrow_places"] == []
+    assert roomy.facts()["narrowest"]["width"] == 1.4
+
+
 def test_stations_and_narrow_places_can_be_written_as_json(tube: Scenario) -> None:
-    facts = json.loads(json.dumps(survey_facts(map_of(tube, (TIGHT,)), (TIGHT,)), allow_nan=False))
+    facts = json.loads(json.dumps(survey_facts(map_of(tube, (TIGHT,))), allow_nan=False))
     assert len(facts["stations"]) == 19
     assert facts["stations"][3]["left"] == pytest.approx(TUBE_RADIUS, abs=0.003)
-    assert facts["narrow_places"] == [
-        {"position": [12.0, 0.0, 0.0], "arc_length": 11.0, "width": 0.41, "vehicle_width": 0.457, "is_passable": False}
-    ]
+    assert json.loads(json.dumps(PASSABILITY.facts(), allow_nan=False))["narrow_places"][1] == {
+        "position": [12.0, 0.0, 0.0], "arc_length": 11.0, "width": 0.41, "is_passable": False, "text": str(TIGHT),
+    }  # fmt: skip
 
 
 def test_a_failure_shows_and_lists_the_places_of_its_error(tube: Scenario, tmp_path: Path) -> None:

@@ -261,6 +261,21 @@ def test_a_cut_ends_the_cave_and_the_route_goes_where_it_is_told(scan: Path, tmp
     assert ends == pytest.approx([0.0, 5.5], abs=1e-3)
     assert scenario.cavity.volume == pytest.approx(0.5 * 32 * np.sin(2 * np.pi / 32) * 5.5, rel=1e-3)
     assert scenario.guide.centres[0][0] > scenario.guide.centres[-1][0]
+    fit = json.loads((tmp_path / "out" / "report.json").read_text())["fit"]
+    assert fit["percentile_95"] < 1e-4  # a twelfth of the points lies in the part that was cut off
+
+
+def test_a_cut_that_takes_most_of_the_cave_is_told_with_its_share(scan: Path, tmp_path: Path) -> None:
+    result = run(scan, "-o", tmp_path / "out", "--cut", *"1.5 0 0 1 0 0".split())
+    assert result.returncode == 4  # what is left is too short for a route
+    assert "Look (large-cut): The cuts take away 75% of the water" in result.stderr
+
+
+def test_a_gallery_on_its_end_is_told_before_the_work_and_in_the_report(scan: Path, tmp_path: Path) -> None:
+    result = run(scan, "-o", tmp_path / "out", "--up", "x", "--cut", *"4 9 0 1 0 0".split())
+    assert "Look (stands-on-end): With --up x the cave is a shaft: 6 high and 2 by 2 wide" in result.stderr
+    warnings = json.loads((tmp_path / "out" / "report.json").read_text())["warnings"]
+    assert [warning["code"] for warning in warnings] == ["stands-on-end"]
 
 
 def test_an_unknown_portal_is_answered_with_those_there_are(scan: Path, tmp_path: Path) -> None:

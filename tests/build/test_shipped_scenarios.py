@@ -78,7 +78,7 @@ def test_a_name_builds_a_cave_once_that_can_be_dived(
         np.testing.assert_array_equal(lid[..., 0], x)
     assert scenario.flow is not None and scenario.settings.water.current == "half"
     hard = difficulty(scenario)
-    assert hard.num_loops == hard.num_dead_ends == 0 and 1.0 < hard.tightness <= hard.usual_width
+    assert hard.num_loops == hard.num_dead_ends == 0 and 1.0 < hard.least_clearance <= hard.median_clearance
 
     monkeypatch.setattr(shipped_scenarios, "gallery_cave", lambda *_: pytest.fail("it was built already"))
     assert build_shipped("tiny") is None

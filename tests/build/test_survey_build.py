@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import SURVEY_SUFFIXES, BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_cave
-from aquanav_tools.build.survey_stages import hold_against
+from aquanav_tools.build.survey_stages import hold_against, model_walls
 from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.survey import read
 from aquanav_tools.cave.survey.read import read_survey
@@ -46,7 +47,8 @@ def test_suffixes_of_surveys_are_those_that_can_be_read() -> None:
 def test_a_survey_alone_becomes_a_cave_between_its_entrances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     leave_out_pictures(monkeypatch)
     survey_of_a_tube(tmp_path / "tube.svx")
-    result = build_cave(options(tmp_path / "tube.svx", tmp_path / "cave"))
+    announced: list[str] = []
+    result = build_cave(options(tmp_path / "tube.svx", tmp_path / "cave"), announce=announced.append)
     cavity = result.scenario.cavity
     assert result.scenario.settings.built.kind == "survey"
     assert len(cavity.portals) == 2
@@ -54,6 +56,40 @@ def test_a_survey_alone_becomes_a_cave_between_its_entrances(tmp_path: Path, mon
     assert cavity.volume == pytest.approx(np.pi * 1.2**2 * 2.0 * NUM_LEGS, rel=0.1)
     assert 0.0 < cavity.observed_share < 1.0
     assert {code for code, _ in result.journal.notices} >= {"modelled-wall"}
+    # Nothing was scanned, and no text says so: neither on the terminal nor in the report.
+    told = [*announced, *(sentence for _, sentence in result.journal.notices)]
+    told.append(
+        re.sub(r"<style.*?</style>|base64,[^\"]*", "", (tmp_path / "cave" / "report.html").read_text(), flags=re.S)
+    )
+    assert not [found for text in told for found in re.findall(r".{,30}\bscan\w*.{,30}", text)]
+    report = json.loads((tmp_path / "cave" / "report.json").read_text())
+    assert report["has_north"]
+    assert {code for code, _ in result.journal.notices}.isdisjoint({"unobserved-wall"})
+    # One tube: the largest vehicle, the narrowest place and twice the clearance are all its width, on a grid of 0.2 m.
+    assert report["passability"]["largest_vehicle"] == report["passability"]["narrowest"]["width"]
+    assert report["passability"]["largest_vehicle"] == pytest.approx(2.4, abs=0.2)
+    exported = read_survey(tmp_path / "cave" / "drawings" / "centreline.svx")
+    places = [exported.find(f"survey.{station}").position for station in range(NUM_LEGS + 1)]
+    np.testing.assert_allclose(places, [[2.0 * station, 0.0, 0.0] for station in range(NUM_LEGS + 1)], atol=1e-4)
+
+
+def test_a_survey_without_measured_walls_says_that_no_width_is_known(tmp_path: Path) -> None:
+    (tmp_path / "bare.svx").write_text("*fix 0 0 0 0\n*entrance 0\n*data cartesian from to dx dy dz\n0 1 6 0 0\n")
+    journal = Journal(silent)
+    facts = model_walls(read_survey(tmp_path / "bare.svx"), journal).facts
+    assert json.loads(json.dumps(facts, allow_nan=False))["median_misfit"] is None
+    assert "nothing about the passage's width is known" in dict(journal.notices)["modelled-wall"]
+
+
+def test_a_file_of_two_caves_is_refused_with_their_names_before_anything_is_written(tmp_path: Path) -> None:
+    for name, height in (("upper", 0), ("lower", -50)):
+        survey_of_a_tube(tmp_path / f"{name}.svx")
+        text = (tmp_path / f"{name}.svx").read_text().replace("tube", name)
+        (tmp_path / f"{name}.svx").write_text(text.replace("*fix 0 0 0 0", f"*fix 0 0 0 {height}"))
+    (tmp_path / "two.svx").write_text("*include upper\n*include lower\n")
+    with pytest.raises(InputError, match=r"holds 2 caves .*upper \(6 m\).*--cave NAME"):
+        build_cave(options(tmp_path / "two.svx", tmp_path / "cave"))
+    assert not (tmp_path / "cave").exists()
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +114,7 @@ def test_a_survey_that_fits_the_scan_says_so(fitting: BuildResult, scan: Path) -
     facts = json.loads((scan.with_name("cave") / "report.json").read_text())["survey"]
     assert facts["median_residual"] < 0.02  # the prism over 32 sides lies up to 1.2 (1 - cos(pi / 32)) = 6 mm inside
     assert facts["blocked_legs"] == []
+    assert json.loads((scan.with_name("cave") / "report.json").read_text())["has_north"]  # the survey's compass
     assert "survey-differs" not in {code for code, _ in fitting.journal.notices}
 
 

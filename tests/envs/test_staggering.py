@@ -33,13 +33,13 @@ def test_first_episodes_are_shorter_by_chance_and_later_ones_whole(place: str, s
     cave = tube_scenario()
     places: dict[str, Any] = {"cave": cave, "bay": "bay-calm", "two caves": [cave, cave]}
     batch = make_batch(places[place], NUM, next_step=False, max_decisions=LIMIT)
-    batch.reset(0)
+    batch.reset(range(NUM))
     batch.stagger(4)
     lengths = lengths_of(batch, 3 * LIMIT, state_at)
     first = [own[0] for own in lengths]
     assert len(set(first)) > NUM // 3
     assert 1 <= min(first) < max(first) <= LIMIT
     assert all(own[1:] and set(own[1:]) == {LIMIT} for own in lengths)
-    batch.reset(0)
+    batch.reset(range(NUM))
     assert {own[0] for own in lengths_of(batch, LIMIT)} == {LIMIT}  # not asked for again
     batch.close()

@@ -16,6 +16,7 @@ from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from tests.caves import TUBE_RADIUS, tube_scenario
+from tests.sim.test_water import flowing
 
 AHEAD = [1, 1, 2]
 WIDTH = 2.0 * TUBE_RADIUS
@@ -208,6 +209,29 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
     assert not np.array_equal(runs[0], runs[2])
 
 
+@pytest.mark.parametrize("num", [1, 7, 1024])
+def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Generator) -> None:
+    """To the bit, over several episodes: gusts, eddies, share of the current and starts come from its seed alone."""
+    seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
+    options: dict[str, Any] = {"current": "full", "current_range": (0.2, 1.0), "max_decisions": 9}
+    together = CaveVectorEnv(num, flowing(), num_threads=2, **options)
+    alone = [CaveVectorEnv(1, flowing(), num_threads=1, **options) for _ in chosen]
+    seen = together.reset(seed=seeds)[0][chosen]
+    assert np.array_equal(
+        seen, np.concatenate([env.reset(seed=[seeds[n]])[0] for env, n in zip(alone, chosen, strict=True)])
+    )
+    for _ in range(25):
+        actions = rng.integers(0, 3, (num, 3))
+        all_rows = together.step(actions)
+        for env, n in zip(alone, chosen, strict=True):
+            own = env.step(actions[n : n + 1])
+            for whole, part in zip(all_rows[:4], own[:4], strict=True):
+                assert np.array_equal(whole[n : n + 1], part)
+            assert all(np.array_equal(all_rows[4][key][n : n + 1], own[4][key]) for key in own[4])
+    for env in (together, *alone):
+        env.close()
+
+
 def test_vehicles_of_several_caves_swim_as_in_a_batch_of_each(tube: Scenario) -> None:
     """Made by Gymnasium, in each autoreset mode; one thread or four, the result is the same."""
     caves = [tube, tube_scenario(limits=LimitSettings(decisions=15)), tube]
@@ -280,5 +304,5 @@ def test_senseless_actions_and_starts_are_refused(tube: Scenario) -> None:
         env.reset(options={"start": 20})
     with pytest.raises(InputError, match="no option 'begin'"):
         env.reset(options={"begin": 1})
-    with pytest.raises(InputError, match="one seed"):
-        env.reset(seed=[1, 2])
+    with pytest.raises(InputError, match="as many seeds, or one; got 3"):
+        env.reset(seed=[1, 2, 3])

@@ -86,7 +86,7 @@ def test_the_same_vehicle_in_single_and_batched_environments_begins_at_the_same_
     tube = tube_scenario()
     with pytest.warns(UserWarning, match="left out"):
         batch = CaveBatch(tube, 16, next_step=True, vehicle=long)
-    batch.reset(0, list(range(16)))
+    batch.reset(range(16), list(range(16)))
     env = CaveEnv(tube, vehicle=long)
     for number, position in enumerate(batch.copy_of("positions")):
         assert np.allclose(env.reset(options={"start": number})[1]["position"], position)

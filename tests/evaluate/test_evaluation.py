@@ -20,8 +20,8 @@ import pytest
 from scipy.stats import binomtest
 
 from aquanav_tools.cli.evaluate import main
-from aquanav_tools.envs import rendering
 from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.pictures import film as films
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
@@ -189,14 +189,17 @@ def test_a_film_that_cannot_be_made_is_refused_before_the_flight(
 def test_recorded_episodes_are_filmed_on_request_and_old_films_go(
     tmp_path: Path, run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(rendering.FILM_SIZES, ".mp4", (96, 72))  # pictures of full size take seconds
+    monkeypatch.setitem(films.FILM_SIZES, ".webm", (96, 72))  # pictures of full size take seconds
     run("baseline:random", episodes=2, max_decisions=2, record="worst", max_recordings=1, film=True)
     (recording,) = (tmp_path / "eval").glob("*.rrd")
-    (film,) = (tmp_path / "eval").glob("*.mp4")
+    (film,) = (tmp_path / "eval").glob("*.webm")
     assert film.stem == recording.stem
     assert film.stat().st_size > 1000
+    report = (tmp_path / "eval" / "report.html").read_text()
+    assert report.count("<video") == 1 and "data:video/webm;base64," in report
+    assert report.count('<script type="text/plain">') == 1 and "readGlb" in report  # the trails in 3D
     run("baseline:random", episodes=1, max_decisions=2, record="all")
-    assert not list((tmp_path / "eval").glob("*.mp4"))
+    assert not list((tmp_path / "eval").glob("*.webm"))
 
 
 class Broken:

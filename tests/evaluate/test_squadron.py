@@ -70,27 +70,41 @@ def test_batch_comes_to_the_verdict_of_pybullet(run: Run, tmp_path: Path) -> Non
     assert {episode["outcome"] for episode in batch["episodes"]} == {"success"}
 
 
-def test_stopped_evaluation_goes_on_to_the_same_bytes_in_waves(
+def test_stopped_evaluation_goes_on_to_the_same_bytes_in_batches(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(squadron, "WAVE", 2)
+    monkeypatch.setattr(squadron, "BATCH_SIZE", 2)
     options = {"episodes": 5, "grid": Grid(current=(0.0, 1.0)), "current": (0.2, 0.0, 0.0), "max_decisions": 40}
     output = tmp_path / "eval"
     run("baseline:random", output, **options)
     whole = (output / "results.json").read_bytes()
     lines = (output / JOURNAL).read_bytes().splitlines(keepends=True)
-    (output / JOURNAL).write_bytes(b"".join([lines[0], lines[2], lines[7]]))  # one of a wave, and one of another
+    (output / JOURNAL).write_bytes(b"".join([lines[0], lines[2], lines[7]]))  # one of a batch, and one of another
     run("baseline:random", output, resume=True, **options)
     assert (output / "results.json").read_bytes() == whole
 
 
 def test_episode_of_a_batch_repeats_to_the_bit(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(squadron, "WAVE", 3)
+    monkeypatch.setattr(squadron, "BATCH_SIZE", 3)
     run("baseline:reactive", tmp_path / "eval", episodes=4, record="failures", max_decisions=30)
     said = replay(ReplayOptions(tmp_path / "eval", 1, tmp_path / "again.rrd"))
     assert "Episode 1 repeats to the bit: infeasible" in said  # 3 s are too few for the way
     assert (tmp_path / "again.rrd").stat().st_size > 10_000
     assert len(list((tmp_path / "eval").glob("episode-*.rrd"))) == 4
+
+
+@pytest.mark.parametrize("size", [1, 3, 5])
+def test_episodes_are_the_same_whatever_flies_beside_them(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
+) -> None:
+    path = tmp_path / "policy.zip"
+    make_model(PPO, net_arch=[33]).save(path)
+    options = {"episodes": 5, "current": (0.2, 0.0, 0.1), "current_range": (0.0, 1.0), "max_decisions": 40}
+    together = run(str(path), tmp_path / "together", **options)["episodes"]
+    monkeypatch.setattr(squadron, "BATCH_SIZE", size)
+    assert run(str(path), tmp_path / "apart", **options)["episodes"] == together
+    digests = {(episode["start"], episode["digest"]) for episode in together}
+    assert len(digests) == 5
 
 
 @pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
@@ -113,12 +127,13 @@ def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had
     path = tmp_path / "policy.zip"
     make_model(RecurrentPPO, net_arch=[16]).save(path)
     smooth, broken = NetworkPolicy(path), NetworkPolicy(path)
-    layers = broken._layers
+    outputs = broken._outputs
 
-    def fail_for_many(features: Any) -> Any:
-        if len(features) > 1:
+    def fail_for_many(observations: Any, places: Any) -> Any:
+        found = outputs(observations, places)
+        if len(places) > 1:
             raise MemoryError("too many")
-        return layers(features)
+        return found
 
     seen = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3, 44)).astype(np.float32)
     for number, rows in enumerate(seen):
@@ -126,11 +141,11 @@ def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had
         if number % 2:  # also at the first decision, and where places joined
             np.testing.assert_allclose(broken.think(rows), known, atol=1e-6)
             continue
-        monkeypatch.setattr(broken, "_layers", fail_for_many)
+        monkeypatch.setattr(broken, "_outputs", fail_for_many)
         with pytest.raises(MemoryError):
             broken.think(rows)
         alone = [broken.think(rows[[place]], np.array([place]))[0] for place in (2, 0, 1)]
-        monkeypatch.setattr(broken, "_layers", layers)
+        monkeypatch.setattr(broken, "_outputs", outputs)
         np.testing.assert_allclose(alone, known[[2, 0, 1]], atol=1e-6)
 
 
@@ -208,7 +223,7 @@ def test_network_that_cannot_think_costs_those_episodes_only(
         ("baseline:oracle", {}, "looks at its own vehicle or at the map"),
         ("baseline:random", {"sensor_noise": 0.1}, "has no sensor_noise = 0.1"),
         ("baseline:random", {"grid": Grid(action_delay=(1,))}, "has no action_delay = 1"),
-        ("baseline:random", {"workers": 2}, "neither --workers nor"),
+        ("baseline:random", {"workers": 2}, "Leave out --workers"),
     ],
 )
 def test_what_a_batch_cannot_fly_is_refused_before_anything_is_flown(

@@ -2,13 +2,15 @@ from __future__ import annotations
 
 import base64
 import re
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
+from aquanav_tools.report import html
+from aquanav_tools.report.html import Fact, Figure, Film, Model, Notice, Page, Table, write_page
 
 
 @pytest.fixture
@@ -84,3 +86,35 @@ def test_a_drawing_is_embedded_as_svg(tmp_path: Path) -> None:
 def test_a_figure_is_a_png_or_svg_of_one_to_three_columns(name: str, columns: int) -> None:
     with pytest.raises(ValueError, match=f"not {name} in {columns}"):
         Figure(Path(name), "A picture.", columns)
+
+
+def test_a_model_is_inside_with_a_viewer_that_loads_nothing(page: Page, tmp_path: Path) -> None:
+    (tmp_path / "view.glb").write_bytes(bytes(range(256)))
+    with_model = replace(page, models=(Model(tmp_path / "view.glb", "The cave."),))
+    write_page(with_model, tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    (embedded,) = re.findall(r'<script type="text/plain">([^<]+)</script>', text)
+    assert base64.b64decode(embedded) == bytes(range(256))
+    assert text.count("readGlb(bytes)") == 1
+    assert "http" not in text and "import " not in text.split("readGlb")[1] and " src=" not in text.split("<script>")[1]
+
+
+def test_films_are_inside_in_their_order_as_far_as_there_is_room(
+    page: Page, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html, "MAX_FILMS", 10)
+    films = []
+    for name, size in (("one", 6), ("two", 6), ("three", 4)):
+        (tmp_path / f"{name}.webm").write_bytes(b"x" * size)
+        films.append(Film(tmp_path / f"{name}.webm", f"Film {name}."))
+    write_page(replace(page, films=tuple(films)), tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text()
+    found = re.findall(r'<video [^>]*src="([^"]+)"', text)
+    assert [source.startswith("data:video/webm;base64,") for source in found] == [True, False, True]
+    assert found[1] == "two.webm"
+
+
+@pytest.mark.parametrize(("kind", "name"), [(Film, "dive.mp4"), (Model, "cave.ply")])
+def test_what_browsers_do_not_show_is_refused(kind: type, name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        kind(Path(name), "")

@@ -14,11 +14,12 @@ from aquanav_tools.cave.cavity import prove_watertight
 from aquanav_tools.report.recording.cave import CaveModel, record_cave, thin
 from aquanav_tools.report.recording.episode import DiveScene, record_episode
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.types import Capsule, Mesh
+from aquanav_tools.sim.solids import box
+from aquanav_tools.types import Mesh
 from tests.report.tracks import RAYS, straight_track
 
 RERUN = Path(sys.executable).with_name("rerun")
-HULL = Capsule(0.17, 0.12)
+HULL = box((0.46, 0.34, 0.25), (0.0, 0.0, 0.0), (255, 200, 40))
 
 
 def rerun(*arguments: str | Path) -> str:

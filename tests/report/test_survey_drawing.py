@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +15,14 @@ from PIL import Image
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.measure.sections import cross_sections
+from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.cave.synthetic.caves import bend
 from aquanav_tools.report.cave_map import CaveMap, Mark, lid_rings, signed_area, silhouette
 from aquanav_tools.report.figures import WATER, round_length
 from aquanav_tools.report.relief import View, plan_and_section
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
-from aquanav_tools.report.survey_drawing import DPI, MARGIN_IN, draw_elevation, draw_long_section, draw_plan
+from aquanav_tools.report.survey_drawing import DPI, MARGIN_IN, draw_elevation, draw_long_section, draw_plan, profile
+from aquanav_tools.report.survey_overlay import in_profile
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
 from tests.cave.solids import closed
@@ -139,6 +143,73 @@ def test_places_beside_the_route_have_the_distance_of_the_nearest_point_on_it(st
     points = np.array([[1.0, 0.0, 0.0], [7.0, 1.5, -0.5], [30.0, 0.0, 0.0]])
     np.testing.assert_allclose(straight.along(points), [0.0, 6.0, 18.0], atol=1e-9)  # the route runs from x = 1 to 19
     assert straight.length == pytest.approx(18.0)
+
+
+def texts_of(draw: object, cave: CaveMap, path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """All that is written on a drawing, in its axes too."""
+    figures: list[Any] = []
+    monkeypatch.setattr("aquanav_tools.report.survey_drawing.save_drawing", lambda figure, *_: figures.append(figure))
+    draw(cave, path)  # type: ignore[operator]
+    (figure,) = figures
+    return [text.get_text() for where in (figure, *figure.axes) for text in where.texts]
+
+
+def test_a_plan_has_north_up_and_an_arrow_only_where_north_is_known(
+    straight: CaveMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = dataclasses.replace(straight, has_north=True)
+    texts = texts_of(draw_plan, known, tmp_path / "a.svg", monkeypatch)
+    assert "N" in texts and "Plan, seen from above; north up" in texts
+    unknown = dataclasses.replace(straight, north_unknown="the photos do not tell north")
+    texts = texts_of(draw_plan, unknown, tmp_path / "b.svg", monkeypatch)
+    assert "N" not in texts and "Plan, seen from above; y up; the photos do not tell north" in texts
+
+
+def test_an_elevation_names_a_bearing_only_where_north_is_known(
+    straight: CaveMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = texts_of(draw_elevation, dataclasses.replace(straight, has_north=True), tmp_path / "a.svg", monkeypatch)
+    assert "Projected elevation, looking towards 0°" in known  # the tube runs east
+    assert not any("°" in text for text in texts_of(draw_elevation, straight, tmp_path / "b.svg", monkeypatch))
+
+
+def test_a_passage_to_the_north_runs_up_its_plan(tmp_path: Path) -> None:
+    solid = trimesh.creation.box((4.0, 40.0, 4.0))
+    cave = closed(Mesh(np.array(solid.vertices), np.array(solid.faces)))
+    line = np.linspace([0.0, -19.0, 0], [0.0, 19.0, 0], 381)
+    draw_plan(CaveMap("North", cave, line, cross_sections(cave, line, 5.0), has_north=True), tmp_path / "a.svg")
+    water = pixels_like(tmp_path / "a.png", WATER)
+    columns = filled_columns(water)
+    assert np.ptp(np.flatnonzero(water[:, columns[len(columns) // 3]])) > 5 * np.ptp(columns)  # 40 m by 4 m
+
+
+def survey_of(num_stations: int, aside: float = 0.0) -> SurveyLegs:
+    """Stations from end to end of the tube, the first an entrance."""
+    along = np.linspace(1.0, TUBE_LENGTH - 1.0, num_stations)
+    positions = np.stack([along, np.full_like(along, aside), np.zeros_like(along)], axis=1)
+    legs = np.stack([np.arange(num_stations - 1), np.arange(1, num_stations)], axis=1)
+    return SurveyLegs(tuple(f"main.{n}" for n in range(num_stations)), positions, legs, along == along[0])
+
+
+@pytest.mark.parametrize("draw", [draw_plan, draw_long_section])
+def test_a_few_survey_stations_are_named_and_of_many_the_names_are_thinned_out(
+    draw: object, straight: CaveMap, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    few = dataclasses.replace(straight, survey=survey_of(5))
+    texts = texts_of(draw, few, tmp_path / "a.svg", monkeypatch)
+    assert {f"main.{n}" for n in range(5)} <= set(texts)
+    many = texts_of(draw, dataclasses.replace(straight, survey=survey_of(400)), tmp_path / "b.svg", monkeypatch)
+    named = [text for text in many if text.startswith("main.")]
+    # 18 m of route on 9.6 inches: 40 points are one name per 1.04 m.
+    assert 5 <= len(named) <= 18
+    assert {"main.0", "main.399"} <= set(named)  # entrance and end of the passage come first
+
+
+def test_the_long_section_leaves_out_stations_that_are_not_in_its_passage(straight: CaveMap) -> None:
+    along, floor, ceiling = profile(straight)[1:]
+    beside = survey_of(5, aside=30.0)
+    assert in_profile(straight, survey_of(5), along, floor, ceiling).all()
+    assert not in_profile(straight, beside, along, floor, ceiling).any()
 
 
 def test_north_points_to_world_y_on_a_plan_that_runs_south() -> None:

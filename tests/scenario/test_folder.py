@@ -44,6 +44,14 @@ def test_a_scenario_in_use_is_shared_until_its_files_change(tube: Scenario, tmp_
     assert first.name == tube.name
 
 
+def test_reading_finishes_what_a_killed_build_began_to_put_in_place(tube: Scenario, folder: Path) -> None:
+    renamed = dataclasses.replace(tube, settings=dataclasses.replace(tube.settings, name="newer"))
+    write_scenario(renamed, folder / ".ready")
+    (folder / ".ready" / "cave.ply").rename(folder / "cave.ply")  # as far as it came
+    assert read_scenario(folder).name == "newer"
+    assert not (folder / ".ready").exists()
+
+
 def test_a_scenario_reads_back_as_it_was_written(tmp_path: Path) -> None:
     water = WaterSettings(density=1025.0, current=(0.1, 0.0, -0.2))
     written = tube_scenario(water=water, limits=LimitSettings(decisions=77))

@@ -88,6 +88,23 @@ def test_walls_of_the_same_name_are_all_there(tmp_path: Path) -> None:
         assert sea.clearance_at(np.array([-13.0, y])) == pytest.approx(2.0)
 
 
+@pytest.mark.parametrize("line", ["f 1 2 99", "f 1 2 -4294967295", "v 2.0 2.0 x", "v 2.0 2.0"])
+def test_rocks_that_are_damaged_are_refused(tmp_path: Path, line: str) -> None:
+    scene = write_scene(tmp_path, [])
+    rocks = tmp_path / "made_up_rocks.obj"
+    lines = rocks.read_text().splitlines()
+    first = next(number for number, old in enumerate(lines) if old[0] == line[0])
+    rocks.write_text("\n".join([*lines[:first], line, *lines[first + 1 :]]))
+    with pytest.raises(InputError, match="with its rocks is no surface scene"):
+        read_original_map(scene, CLEARANCE)
+
+
+def test_a_wall_without_extent_is_refused(tmp_path: Path) -> None:
+    scene = write_scene(tmp_path, [upright_box("Walls", [0.0, 20.0, 0.0], [1.0, 0.0, 5.0])])
+    with pytest.raises(InputError, match="a box has no extent in x or y"):
+        read_original_map(scene, CLEARANCE)
+
+
 def test_a_scene_with_two_sea_beds_is_refused(tmp_path: Path) -> None:
     scene = write_scene(tmp_path, [upright_box("Floor", [0.0, 0.0, -14.0], [50.0, 30.0, 2.0])])
     with pytest.raises(InputError, match="2 boxes named Floor"):

@@ -45,6 +45,8 @@ def read_documents(path: Path, kinds: Collection[int]) -> dict[int, Document]:
     if not text.startswith("%YAML"):
         raise InputError(f"{path} is not a text file of Unity: it does not begin with %YAML. Set Unity to write text.")
     headers = list(HEADER.finditer(text))
+    if not headers:
+        raise InputError(f"{path} holds no object. It is damaged or was cut off; clone the project again.")
     ends = [*(header.start() for header in headers[1:]), len(text)]
     found: dict[int, Document] = {}
     for header, end in zip(headers, ends, strict=True):

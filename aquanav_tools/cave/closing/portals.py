@@ -252,7 +252,8 @@ def section_polygon(mesh: Mesh, point: Array, normal: Array) -> Any:
 def _cut_flat(solid: Any, lid: End, voxel: float) -> Any:
     """Return the solid without what an end has beyond its plane."""
     rest = solid - _beyond(solid, lid, voxel)
-    if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
+    kept = max(rest.decompose(), key=lambda piece: piece.volume(), default=rest)  # what it cuts off goes with it
+    if kept.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
         raise UnseenWallsError(
             "open-side",
             f"Cutting the opening at {lid.point.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
@@ -260,7 +261,7 @@ def _cut_flat(solid: Any, lid: End, voxel: float) -> Any:
             "Scan the missing walls, or give a larger --min-portal so that the hole is filled instead.",
             [(tuple(lid.point.tolist()), f"opening, {lid.diameter:.2f} m wide")],
         )
-    return max(rest.decompose(), key=lambda piece: piece.volume())
+    return kept
 
 
 def _beyond(solid: Any, lid: End, voxel: float) -> Any:

@@ -44,16 +44,8 @@ class CaveStatistics:
     total_length: float
     """Of all branches of the centreline; that of the route when no branches are known, m."""
     num_panels: int
-    min_clearance: float
-    """At the narrowest place of the guide, m."""
-    narrowest_at: float
-    """Distance of that place along the guide, m."""
-    narrowest_position: tuple[float, float, float]
-    """World, m."""
-    mean_clearance: float
-    """Along the guide, m."""
     max_clearance: float
-    """Anywhere in the water, m."""
+    """Anywhere in the water, to the nearest wall or portal, m."""
     lowest: float
     """World z of the lowest water, m."""
     highest: float
@@ -96,8 +88,6 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
         guide: the route.
         branches: (C, 3) lines of the whole centreline graph, m; without them the route stands for the cave.
     """
-    clearance = field.clearance(guide.centreline)
-    narrowest = int(np.argmin(clearance))
     lines = branches or (guide.centreline,)
     total_length = float(sum(arc_lengths(line)[-1] for line in lines))
     low, high = cavity.mesh.vertices.min(axis=0), cavity.mesh.vertices.max(axis=0)
@@ -111,10 +101,6 @@ def measure_cave(cavity: Cavity, field: DistanceField, guide: Guide, branches: S
         route_length=guide.length,
         total_length=total_length,
         num_panels=len(guide.panels),
-        min_clearance=float(clearance[narrowest]),
-        narrowest_at=float(arc_lengths(guide.centreline)[narrowest]),
-        narrowest_position=_triple(guide.centreline[narrowest]),
-        mean_clearance=float(clearance.mean()),
         max_clearance=field.max_clearance,
         lowest=float(low[2]),
         highest=float(high[2]),
@@ -168,8 +154,3 @@ def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> Sc
     kept = points[np.sqrt(moved) <= STILL_THERE * voxel]
     distance = np.sqrt(igl.point_mesh_squared_distance(kept, mesh.vertices, mesh.faces)[0])
     return ScanFit(float(np.median(distance)), float(np.percentile(distance, 95)), float((distance <= voxel).mean()))
-
-
-def _triple(point: Array) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in point)
-    return x, y, z

@@ -73,7 +73,7 @@ def place_panels(
 def _inner_line(route: Route, inset: float, options: PanelOptions) -> Line:
     """Return the route without its ends."""
     step = route.length / (len(route.points) - 1)
-    first = round(inset / step)
+    first = round(inset / step) if step > 0.0 else len(route.points)
     inner = slice(first, len(route.points) - first)
     if len(route.points[inner]) < MIN_PANELS:
         raise MeshError(

@@ -142,18 +142,18 @@ def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, v
     found = widest_path(cavity, field, start, end)
     if found is None:
         return MeshError(
-            f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The scan closes the "
+            f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The wall closes the "
             "passage in between; cut the obstacle away or build the two parts apart.",
             [(_place(start), "start of the route"), (_place(end), "its end")],
         )
-    path, room = found
-    tightest = path[np.argmin(field.clearance(path))]
-    way = float(np.linalg.norm(np.diff(path[: int(np.argmin(field.clearance(path))) + 1], axis=0), axis=1).sum())
+    where = found.tightest
+    along = float(np.linalg.norm(np.diff(found.points[: int(np.argmin(found.clearance)) + 1], axis=0), axis=1).sum())
     return MeshError(
-        f"The passage is too tight for the vehicle: {2.0 * room:.2f} m at {way:.1f} m along the widest way, at "
-        f"{tightest.round(2)} m: narrower than the vehicle's {2.0 * vehicle_radius:.3f} m. The largest vehicle that "
-        f"fits is {2.0 * room:.2f} m wide. Check --unit, or choose a smaller vehicle with --vehicle.",
-        [(_place(tightest), f"{2.0 * room:.2f} m wide")],
+        f"The passage is too tight for the vehicle: {found.width:.2f} m at {along:.1f} m along the widest way, at "
+        f"{where.round(2)} m: narrower than the vehicle's {2.0 * vehicle_radius:.3f} m. The largest vehicle that "
+        f"fits is {found.width:.2f} m wide. Check the unit (--unit of a scan), or choose a smaller vehicle with "
+        "--vehicle.",
+        [(_place(where), f"{found.width:.2f} m wide")],
     )
 
 

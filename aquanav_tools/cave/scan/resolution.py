@@ -76,14 +76,17 @@ def choose_resolution(
         return Resolution(wanted, "as given", _memory(area, wanted))
     finest = vehicle_radius / VOXELS_PER_RADIUS
     if isinstance(scan, Mesh):
-        detail = min(float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS)
-        reason = "the median edge of the scan"
+        edge, coarsest = float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS
+        detail, reason = min(
+            (edge, "the median edge of the surface"),
+            (coarsest, f"half of the vehicle's radius; the surface's median edge is {1000.0 * edge:.0f} mm"),
+        )
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
     noise = min(VOXELS_OF_NOISE * _noise(scan), vehicle_radius / NOISE_VOXELS_PER_RADIUS)
     is_relief = isinstance(scan, Mesh) and _noise(scan) < MIN_MESH_NOISE * float(np.median(_edge_lengths(scan)))
     if detail < noise and not is_relief:
-        detail, reason = noise, "the noise of the scan"
+        detail, reason = noise, "the noise of the surface"
     if detail < finest:
         detail, reason = finest, "a quarter of the vehicle's radius"
     if detail < smallest:

@@ -6,6 +6,7 @@ Axes: x east, y north, z up, metres.
 from __future__ import annotations
 
 import enum
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -138,3 +139,14 @@ class Survey:
         indices = np.array([(leg.start, leg.end) for leg in legs], dtype=np.int64).reshape(-1, 2)
         ends: Array = self.positions[indices]
         return ends
+
+
+def shared_levels(names: Iterable[str], separator: str) -> list[str]:
+    """Return the surveys, outermost first, that all stations of some full names are in."""
+    shared: list[str] | None = None
+    for name in names:
+        levels = name.split(separator)[:-1]
+        known = levels if shared is None else shared
+        same = [ours == theirs for ours, theirs in zip(levels, known, strict=False)]
+        shared = known[: same.index(False) if False in same else len(same)]
+    return shared or []

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.types import Array
 
 DECIMALS = 4
@@ -16,7 +17,12 @@ _MAX_ENTRANCE_NAME = 40
 
 
 def write_svx(
-    path: Path, title: str, points: Array, lrud: Array | None = None, entrances: Mapping[str, int] | None = None
+    path: Path,
+    title: str,
+    points: Array,
+    lrud: Array | None = None,
+    entrances: Mapping[str, int] | None = None,
+    survey: SurveyLegs | None = None,
 ) -> None:
     """Write a centreline as a Survex data file that `cavern` and `read_svx` read.
 
@@ -29,6 +35,7 @@ def write_svx(
         points: (N, 3) east, north, up, m; at least 2.
         lrud: (N, 4) left, right, up, down from the point to the wall, m, looking along the line; NaN where not known.
         entrances: index of the point for each entrance's name.
+        survey: stations and legs written beside it, in a survey called "survey".
 
     Raises:
         ValueError: shapes do not fit, a coordinate is not finite, or an entrance is no point.
@@ -51,7 +58,23 @@ def write_svx(
             f"{name} {_numbers(row)}" for name, row in zip(names, np.asarray(lrud, dtype=np.float64), strict=True)
         ]
     lines.append("*end centreline")
+    if survey is not None:
+        lines += _survey_lines(survey)
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _survey_lines(survey: SurveyLegs) -> list[str]:
+    """Return the block of a survey, its legs as differences of rounded positions, so that loops close."""
+    # A dot in a name would name a survey inside this one; levels are joined by underscores instead.
+    names = [re.sub(r"[^A-Za-z0-9_-]", "_", name) or f"unnamed_{n}" for n, name in enumerate(survey.names)]
+    names = [name if names.count(name) == 1 else f"{name}_{n}" for n, name in enumerate(names)]
+    rounded = survey.positions.round(DECIMALS)
+    lines = ["*begin survey", "*case preserve"]
+    first = int(survey.legs[0, 0])
+    lines += [f"*fix {names[first]} {_numbers(rounded[first])}", "*data cartesian from to dx dy dz"]
+    lines += [f"{names[a]} {names[b]} {_numbers(rounded[b] - rounded[a])}" for a, b in survey.legs.tolist()]
+    lines += [f"*entrance {names[n]}" for n in np.flatnonzero(survey.is_entrance)]
+    return [*lines, "*end survey"]
 
 
 def _station_names(count: int, entrances: Mapping[str, int]) -> list[str]:

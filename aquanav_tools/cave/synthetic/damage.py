@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from aquanav_tools.cave.scan.read import METRES_PER_UNIT
+from aquanav_tools.cave.scan.plausibility import METRES_PER_UNIT
 from aquanav_tools.cave.scan.surface import clean_mesh
 from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.libraries import load_open3d

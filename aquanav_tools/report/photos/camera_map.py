@@ -15,7 +15,7 @@ from aquanav_tools.report.cave_map import CaveMap, bounds, silhouette
 from aquanav_tools.report.figures import BAD, INK, MUTED, WATER, draw_scale_bar, new_figure, save_drawing
 from aquanav_tools.report.labels import Labels
 from aquanav_tools.report.photos.spots import draw_number
-from aquanav_tools.report.relief import plan_and_section
+from aquanav_tools.report.relief import PLAN, plan_and_section
 from aquanav_tools.report.survey_drawing import WIDTH_IN, draw_north, draw_rings, profile, unrolled
 from aquanav_tools.types import Array, IntArray, PointCloud
 
@@ -97,15 +97,14 @@ def draw_camera_map(cave: CaveMap, trail: PhotoTrail, patches: Sequence[UnseenPa
         patches: unseen wall, numbered from 1, with an arrow from where to look at it.
         path: of the SVG.
     """
-    plan, _ = plan_and_section(cave.centreline)
-    rings = silhouette(cave.cavity.mesh, plan)
-    seen = np.vstack([plan.project(trail.positions), *rings])
+    rings = silhouette(cave.cavity.mesh, PLAN)
+    seen = np.vstack([PLAN.project(trail.positions), *rings])
     above = _View(
-        "Plan, seen from above", plan.project, lambda _, ways: plan.project(ways),
+        f"Plan, seen from above; {cave.upward}", PLAN.project, lambda _, ways: PLAN.project(ways),
         lambda axes: draw_rings(axes, rings), *bounds([seen]),
     )  # fmt: skip
     figure = _draw_sheet(cave.name, (above, _long_section(cave, trail)), trail, patches)
-    draw_north(figure, plan)
+    draw_north(figure, cave.has_north, PLAN)
     save_drawing(figure, path, DPI)
 
 

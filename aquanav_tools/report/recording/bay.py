@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.report.recording.cave import GOAL, HULL, ROUTE
-from aquanav_tools.report.recording.episode import RAY_RADIUS, TIMELINE, layout, log_state_colours
+from aquanav_tools.report.recording.cave import GOAL, ROUTE
+from aquanav_tools.report.recording.episode import RAY_RADIUS, TIMELINE, layout, log_state_colours, log_vehicle
 from aquanav_tools.report.recording.stream import Template
 from aquanav_tools.report.track import Track
 from aquanav_tools.sea.sea_map import SeaMap, Way, rock_solid
@@ -34,7 +34,7 @@ class BayScene:
     stroke = STROKE
 
     def __init__(
-        self, identity: str, bay: SeaMap, way: Way, hull: Mesh, beams: Array, rise: Callable[[Array, float], Array]
+        self, identity: str, bay: SeaMap, way: Way, boat: Mesh, beams: Array, rise: Callable[[Array, float], Array]
     ) -> None:
         """Prepare what of a voyage does not hang on the policy.
 
@@ -42,7 +42,7 @@ class BayScene:
             identity: Of the scenario.
             bay: Where it is.
             way: The shortest one.
-            hull: Of the boat, body frame.
+            boat: How it looks, body frame, m, with colours.
             beams: (R, 3) directions of the sensor's beams, body frame.
             rise: Returns (N,) how far the sea stands above still water at (N, 2) places after a time, m and s.
         """
@@ -53,7 +53,7 @@ class BayScene:
         def log_scene(stream: Any) -> None:
             stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
             _log_bay(stream, bay, way)
-            _log_solid(stream, "vehicle/hull", hull, HULL)
+            log_vehicle(stream, boat)
             stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS * STROKE), static=True, strict=True)
             log_state_colours(stream)
 

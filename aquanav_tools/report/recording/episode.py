@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from aquanav_tools.report.recording.cave import HULL, CaveModel, eye, log_cave, log_route
+from aquanav_tools.report.recording.cave import CaveModel, eye, log_cave, log_route
 from aquanav_tools.report.recording.stream import Template, recording
 from aquanav_tools.report.track import Track
-from aquanav_tools.types import Array, Capsule
+from aquanav_tools.types import Array, Mesh
 
 MAX_RAY_STATES = 600
 """Beyond this number of states the rays are shown at every second, third, ... state."""
@@ -39,8 +39,6 @@ STATE_COLOURS = {
 }
 NEAR_WALL = 0.25
 """Clearance below which the state lane says "near wall", m."""
-Z_TO_X = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
-"""Quaternion (x, y, z, w) of the quarter turn that brings z to x."""
 
 
 class Scene(Protocol):
@@ -67,12 +65,12 @@ class DiveScene:
     commands: tuple[str, ...] = COMMANDS
     stroke = 1.0
 
-    def __init__(self, cave: CaveModel, hull: Capsule, ray_directions: Array) -> None:
+    def __init__(self, cave: CaveModel, vehicle: Mesh, ray_directions: Array) -> None:
         """Prepare them.
 
         Args:
             cave: Where the dives are.
-            hull: The vehicle's capsule.
+            vehicle: How it looks, body frame, m, with colours.
             ray_directions: (R, 3) unit vectors in the body frame, in the order of the tracks' rays.
         """
         import rerun as rr
@@ -83,7 +81,7 @@ class DiveScene:
         def log_scene(stream: Any) -> None:
             log_cave(stream, cave)
             log_route(stream, cave.scenario)
-            log_hull(stream, hull)
+            log_vehicle(stream, vehicle)
             stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS), static=True, strict=True)
             log_state_colours(stream)
 
@@ -172,19 +170,18 @@ def _strips(corners: Array) -> Any:
     return pa.ListArray.from_arrays(ends, points, type=rr.components.LineStrip3DBatch([]).as_arrow_array().type)
 
 
-def log_hull(stream: Any, hull: Capsule) -> None:
-    """Log the hull, in the vehicle's frame, for all times."""
+def log_vehicle(stream: Any, vehicle: Mesh) -> None:
+    """Log how the vehicle looks, in its own frame, for all times."""
     import rerun as rr
 
-    capsule = rr.Capsules3D(
-        lengths=[hull.axis_length],
-        radii=[hull.radius],
-        translations=[[-0.5 * hull.axis_length, 0.0, 0.0]],
-        quaternions=[rr.Quaternion(xyzw=Z_TO_X)],  # rerun's capsules lie along z, ours along x
-        colors=HULL,
-        fill_mode="solid",
+    solid = vehicle.to_trimesh()
+    mesh = rr.Mesh3D(
+        vertex_positions=vehicle.vertices.astype(np.float32),
+        triangle_indices=vehicle.faces.astype(np.uint32),
+        vertex_normals=np.asarray(solid.vertex_normals, dtype=np.float32),
+        vertex_colors=vehicle.colours,
     )
-    stream.log("vehicle/hull", capsule, static=True, strict=True)
+    stream.log("vehicle/hull", mesh, static=True, strict=True)
 
 
 def _log_rays(stream: Any, track: Track, directions: Array) -> None:

@@ -19,12 +19,12 @@ from aquanav_tools.report.recording.episode import (
     TRAIL_RADIUS,
     distance_colours,
     dive_blueprint,
-    log_hull,
     log_state_colours,
+    log_vehicle,
     states_of,
 )
 from aquanav_tools.report.recording.stream import APPLICATION
-from aquanav_tools.types import Array, Capsule
+from aquanav_tools.types import Array, Mesh
 
 if TYPE_CHECKING:
     from aquanav_tools.scenario.schema import Scenario
@@ -41,12 +41,12 @@ REWARD_PREFIX = "reward/"
 class LiveDive:
     """Shows one vehicle's episodes in the viewer."""
 
-    def __init__(self, scenario: Scenario, hull: Capsule, ray_directions: Array, seconds: float) -> None:
+    def __init__(self, scenario: Scenario, vehicle: Mesh, ray_directions: Array, seconds: float) -> None:
         """Open the viewer and show the cave.
 
         Args:
             scenario: Where the vehicle dives.
-            hull: The vehicle's capsule.
+            vehicle: How it looks, body frame, m, with colours.
             ray_directions: (R, 3) unit vectors in the body frame.
             seconds: Between two states, s.
 
@@ -60,7 +60,7 @@ class LiveDive:
         self._trail: deque[Array] = deque(maxlen=TRAIL_STATES)
         log_cave(self._stream, cave)
         log_route(self._stream, scenario)
-        log_hull(self._stream, hull)
+        log_vehicle(self._stream, vehicle)
         log_state_colours(self._stream)
 
     def show(self, info: dict[str, Any], is_first: bool) -> None:

@@ -102,18 +102,18 @@ class BatchWorld:
         self._decision, self._beginning = self._record()
         self._steps_in_order = 0
 
-    def reset(self, seed: int, starts: npt.NDArray[np.int32] | None = None) -> None:
+    def reset(self, seeds: npt.NDArray[np.integer], starts: npt.NDArray[np.int32] | None = None) -> None:
         """Begin all episodes.
 
         Args:
-            seed: Of all that is drawn from now on; with the vehicle's number and its episodes since this reset it
-                gives the start.
+            seeds: (N,) of the vehicles' first episodes, from 0 to 2^32 - 1: an episode draws from its own seed alone,
+                and the seed of the one after it follows from it.
             starts: (N,) the first episode's; None draws them.
         """
         first = np.full(self.num, -1) if starts is None else np.asarray(starts)
         if first.shape != (self.num,) or first.max() >= self._num_starts:
             raise InputError(f"The starts must be {self.num} numbers from 0 to {self._num_starts - 1}.")
-        self.fleet.seed.assign(np.array([seed], dtype=np.uint32).view(np.int32))
+        self.fleet.seeds.assign(np.asarray(seeds).astype(np.uint32).view(np.int32))
         self.fleet.wanted_starts.assign(first.astype(np.int32))
         self.fleet.episodes.zero_()
         self._run(self._beginning)
@@ -221,7 +221,7 @@ def _make_fans(rays: RaySource, device: Any) -> Fans:
 def _make_fleet(num: int, size: int, widths: dict[str, int], device: Any) -> Fleet:
     """Return the arrays of N vehicles; `widths` are those of what depends on the vehicle's model and the water."""
     fleet = Fleet()
-    shapes = {"seed": (1,), "commands": (num, 3), "terms": (num, 7)} | {name: (num, n) for name, n in widths.items()}
+    shapes = {"commands": (num, 3), "terms": (num, 7)} | {name: (num, n) for name, n in widths.items()}
     shapes |= {"observations": (num, size), "final_observations": (num, size)}
     for name, field in Fleet.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
         array = wp.zeros(shapes.get(name, (num,)), dtype=field.type.dtype, device=device)

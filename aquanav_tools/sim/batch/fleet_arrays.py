@@ -190,7 +190,8 @@ class Fans:
 class Fleet:
     """All vehicles: one row of each array per vehicle."""
 
-    seed: wp.array(dtype=wp.int32)
+    seeds: wp.array(dtype=wp.int32)
+    """(N,) of the episodes: 32 bits each, from which all that is drawn follows."""
     order: wp.array(dtype=wp.int32)
     """(N,) vehicles in the order in which they are computed."""
     commands: wp.array2d(dtype=wp.float32)

@@ -10,7 +10,7 @@ from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, R
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
-from aquanav_tools.sim.batch.random import START, choice, words
+from aquanav_tools.sim.batch.random import NEXT, START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
 
@@ -24,10 +24,13 @@ NUM_RAYS = wp.constant(28)
 
 @wp.func
 def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
-    """Put vehicle `i` at rest at the start of its next episode."""
+    """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
+    if fleet.episodes[i] > 0:
+        fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
+    seed = fleet.seeds[i]
     start = fleet.wanted_starts[i]
     if start < 0:
-        start = choice(words(fleet.seed[0], i, fleet.episodes[i], START)[0], starts.gates.shape[0])
+        start = choice(words(seed, START, 0)[0], starts.gates.shape[0])
     fleet.wanted_starts[i] = -1
     fleet.start_indices[i] = start
     fleet.episodes[i] = fleet.episodes[i] + 1
@@ -48,10 +51,10 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
     fleet.outcomes[i] = 0
     fleet.restarted[i] = 1
     fleet.returns[i] = 0.0
-    fleet.shares[i] = drawn_share(water, fleet.seed[0], i, fleet.episodes[i])
+    fleet.shares[i] = drawn_share(water, seed)
     if water.is_constant == 0:
-        fleet.phases[i] = drawn_phase(fleet.seed[0], i, fleet.episodes[i])
-        stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], 0)
+        fleet.phases[i] = drawn_phase(seed)
+        stir(fleet.eddies, water, seed, i, 0)
     for n in range(3):
         fleet.commands[i, n] = 0.0
 
@@ -147,7 +150,7 @@ def move(
     fleet.decisions[i] = fleet.decisions[i] + 1
     if water.is_constant == 0:
         fleet.phases[i] = fleet.phases[i] + water.phase_step
-        stir(fleet.eddies, water, fleet.seed[0], i, fleet.episodes[i], fleet.decisions[i])
+        stir(fleet.eddies, water, fleet.seeds[i], i, fleet.decisions[i])
     outcome = int(0)
     if rules.ends_on_collision == 1 and is_touching == 1:
         outcome = COLLISION

@@ -1,6 +1,7 @@
-"""Random numbers that depend on what they are for, not on what was drawn before: seed, vehicle, episode, purpose.
+"""Random numbers that depend on what they are for, not on what was drawn before: seed, purpose, step.
 
-So a vehicle's episode is the same whatever the other vehicles do, on processors and on cards, in any order.
+The seed is the episode's own. So an episode is the same in any batch, alone or beside others, on processors and on
+cards, in any order.
 
 Source: Jarzynski and Olano, Hash Functions for GPU Rendering, JCGT 9 (2020), pcg4d.
 """
@@ -16,16 +17,17 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 u32 = wp.uint32
-START, SHARE, SWELL, EDDIES = 0, 1, 2, 16
-"""Purposes: where an episode begins; its share of the current; its waves' phase; from here on its eddies."""
+START, SHARE, SWELL, NEXT, EDDIES = 0, 1, 2, 3, 16
+"""Purposes: where an episode begins; its share of the current; its waves' phase; the seed of the episode after it; from
+here on its eddies."""
 
 
 @wp.func
-def words(seed: int, vehicle: int, episode: int, purpose: int):
+def words(seed: int, purpose: int, step: int):
     """Return four times 32 random bits."""
     a, c = u32(1664525), u32(1013904223)
-    x, y = u32(seed) * a + c, u32(vehicle) * a + c
-    z, w = u32(episode) * a + c, u32(purpose) * a + c
+    x, y = u32(seed) * a + c, u32(purpose) * a + c
+    z, w = u32(step) * a + c, c
     for n in range(2):
         x += y * w
         y += z * x
@@ -56,10 +58,10 @@ def choice(bits: wp.uint32, count: int):
     return int(bits % u32(count))
 
 
-def draw_many(seed: int, vehicles: npt.NDArray[np.int64], episode: int, purpose: int) -> npt.NDArray[np.uint32]:
-    """Return the first of `words` for (N,) vehicles, computed by NumPy."""
-    parts = np.stack([np.full_like(vehicles, seed), vehicles, *np.full((2, len(vehicles)), [[episode], [purpose]])])
-    x, y, z, w = parts.astype(np.uint32) * np.uint32(1664525) + np.uint32(1013904223)
+def draw_many(seeds: npt.NDArray[np.integer], purpose: int, step: int = 0) -> npt.NDArray[np.uint32]:
+    """Return the first of `words` for (N,) seeds, computed by NumPy."""
+    parts = np.stack([seeds.astype(np.uint32), *np.full((3, len(seeds)), [[purpose], [step], [0]], dtype=np.uint32)])
+    x, y, z, w = parts * np.uint32(1664525) + np.uint32(1013904223)
     for n in range(2):
         x += y * w
         y += z * x

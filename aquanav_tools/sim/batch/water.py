@@ -25,8 +25,6 @@ f64 = wp.float64
 ROCK = wp.constant(water_field.ROCK)
 DEEP = wp.constant(wp.float64(waves.DEEP))
 GUST_SIZE = wp.constant(wp.float64(reference.GUST_SIZE))
-BLOCKS = wp.constant(16)
-"""Blocks of four random numbers that a decision may take; 33 coefficients need 9."""
 
 
 @wp.struct
@@ -116,26 +114,26 @@ def _make_swell(parameters: Array) -> Swell:
 
 
 @wp.func
-def drawn_share(water: Water, seed: int, vehicle: int, episode: int):
+def drawn_share(water: Water, seed: int):
     """Return the share of the water's velocity that an episode has."""
     low, high = water.shares[0], water.shares[1]
     if low == high:
         return low
-    return low + (high - low) * f64(share_of_one(words(seed, vehicle, episode, SHARE)[0]))
+    return low + (high - low) * f64(share_of_one(words(seed, SHARE, 0)[0]))
 
 
 @wp.func
-def drawn_phase(seed: int, vehicle: int, episode: int):
+def drawn_phase(seed: int):
     """Return the phase of the waves at the beginning of an episode, rad."""
-    return f64(6.283185307179586) * f64(share_of_one(words(seed, vehicle, episode, SWELL)[0]))
+    return f64(6.283185307179586) * f64(share_of_one(words(seed, SWELL, 0)[0]))
 
 
 @wp.func
-def stir(coefficients: wp.array2d(dtype=f64), water: Water, seed: int, vehicle: int, episode: int, decision: int):
+def stir(coefficients: wp.array2d(dtype=f64), water: Water, seed: int, vehicle: int, decision: int):
     """Bring a vehicle's gusts and eddies to a decision: drawn at the first, and one decision older at all others."""
     count = water.kept.shape[0]
     for block in range((count + 3) // 4):
-        drawn = words(seed, vehicle, episode, EDDIES + BLOCKS * decision + block)
+        drawn = words(seed, EDDIES + block, decision)
         first, second = normal_pair(drawn[0], drawn[1]), normal_pair(drawn[2], drawn[3])
         for place in range(4):
             n = 4 * block + place

@@ -88,6 +88,19 @@ def test_damaged_prefabs_are_refused_with_advice(old: str, new: str, advice: str
         read_rewarders(tmp_path)
 
 
+def test_a_prefab_without_objects_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.prefab").write_text("%YAML 1.1\n# m_targetRewarders\n")
+    with pytest.raises(InputError, match=r"a\.prefab holds no object"):
+        read_rewarders(tmp_path)
+
+
+def test_panels_without_a_place_are_refused(tmp_path: Path) -> None:
+    text = prefab_of(CENTRES).replace("!u!4 &3001", "!u!5 &3001")  # no longer a Transform
+    (tmp_path / "a.prefab").write_text(text)
+    with pytest.raises(InputError, match=r"one of which is not in it.*an object has no place"):
+        read_rewarders(tmp_path)
+
+
 def test_binary_assets_are_refused_with_advice(tmp_path: Path) -> None:
     (tmp_path / "a.prefab").write_bytes(b"\x00\x00UnityFS m_targetRewarders")
     with pytest.raises(InputError, match="Set Unity to write text"):

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.cave.survey.svx import read_svx
 from aquanav_tools.cave.survey.write import write_svx
 from tests.cave.survey.example import cavern
@@ -37,6 +38,24 @@ def test_survex_reads_it_as_well(tmp_path: Path, rng: np.random.Generator) -> No
     found = np.array([positions["centreline.north_0"], *(positions[f"centreline.{i}"] for i in range(1, 50))])
     assert np.abs(found - points).max() <= 0.005 + 1e-4  # Survex prints centimetres
     assert length == pytest.approx(np.linalg.norm(np.diff(points, axis=0), axis=1).sum(), abs=0.005 + 0.001)
+
+
+def test_a_survey_beside_it_keeps_its_names_legs_and_length(tmp_path: Path, rng: np.random.Generator) -> None:
+    names = ("hall.A1", "hall.a1", "hall.2", "", "dry passage.3")
+    positions = 1000.0 * rng.normal(size=(5, 3))
+    legs = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 0]])  # a loop: it must close
+    survey = SurveyLegs(names, positions, legs, np.array([True, False, False, False, False]))
+    points, _ = line(rng)
+    write_svx(tmp_path / "out.svx", "out", points, survey=survey)
+    found = read_svx(tmp_path / "out.svx")
+    for name, position in zip(("hall_A1", "hall_a1", "hall_2", "unnamed_3", "dry_passage_3"), positions, strict=True):
+        assert np.abs(found.find(f"survey.{name}").position - position).max() < 1e-4
+    assert [station.name for station in found.entrances] == ["survey.hall_A1"]
+    ends = positions[legs]
+    metres = (
+        np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() + np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    )
+    assert found.length == pytest.approx(metres, abs=0.01)  # 54 legs, rounded to a tenth of a millimetre
 
 
 def test_shapes_that_do_not_fit_are_refused(tmp_path: Path) -> None:

@@ -101,10 +101,10 @@ def test_the_widest_way_through_an_hourglass_is_as_wide_as_its_throat(throat: fl
     axis = trimesh.transformations.rotation_matrix(0.7, [1.0, 0.4, 0.2])[:3, 2]
     found = widest_path(cavity, field, -2.0 * axis, 2.0 * axis)
     assert found is not None
-    path, clearance = found
     # The turned polygon of 96 sides, and a last move of 1 % of a spacing.
-    assert clearance == pytest.approx(throat * np.cos(np.pi / 96), abs=0.02 * field.spacing)
-    narrowest: Array = path[np.argmin(np.abs(path @ axis))]
+    assert found.width == pytest.approx(2.0 * throat * np.cos(np.pi / 96), abs=0.04 * field.spacing)
+    narrowest: Array = found.tightest
+    assert abs(narrowest @ axis) < field.spacing
     assert np.linalg.norm(narrowest - (narrowest @ axis) * axis) < 0.25 * field.spacing
 
 
@@ -112,6 +112,12 @@ def test_the_widest_way_in_a_tube_is_its_axis() -> None:
     cavity = tube_cavity()
     found = widest_path(cavity, distance_field(cavity, 0.2), np.array([3.0, 1, 0]), np.array([TUBE_LENGTH - 3, 0, 1]))
     assert found is not None
-    # From 1 m off the axis on, the way can only widen: its ends are its narrowest places.
-    assert found[1] == pytest.approx(TUBE_RADIUS - 1.0, abs=0.5 * np.sqrt(3) * 0.2)
-    assert np.linalg.norm(found[0][len(found[0]) // 2, 1:]) < 0.2
+    # From 1 m off the axis on, the way can only widen: its ends are its narrowest places, moved a spacing inwards.
+    assert TUBE_RADIUS - 1.2 < 0.5 * found.width < TUBE_RADIUS - 1.0 + 1.87 * 0.2
+    assert np.linalg.norm(found.points[len(found.points) // 2, 1:]) < 0.2
+
+
+def test_a_lid_beside_the_end_of_the_widest_way_is_no_wall() -> None:
+    found = widest_path(tube_cavity(), tube_field(0.2), np.array([0.3, 0, 0]), np.array([TUBE_LENGTH - 0.3, 0, 0]))
+    assert found is not None
+    assert found.width > TUBE_RADIUS  # as near as they are, lids would leave 0.6 m

@@ -70,7 +70,7 @@ def test_gusts_and_eddies_are_normal_and_forget_as_they_should() -> None:
     for values in (before, after):
         assert np.abs(values.mean(axis=0)).max() < 0.055
         assert np.abs(values.var(axis=0) - 1.0).max() < 0.08
-        assert np.abs((values**4).mean() - 3.0) < 0.05
+        assert np.abs((values**4).mean() - 3.0) < 5.0 * np.sqrt(96.0 / values.size)  # the fourth power's variance is 96
         relation = np.corrcoef(values.T) - np.eye(values.shape[1])
         assert np.abs(relation).max() < 0.06
         neighbours = (values[1:] * values[:-1]).mean(axis=0)
@@ -83,7 +83,7 @@ def test_gusts_and_eddies_are_normal_and_forget_as_they_should() -> None:
 def test_a_vehicles_water_depends_on_no_other_vehicle() -> None:
     small, large = many(3), many(300)
     for world in (small, large):
-        world.reset(5, np.zeros(world.num, dtype=np.int32))
+        world.reset(np.arange(5, 5 + world.num), np.zeros(world.num, dtype=np.int32))
         wait(world, 7)
     assert np.array_equal(small.as_numpy("eddies"), large.as_numpy("eddies")[:3])
     assert not np.array_equal(small.as_numpy("eddies")[0], small.as_numpy("eddies")[1])
@@ -97,7 +97,7 @@ def test_each_episode_draws_its_share_of_the_current() -> None:
     assert np.allclose(world.as_numpy("currents"), shares[:, None] * [0.3, 0.0, 0.0])
     assert 0.5 <= shares.min() < 0.505 and 1.495 < shares.max() <= 1.5
     assert shares.mean() == pytest.approx(1.0, abs=5 * 0.29 / np.sqrt(num))  # a uniform spread of 1 deviates by 0.29
-    world.reset(1)
+    world.reset(np.arange(num) + num)
     assert (world.as_numpy("shares") != shares).all()
 
 

@@ -35,7 +35,7 @@ def make_world(
     )
     water = Water(scenario, current)
     world = BatchWorld(scenario, vehicle, task, num, water=water, **options)
-    world.reset(0, np.arange(num, dtype=np.int32) % len(scenario.starts))
+    world.reset(np.arange(num), np.arange(num, dtype=np.int32) % len(scenario.starts))
     return world
 
 

@@ -1,0 +1,95 @@
+"""CPU time of a film's frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER].
+
+A film in a cave from behind and from the nose, and one of a boat at sea, each with its numbers on it, written as MP4;
+all threads' time, which is also what it costs where many films are made side by side. The first frame, which compiles
+and reads, is left out. Without a scenario the cave is a straight tube.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
+
+from aquanav_tools.envs.pictures.film import FILM_SIZES, Camera, Frame, film
+from aquanav_tools.envs.pictures.sea_camera import SeaCamera
+from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
+from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.appearance import vehicle_mesh
+from aquanav_tools.sim.sensors import boat_pattern
+from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.types import Array, yaw_quaternion
+from tests.caves import tube_scenario
+
+SECONDS = 0.1
+"""Between two frames."""
+
+
+class BoatCamera:
+    """Takes pictures of a boat that lies at its start while the sea goes on."""
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        env = SurfaceEnv(0, sea="rough")
+        env.reset(seed=0)
+        self._water, self.state, self.size = env.water, env.state, size
+        pattern = boat_pattern()
+        self._lengths = pattern.lengths
+        self._camera = SeaCamera(env.vehicle, size, pattern.directions, pattern.lengths)
+        self._camera.look_at(env.sea_map)
+
+    def picture(self, state: Array, time: float) -> npt.NDArray[np.uint8]:
+        """Return the next picture."""
+        self._water.advance(SECONDS)
+        return self._camera.picture(state, self._water, self._lengths, time)
+
+
+def main() -> None:
+    """Print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("count", nargs="?", type=int, default=100)
+    parser.add_argument("--scenario", type=Path)
+    options = parser.parse_args()
+    cave = tube_scenario() if options.scenario is None else read_scenario(options.scenario)
+    along = np.linspace(0.1, 0.6, options.count) * cave.guide.length
+    route = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cave.guide.centreline, axis=0), axis=1))])
+    places = np.stack([np.interp(along, route, column) for column in cave.guide.centreline.T], axis=1)
+    ways = np.diff(places, axis=0, append=2.0 * places[-1:] - places[-2:-1])
+    states = [
+        np.concatenate([place, yaw_quaternion(float(np.arctan2(way[1], way[0])))])
+        for place, way in zip(places, ways, strict=True)
+    ]
+    size = FILM_SIZES[".mp4"]
+    print(f"| film of {size[0]} x {size[1]} px | CPU time per frame, ms | first frame, ms |\n|---|---|---|")
+    for view in ("chase", "onboard"):
+        report(f"{cave.name}, {view}", vehicle_camera(cave, view, size), states)
+    boat = BoatCamera(size)
+    report("boat, rough sea", boat, [boat.state] * options.count)
+
+
+def vehicle_camera(cave: Scenario, view: str, size: tuple[int, int]) -> VehicleCamera:
+    """Return a camera behind or in a BlueROV2."""
+    vehicle = load_vehicle("bluerov2")
+    return VehicleCamera(cave, vehicle.capsule, vehicle_mesh(vehicle), view, size)
+
+
+def report(name: str, camera: Camera, states: list[Array]) -> None:
+    """Print a row of the table."""
+    frames = [Frame(state, SECONDS * n, 0.5, 0, False, 1.0, 1.0) for n, state in enumerate(states)]
+    with tempfile.TemporaryDirectory() as folder:
+        times = [time.process_time()]
+        film(camera, frames, Path(folder) / "film.mp4", 1.0 / SECONDS, lambda *_: times.append(time.process_time()))
+    spent = 1e3 * np.diff(times)
+    print(f"| {name} | {spent[1:].mean():.0f} | {spent[0]:.0f} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
