@@ -262,7 +262,7 @@ def _cut_flat(solid: Any, lid: End, voxel: float, max_share: float) -> Any:
         raise UnseenWallsError(
             "open-side",
             f"Cutting the opening at {lid.point.round(2)} m ({lid.diameter:.2f} m wide) flat would remove "
-            f"{1.0 - kept.volume() / solid.volume():.0%} of the {solid.volume():.3g} m3; {max_share:.0%} at most may go. "
+            f"{1.0 - kept.volume() / solid.volume():.0%} of the {solid.volume():.3g} m3, and {max_share:.0%} may go. "
             "The scan is open along its side and not only at its ends.",
             "Scan the missing walls, or give a larger --min-portal so that the hole is filled instead.",
             [(tuple(lid.point.tolist()), f"opening, {lid.diameter:.2f} m wide")],
