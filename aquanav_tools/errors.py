@@ -43,6 +43,25 @@ class MeshError(AquanavError):
         """Where it went wrong, for a picture: world positions (m) and what is there."""
 
 
+class UnseenWallsError(MeshError):
+    """What is known of the walls may be of no cave; --accept-open goes on with it all the same."""
+
+    def __init__(
+        self, code: str, facts: str, advice: str, places: Iterable[tuple[tuple[float, float, float], str]] = ()
+    ) -> None:
+        super().__init__(
+            f"{facts} {advice} Or go on with what there is by --accept-open: wall that nobody saw is then invented, "
+            "and marked as unobserved.",
+            places,
+        )
+        self.code, self.facts, self.advice = code, facts, advice
+
+    @property
+    def caution(self) -> tuple[str, str]:
+        """Code and sentence of the warning that it becomes where it is accepted."""
+        return self.code, f"{self.facts} The build went on all the same, by --accept-open."
+
+
 class ScenarioError(AquanavError):
     """A scenario folder is missing, damaged or inconsistent."""
 

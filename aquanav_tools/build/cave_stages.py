@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +18,13 @@ from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
-from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow
+from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow, enclosure
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
 from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
+from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.passability import Passability, measure_passability
@@ -33,7 +35,7 @@ from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.errors import InputError, MeshError, UnseenWallsError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
@@ -141,7 +143,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
-        share = check_enclosure(surface.mesh, _roomy_places(field, rng), "the middle of the passage")
+        share = _enclosure(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
@@ -175,6 +177,27 @@ def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -
         )
         journal.announce(f"Look (large-cut): {sentence}")
         journal.warn("large-cut", sentence)
+
+
+def accepting(options: ClosingOptions, journal: Journal) -> Callable[[UnseenWallsError], None]:
+    """Return what raises an error about unseen walls, or where --accept-open goes on all the same, notes a warning."""
+
+    def accept(error: UnseenWallsError) -> None:
+        if not options.accept_open:
+            raise error
+        if error.code not in {code for code, _ in journal.notices}:
+            journal.warn(*error.caution)
+
+    return accept
+
+
+def _enclosure(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
+    """Return the median share of the view from (N, 3) places in the water that is scanned wall."""
+    try:
+        return check_enclosure(surface, places, "the middle of the passage")
+    except UnseenWallsError as error:
+        accept(error)
+    return float(np.median(enclosure(surface, places)))
 
 
 def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
@@ -254,9 +277,7 @@ def _close_at(
     with journal.stage("Preparing the surface"):
         voxel = resolution.voxel
         lamps = np.concatenate([evidence.inside, evidence.legs.mean(axis=1)])
-        surface = (
-            surface_from_mesh(scan, voxel, lamps) if isinstance(scan, Mesh) else surface_from_cloud(scan, voxel, lamps)
-        )
+        surface = _surface_of(scan, voxel, lamps, accepting(options.closing, journal))
     with journal.stage("Closing the cavity") as progress:
         found = close_scan(
             surface,
@@ -265,11 +286,24 @@ def _close_at(
             min_portal=min_portal,
             cuts=tuple(_cut(plane) for plane in options.closing.cut),
             evidence=evidence,
+            accept_open=options.closing.accept_open,
             progress=progress,
         )
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(found.cavity, float(found.closed.is_scan.mean()))
     return found
+
+
+def _surface_of(
+    scan: Mesh | PointCloud, voxel: float, lamps: Array, accept: Callable[[UnseenWallsError], None]
+) -> Surface:
+    if isinstance(scan, Mesh):
+        return surface_from_mesh(scan, voxel, lamps)
+    try:
+        return surface_from_cloud(scan, voxel, lamps)
+    except UnseenWallsError as error:
+        accept(error)
+    return surface_from_cloud(scan, voxel, lamps, accept_thick=True)
 
 
 def _near_points(cavity: Cavity, points: Array, distance: float) -> BoolArray:

@@ -35,6 +35,11 @@ class PhotoScaleOptions(ScaleSources):
         """Whether a source is given whose y is north: positions from satellites, or a survey."""
         return self.gps or (self.stations is not None and self.stations.suffix.lower() in SURVEY_SUFFIXES)
 
+    @property
+    def scaling(self) -> tuple[str, ...]:
+        """The options given that can tell the size of what the photos show."""
+        return super().scaling + (() if self.passage_height is None else ("passage_height",))
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.passage_height is not None and not self.passage_height > 0.0:

@@ -18,15 +18,17 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
 from aquanav_tools.errors import MeshError
-from aquanav_tools.report.faults import draw_faults
+from aquanav_tools.report.faults import draw_faults, grains
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
 from aquanav_tools.report.stage_bars import draw_stages
 from aquanav_tools.store import write_whole
-from aquanav_tools.types import Mesh
+from aquanav_tools.types import Mesh, PointCloud
 
 LIBRARIES = (
     "numpy", "scipy", "numba", "libigl", "pyamg", "trimesh", "manifold3d", "open3d", "pycolmap", "scikit-image"
 )  # fmt: skip
+FAULTS_FILE = "faults.png"
+"""In the folder of a build that stopped: where."""
 PICTURE_CAPTION = "The cavity cut open, with the route, its panels, the start poses, entrance and goal."
 
 
@@ -100,13 +102,14 @@ def failure_page(
     )
 
 
-def draw_failure(surface: Mesh, error: Exception, path: Path) -> tuple[Figure, ...]:
+def draw_failure(surface: Mesh | PointCloud, error: Exception, path: Path) -> tuple[Figure, ...]:
     """Draw the places that an error names into a PNG and return its figure; nothing where it names none."""
     places = error.places if isinstance(error, MeshError) else ()
     if not places:
         return ()
-    draw_faults(surface, np.array([where for where, _ in places]), [what for _, what in places], path)
-    return (Figure(path, "The surface and the places to repair; they are numbered as in the table."),)
+    shown, what = (surface, "surface") if isinstance(surface, Mesh) else (grains(surface.points), "points")
+    draw_faults(shown, np.array([where for where, _ in places]), [text for _, text in places], path)
+    return (Figure(path, f"The {what} and the places that the message is about; they are numbered as in the table."),)
 
 
 def stage_section(journal: Journal, folder: Path) -> Section:

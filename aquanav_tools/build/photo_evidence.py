@@ -5,27 +5,48 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.closing.evidence import Evidence
-from aquanav_tools.cave.scan.sight import NO_WALL, OUTSIDE, Sight
+from aquanav_tools.cave.scan.sight import NO_WALL, OUTSIDE, UNSURE, Sight
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Array, BoolArray
 
 NUM_PLACES = 32
 """Places on a way from camera to camera at which is asked whether it leads through water."""
+AHEAD = 0.5
+"""Share of the way to the wall in the middle of a photo that is surely water; chosen."""
 MAX_LEGS = 3.0
 """A way longer than this many typical ones is no way that was swum: photos are missing, or another dive began."""
 
 
-def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray) -> Evidence:
+def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray, *, accept_open: bool = False) -> Evidence:
     """Return what is known to be water.
 
     Args:
         reconstruction: world, m.
         is_inside: (N,) which cameras had walls around them; others may have stood outside before the entrance.
+        accept_open: where walls are missing, the surface walls in cameras that nothing behind them shows: the ways
+            straight ahead of them count too.
     """
     centres, sight = reconstruction.camera_centres, reconstruction.sight
     if sight is None:
         return Evidence(centres[is_inside])
-    return Evidence(centres[is_inside], _legs(reconstruction, is_inside, sight), sight)
+    legs = _legs(reconstruction, is_inside, sight)
+    if accept_open:
+        legs = np.concatenate([legs, ways_ahead(sight)])
+    return Evidence(centres[is_inside], legs, sight)
+
+
+def ways_ahead(sight: Sight) -> Array:
+    """Return the (M, 2, 3) ways from cameras straight ahead, half as far as the wall that they show there."""
+    height, width = sight.depth.shape[1:]
+    middle = sight.depth[:, height // 3 : height - height // 3, width // 3 : width - width // 3].reshape(
+        len(sight.depth), -1
+    )
+    is_wall = middle > UNSURE
+    seeing = is_wall.any(axis=1)
+    reach = np.array([np.median(depth[wall]) for depth, wall in zip(middle[seeing], is_wall[seeing], strict=True)])
+    starts, ahead = sight.centres[seeing], sight.poses[seeing, 2, :3]
+    ways: Array = np.stack([starts, starts + AHEAD * reach[:, None] * ahead], axis=1)
+    return ways
 
 
 def _legs(reconstruction: Reconstruction, is_inside: BoolArray, sight: Sight) -> Array:

@@ -4,69 +4,142 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.options import PhotoScaleOptions
-from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
+from aquanav_tools.cave.closing.close import refuse
+from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height, seen_height
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
-from aquanav_tools.errors import ReconstructionError
+from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
+from aquanav_tools.reconstruct.georeference.gps import count_gps
+from aquanav_tools.reconstruct.georeference.place import UNUSED
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
 HEIGHT_ERROR = 0.33
 """How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
+SCALE_OPTIONS = (
+    "--passage-height METRES for a rough scale by the passage's typical height, right to a third",
+    "--marker-size METRES for printed markers in the photos",
+    "--picks with --distance for measured distances, or with --stations for surveyed points",
+    "--positions FILE.csv for where the photos were taken",
+    "--depth-track FILE.csv for a depth sensor's record",
+    "--rig for two cameras side by side",
+)
+SEEN_HEIGHT_ERROR = 0.5
+"""The same where floor or ceiling were not seen; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
 
-def preview_surface(cloud: PointCloud) -> Mesh:
-    """Return a coarse surface of a cloud of any scale."""
+def check_has_scale(options: BuildOptions) -> None:
+    """Refuse photos of which nothing can ever tell the size, before they are worked on for an hour.
+
+    Raises:
+        InputError: no source of scale is given.
+    """
+    if options.scale.scaling:
+        return
+    ways = list(SCALE_OPTIONS)
+    if options.input.is_dir():
+        with_gps, num_photos = count_gps(options.input)
+        if with_gps:
+            ways.append(f"--gps for the satellite positions in {with_gps} of {num_photos} files (above ground only)")
+    raise InputError(
+        f"Nothing tells how large the place in {options.input} is: photos alone have no scale, and no source of it is "
+        f"given. Nothing was done yet. Give one of these: {'; '.join(ways)}."
+    )
+
+
+def preview_surface(cloud: PointCloud, *, accept_thick: bool = False) -> Mesh:
+    """Return a coarse surface of a cloud of any scale; arguments and errors as of `surface_from_cloud`."""
     extent = np.percentile(cloud.points, 99, axis=0) - np.percentile(cloud.points, 1, axis=0)
-    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS).mesh
+    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS, accept_thick=accept_thick).mesh
 
 
 def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
     """Return the share of the view that is wall where the cameras were; true to any scale.
 
     Raises:
-        MeshError: the cameras were not inside of what they photographed: it is a facade or an object.
+        UnseenWallsError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
-    return check_enclosure(preview, reconstruction.camera_centres, "the cameras")
+    return check_enclosure(preview, reconstruction.camera_centres, "the cameras", reconstruction.camera_names)
 
 
-def cameras_inside(reconstruction: Reconstruction, preview: Mesh) -> BoolArray:
-    """Return the (N,) flags of cameras with walls around them; others may have stood outside before the entrance."""
-    inside: BoolArray = enclosure(preview, reconstruction.camera_centres) >= MIN_ENCLOSURE
-    return inside
+def look_for_cave(
+    reconstruction: Reconstruction, accept: Callable[[UnseenWallsError], None]
+) -> tuple[Mesh, BoolArray, float]:
+    """Return a coarse surface, which cameras are known to be in the water, and their share of the view that is wall.
+
+    Args:
+        reconstruction: in metres or not yet.
+        accept: raises the error it is given, or notes that the build goes on all the same.
+
+    Returns:
+        The surface; (N,) flags of cameras, for some may have stood outside before the entrance; the median share.
+
+    Raises:
+        UnseenWallsError: it is no cave.
+    """
+
+    def accept_here(error: UnseenWallsError) -> None:
+        unit = "" if reconstruction.is_metric else " (The scale comes later: lengths here are in the model's own unit.)"
+        accept(UnseenWallsError(error.code, f"{error.facts}{unit}", error.advice, error.places))
+
+    try:
+        preview = preview_surface(reconstruction.cloud)
+    except UnseenWallsError as error:
+        accept_here(error)
+        preview = preview_surface(reconstruction.cloud, accept_thick=True)
+    shares = enclosure(preview, reconstruction.camera_centres)
+    is_inside = shares >= MIN_ENCLOSURE
+    try:
+        check_is_cave(reconstruction, preview)
+    except UnseenWallsError as error:
+        accept_here(error)
+        is_inside = np.ones_like(is_inside)  # the walls do not tell, and wherever a camera was there is room
+    return preview, is_inside, float(np.median(shares))
 
 
 def in_metres(
-    reconstruction: Reconstruction, preview: Mesh, scale: PhotoScaleOptions, journal: Journal
+    reconstruction: Reconstruction,
+    preview: Mesh,
+    scale: PhotoScaleOptions,
+    journal: Journal,
+    accept: Callable[[UnseenWallsError], None] = refuse,
 ) -> Reconstruction:
     """Return the reconstruction scaled by the passage's typical height, where nothing better gave the scale.
 
     Where something did, the height is held against it.
 
+    Args:
+        reconstruction: with a scale or without.
+        preview: a coarse surface of it.
+        scale: what was given.
+        journal: is warned of a rough scale.
+        accept: see `look_for_cave`.
+
     Raises:
-        ReconstructionError: nothing tells the scale.
+        ReconstructionError: nothing that was given tells the scale.
+        UnseenWallsError: floor and ceiling were not seen from any one place.
     """
     if scale.passage_height is None:
         if reconstruction.is_metric:
             return reconstruction
+        reasons = " ".join(caution.message for caution in reconstruction.warnings if caution.code == UNUSED)
         raise ReconstructionError(
-            "The photos show a cave, but nothing tells its size: photos alone have no scale. Give printed markers "
-            "(--marker-size), a measured distance (--picks and --distance), survey stations (--picks and --stations), "
-            "camera positions (--positions FILE.csv), a depth sensor's track (--depth-track), a camera pair (--rig), "
-            "or a typical height with --passage-height. What was found so far is kept: run the same command with it."
+            f"The photos show a cave, but what was given does not tell its size. {reasons} What was found so far is "
+            f"kept: run the same command with one of these mended or added: {'; '.join(SCALE_OPTIONS)}."
         )
-    height = free_height(preview, reconstruction.camera_centres)
+    height, error, cause = _height(reconstruction, preview, accept)
     factor = scale.passage_height / height
     if reconstruction.is_metric:
-        if abs(np.log(factor)) > np.log1p(2.0 * HEIGHT_ERROR):
+        if abs(np.log(factor)) > np.log1p(2.0 * error):
             journal.warn(
                 "passage-height-differs",
                 f"The passage is {height:.1f} m high where the cameras were, {scale.passage_height:g} m were given. "
@@ -75,12 +148,24 @@ def in_metres(
         return reconstruction
     journal.warn(
         "rough-scale",
-        f"The scale comes from a passage height of {scale.passage_height:g} m alone and may be off by a third. "
-        "Give printed markers, a measured distance or camera positions for a metric model.",
+        f"The scale comes from a passage height of {scale.passage_height:g} m alone{cause} and may be off by "
+        f"{error:.0%}. Give printed markers, a measured distance or camera positions for a metric model.",
     )
-    statistics = {**reconstruction.statistics, "scale_error_percent_95": 100.0 * HEIGHT_ERROR}
+    statistics = {**reconstruction.statistics, "scale_error_percent_95": 100.0 * error}
     scaled = dataclasses.replace(reconstruction, statistics=statistics, is_metric=True)
     return scaled.moved(Sim3(factor, np.eye(3), np.zeros(3)))
+
+
+def _height(
+    reconstruction: Reconstruction, preview: Mesh, accept: Callable[[UnseenWallsError], None]
+) -> tuple[float, float, str]:
+    """Return the passage's height where the cameras were, how far that may be off, relative, and why."""
+    try:
+        return free_height(preview, reconstruction.camera_centres), HEIGHT_ERROR, ""
+    except UnseenWallsError as error:
+        accept(error)
+    height = seen_height(reconstruction.cloud.points, reconstruction.camera_centres)
+    return height, SEEN_HEIGHT_ERROR, ", taken for the height of what was seen, as floor or ceiling were not,"
 
 
 def write_found(reconstruction: Reconstruction, folder: Path) -> None:

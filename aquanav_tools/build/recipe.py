@@ -15,7 +15,7 @@ import numpy.typing as npt
 from aquanav_tools.build import outputs
 from aquanav_tools.build.ahead import compiling_ahead
 from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
-from aquanav_tools.build.cave_stages import BuiltCave, Closing, scenario_in
+from aquanav_tools.build.cave_stages import BuiltCave, Closing, accepting, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
 from aquanav_tools.build.options import BuildOptions
@@ -30,13 +30,7 @@ from aquanav_tools.build.output_folder import (
 from aquanav_tools.build.photo_evidence import photo_evidence
 from aquanav_tools.build.photo_intake import Intake, take_in
 from aquanav_tools.build.photo_report import PhotoWork, partial_section, photo_section
-from aquanav_tools.build.photo_stages import (
-    cameras_inside,
-    check_is_cave,
-    in_metres,
-    preview_surface,
-    write_found,
-)
+from aquanav_tools.build.photo_stages import check_has_scale, in_metres, look_for_cave, write_found
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
 from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
@@ -161,6 +155,7 @@ def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) ->
 
 def _build_from_photos(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
     settings = _photo_settings(options)
+    check_has_scale(options)
     intake = take_in(options, settings, options.output / WORK_DIR, journal)
     with journal.stage("Reading what is known of the world"):
         # Before the long work: a wrong file must not cost an hour before it is noticed.
@@ -189,18 +184,18 @@ def _build_cave_of(
             journal.warn(caution.code, caution.message)
         write_found(reconstruction, staged)
         with journal.stage("Checking that it is a cave"):
-            preview = preview_surface(reconstruction.cloud)
-            facts["camera_enclosure"] = check_is_cave(reconstruction, preview)
-            is_inside = cameras_inside(reconstruction, preview)
-            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal)
+            accept = accepting(options.closing, journal)
+            preview, is_inside, facts["camera_enclosure"] = look_for_cave(reconstruction, accept)
+            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal, accept)
             facts |= reconstruction.statistics
             write_found(reconstruction, staged)
-        evidence = photo_evidence(reconstruction, is_inside)
+        evidence = photo_evidence(reconstruction, is_inside, accept_open=options.closing.accept_open)
         built = kept_scenario(reconstruction.cloud, options, journal, _store(options), evidence)
     except AquanavError as error:
         if isinstance(error, ReconstructionError) and error.unregistered:
             facts["unregistered"] = list(error.unregistered)
-        _report_failure(error, options, journal, inputs, facts, staged, work=work)
+        found = None if work.reconstruction is None else work.reconstruction.cloud
+        _report_failure(error, options, journal, inputs, facts, staged, found, work)
         raise
     has_north = options.scale.knows_north
     return _finish(built, reconstruction.cloud, options, journal, inputs, facts, staged, work, has_north)
@@ -289,8 +284,8 @@ def _report_failure(
     warnings = [{"code": code, "text": text} for code, text in journal.notices]
     outputs.write_json({"error": str(error), "warnings": warnings, **facts}, staged / "report.json")
     figures: tuple[Figure, ...] = ()
-    if isinstance(surface, Mesh):
-        figures = outputs.draw_failure(surface, error, staged / "faults.png")
+    if surface is not None:
+        figures = outputs.draw_failure(surface, error, staged / outputs.FAULTS_FILE)
     sections: tuple[Section, ...] = ()
     if not isinstance(error, ResourceError):  # on a full disk there is no room for drawings
         drawings = staged / DRAWINGS_DIR
@@ -299,7 +294,8 @@ def _report_failure(
             sections = (partial_section(work, options.title, facts, drawings),)
         sections = (*sections, outputs.stage_section(journal, drawings))
     write_page(outputs.failure_page(options, error, journal, figures, sections), staged / "report.html")
-    kept = [name for name in ("cloud.ply", "report.html") if (staged / name).exists()]
+    drawn = [figure.path.name for figure in figures]
+    kept = [name for name in ("cloud.ply", "report.html", *drawn) if (staged / name).exists()]
     folder = publish_failure(staged, options.output)
     untouched = "" if folder == options.output else f" The scenario in {options.output} is as it was."
     error.args = (f"{error} Kept in {folder}: {', '.join(kept)}.{untouched}",)

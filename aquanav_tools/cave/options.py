@@ -32,6 +32,9 @@ class ClosingOptions:
     cut: tuple[tuple[float, float, float, float, float, float], ...] = ()
     """Planes X Y Z NX NY NZ that end the cave in a portal: through a point in the water, with the direction that is cut
     away."""
+    accept_open: bool = False
+    """Go on where so little of the wall was seen, or its points scatter so much, that it may be no cave. The cavity is
+    closed around the water that was seen; wall that nobody saw is invented, and marked so (`observed`)."""
 
     def __post_init__(self) -> None:
         for name in ("voxel", "min_portal", "memory"):

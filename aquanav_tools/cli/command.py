@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from aquanav_tools.cli.library_logs import library_logs
 from aquanav_tools.errors import AquanavError
 
 if TYPE_CHECKING:
@@ -20,6 +21,8 @@ Options = TypeVar("Options")
 DEBUG_FLAG = "--debug"
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as shells have it (128 + SIGINT)."""
+NO_TERMINAL = None
+"""What tqdm's `disable` is called with to draw no bar into a file or a pipe."""
 UNREAD = 1
 """Exit code when nobody reads the output to its end, as Python has it."""
 
@@ -52,7 +55,7 @@ def run_command(
     is_debug = DEBUG_FLAG in arguments
     arguments = [argument for argument in arguments if argument != DEBUG_FLAG]
     try:
-        with _flushed_output():
+        with _flushed_output(), library_logs(shown=is_debug):
             default = defaults(arguments) if defaults else None
             function(_parse(options_type, prog, description, default, arguments))
     except BrokenPipeError:
@@ -91,20 +94,22 @@ def _parse(
 ) -> Options:
     import tyro
 
-    text = f"{description}\n\nAdd {DEBUG_FLAG} to see the traceback of an error."
-    if default is None:
-        return tyro.cli(options_type, prog=prog, description=text, args=arguments)
-    return tyro.cli(options_type, prog=prog, description=text, args=arguments, default=default)
+    from aquanav_tools.cli.optional_values import optional_values
+
+    text = f"{description}\n\nAdd {DEBUG_FLAG} to see the traceback of an error, and what libraries log."
+    with optional_values():
+        if default is None:
+            return tyro.cli(options_type, prog=prog, description=text, args=arguments)
+        return tyro.cli(options_type, prog=prog, description=text, args=arguments, default=default)
 
 
 @contextlib.contextmanager
 def stage_bar(title: str) -> Iterator[Progress]:
-    """Show one stage as a progress bar with the time left."""
+    """Show one stage as a progress bar with the time left; nothing where stderr is no terminal."""
     from tqdm import tqdm
 
-    with tqdm(
-        total=1, desc=f"{title:<30}", bar_format="{desc} {percentage:3.0f}% |{bar:24}| {elapsed} < {remaining}"
-    ) as bar:
+    layout = "{desc} {percentage:3.0f}% |{bar:24}| {elapsed} < {remaining}"
+    with tqdm(total=1, desc=f"{title:<30}", bar_format=layout, disable=NO_TERMINAL) as bar:
 
         def progress(done: int, total: int) -> None:
             bar.total = total

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from aquanav_tools.cli.command import run_command
+from aquanav_tools.cli.command import NO_TERMINAL, run_command
 from aquanav_tools.errors import PolicyError
 from aquanav_tools.evaluate.options import CompareOptions, EvaluateOptions, ReplayOptions, StressOptions
 
@@ -115,7 +115,7 @@ def _episode_bar() -> Iterator[Progress]:
     from tqdm import tqdm
 
     # The delay keeps an error in the arguments from leaving an empty bar behind.
-    with tqdm(unit="episode", file=sys.stderr, delay=0.5) as bar:
+    with tqdm(unit="episode", file=sys.stderr, delay=0.5, disable=NO_TERMINAL) as bar:
 
         def show(done: int, total: int) -> None:
             if bar.total is None:
@@ -159,7 +159,7 @@ def _replay(options: ReplayOptions) -> None:
 
     from aquanav_tools.evaluate.replaying import replay
 
-    with tqdm(unit="frame", file=sys.stderr, delay=0.5, disable=options.film is None) as bar:
+    with tqdm(unit="frame", file=sys.stderr, delay=0.5, disable=True if options.film is None else NO_TERMINAL) as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,7 +39,6 @@ def run_import(options: ImportOriginal) -> None:
     """Import the caves and say what to do with them."""
     from aquanav_tools.build.original.import_project import ImportOptions, choose_caves, describe, import_caves
 
-    logging.basicConfig(level=logging.WARNING, format="warning: %(message)s", stream=sys.stderr)
     chosen = ImportOptions(options.project, options.out, options.cave, options.vehicle, options.overwrite)
     caves = choose_caves(chosen)
     if options.list:

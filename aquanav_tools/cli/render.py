@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from aquanav_tools.cli.command import NO_TERMINAL
 from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.conditions import CONDITIONS, Condition, ConditionName
 from aquanav_tools.photograph.options import DiveOptions, LensName
@@ -69,7 +70,7 @@ def run_render(options: Render) -> None:
     if options.video and options.photos is None:
         seconds = plan_capture(cave.centreline, dive.capture)[-1].time
         dive = replace(dive, capture=replace(dive.capture, photos=round(FRAME_RATE * seconds) + 1))
-    with tqdm(unit="frame" if options.video else "photo") as bar:
+    with tqdm(unit="frame" if options.video else "photo", disable=NO_TERMINAL) as bar:
         if options.video:
             film(cave, options.out, dive, _shown(bar))
         else:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
+from aquanav_tools.cli.command import NO_TERMINAL
 from aquanav_tools.errors import InputError
 
 
@@ -47,7 +47,7 @@ def run_water_impact(options: WaterImpact) -> None:
 
     policy, scenario = load_policy(options.policy), read_scenario(options.scenario)
     currents = tuple(dict.fromkeys(options.currents))
-    with tqdm(total=len(currents) * options.seeds, unit="replay", file=sys.stderr, delay=0.5) as bar:
+    with tqdm(total=len(currents) * options.seeds, unit="replay", delay=0.5, disable=NO_TERMINAL) as bar:
         impact = measure_water_impact(
             scenario, policy, currents, options.seeds, options.seed, lambda done, _: bar.update(done - bar.n)
         )

@@ -151,7 +151,8 @@ def _bring_out(source: Path, files: list[str], target: Path) -> None:
 
     def bring_out(file: str) -> None:
         grey = np.asarray(cv2.imread(str(source / file), cv2.IMREAD_GRAYSCALE), np.uint8)
-        cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 100])
+        is_jpeg = Path(file).suffix.lower() in (".jpg", ".jpeg")  # PNG and TIFF know no such setting
+        cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 100] if is_jpeg else [])
 
     with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
         list(threads.map(bring_out, files))

@@ -108,28 +108,48 @@ def reconstruct(
         record: Is told where the stages leave what a report shows, also when a later one stops.
 
     Raises:
-        InputError: photos cannot be used.
+        InputError: photos cannot be used, or show no marker where nothing else can tell the scale.
         ReconstructionError: too few photos register, or their depths do not agree.
         ResourceError: the disk is full; a later call goes on from what was finished.
     """
     record = PhotoRecord() if record is None else record
     store = StageStore(workspace, stage)
-    photos, sparse, models = _place_cameras(photos, store, options, record)
-    with stage("Finding scale and up") as progress:
-        placement = world.place(sparse, photos, progress)
+    content = [(name, *_content(photos, name)) for name in photos.names]
+    record.photos = photos = _prepare(photos, content, store)
+    if world.given.marker_size is not None:
+        with stage("Looking for markers") as progress:
+            world = world.with_markers(photos, progress)
+    sparse, models = _place_cameras(photos, content, store, options, record)
+    with stage("Finding scale and up"):
+        placement = world.place(sparse)
     fused = _measure_depth(photos, sparse, models, store, options, record)
     return assemble(photos, sparse, placement, fused)
 
 
-def _place_cameras(
-    photos: PhotoSet, store: StageStore, options: ReconstructOptions, record: PhotoRecord
-) -> tuple[PhotoSet, SparseModel, str]:
-    """Return the photos as they were prepared, the sparse model of them, and the name of what it rests on."""
-    content = [(name, *_content(photos, name)) for name in photos.names]
-    look = (photos.intake.lens, photos.intake.housing, photos.intake.enhance)
+def _prepare(photos: PhotoSet, content: list[tuple[str, str, str]], store: StageStore) -> PhotoSet:
+    """Return the photos as later stages want them."""
     home = str(photos.folder.resolve())
-    with store.stage("Preparing the photos", "prepared", prepare_photos, home, content, look) as (folder, progress):
-        record.photos = photos = prepare_photos(photos, folder, progress)
+    with store.stage("Preparing the photos", "prepared", prepare_photos, home, content, _look(photos)) as opened:
+        return prepare_photos(photos, *opened)
+
+
+def _look(photos: PhotoSet) -> tuple[object, ...]:
+    """Return the settings that change how photos are looked at."""
+    return photos.intake.lens, photos.intake.housing, photos.intake.enhance
+
+
+def _place_cameras(
+    photos: PhotoSet,
+    content: list[tuple[str, str, str]],
+    store: StageStore,
+    options: ReconstructOptions,
+    record: PhotoRecord,
+) -> tuple[SparseModel, str]:
+    """Return the sparse model of prepared photos, and the name of what it rests on.
+
+    Each photo's content is its name, its hash and its mask's.
+    """
+    look = _look(photos)
     keys = {photo.file: digest(one, look, options.features) for photo, one in zip(photos.photos, content, strict=True)}
     inputs: tuple[object, ...] = (content, look, options.features)
     with store.stage("Finding features", "features", extract_features, *inputs) as (features, progress):
@@ -142,7 +162,7 @@ def _place_cameras(
     inputs = (matches.name, options.mapping)
     with store.stage("Placing cameras", "models", map_photos, *inputs) as (models, progress):
         record.sparse = sparse = map_photos(photos, database, models / "models", options.mapping, progress)
-    return photos, sparse, models.name
+    return sparse, models.name
 
 
 def _measure_depth(

@@ -23,6 +23,9 @@ MAX_VIEW_IN = 5.0
 LINE_IN = 0.19
 MAX_LISTED = 20
 """More faults than this are drawn without a number: nobody repairs them one by one."""
+MAX_GRAINS = 60_000
+GRAIN = 0.0015
+"""Half the size of a cloud's grains, shares of the cloud's diagonal."""
 SURFACE = np.array([0.72, 0.78, 0.80])
 CAPTIONS = (
     "From above: x to the right, y up",
@@ -55,7 +58,7 @@ def draw_faults(mesh: Mesh, points: Array, labels: Sequence[str], path: Path) ->
     listed = min(len(points), MAX_LISTED) + (len(points) > MAX_LISTED)
     page = HEAD_IN + sum(size[1] + CAPTION_IN for size in sizes) + LINE_IN * listed + FOOT_IN
     figure = new_figure(WIDTH_IN, page)
-    title = f"{len(points)} places to repair" if len(points) != 1 else "1 place to repair"
+    title = f"{len(points)} places" if len(points) != 1 else "1 place"
     figure.text(MARGIN_IN / WIDTH_IN, 1 - 0.2 / page, title, color=INK, fontsize=13, fontweight="bold", va="top")
     bottom = page - HEAD_IN
     for camera, size, caption in zip(cameras, sizes, CAPTIONS, strict=True):
@@ -66,6 +69,16 @@ def draw_faults(mesh: Mesh, points: Array, labels: Sequence[str], path: Path) ->
     _write_list(figure, points, labels, bottom - 0.35, page)
     draw_scale_bar(figure, scale, MARGIN_IN, 0.16)
     save_figure(figure, path, DPI)
+
+
+def grains(points: Array) -> Mesh:
+    """Return a small tetrahedron for each of (N, 3) points, or of MAX_GRAINS of them, so that a cloud can be drawn."""
+    chosen = points[np.linspace(0, len(points) - 1, min(len(points), MAX_GRAINS)).astype(np.int64)]
+    size = GRAIN * float(np.linalg.norm(np.percentile(points, 98, axis=0) - np.percentile(points, 2, axis=0)))
+    corners = chosen[:, None] + size * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])
+    first = 4 * np.arange(len(chosen))[:, None, None]
+    faces = first + np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    return Mesh(corners.reshape(-1, 3), faces.reshape(-1, 3))
 
 
 def _cameras(mesh: Mesh) -> tuple[Camera, ...]:

@@ -131,8 +131,8 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
     else:
         shutil.rmtree(build, ignore_errors=True)
     flags = ["--quality", arguments.quality, "--overwrite"]
-    if case.condition:
-        flags += ["--positions", str(photos / "positions.csv")]
+    # Real photos are held against cameras in whatever unit.
+    flags += ["--positions", str(photos / "positions.csv")] if case.condition else ["--passage-height", "3"]
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
     result: dict[str, Any] = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}

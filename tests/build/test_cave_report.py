@@ -17,9 +17,10 @@ from aquanav_tools.cave.measure.statistics import ScanFit, measure_cave
 from aquanav_tools.cave.route.passability import Narrow, Passability, RouteClearance
 from aquanav_tools.cave.survey.svx import read_svx
 from aquanav_tools.errors import MeshError
+from aquanav_tools.report.faults import MAX_GRAINS, grains
 from aquanav_tools.report.html import Page, write_page
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.types import silent
+from aquanav_tools.types import PointCloud, silent
 from tests.caves import TUBE_RADIUS
 
 WIDE = Narrow(np.array([2.0, 0.0, 0.0]), 1.0, 1.4, 0.457)
@@ -160,3 +161,14 @@ def test_a_failure_shows_and_lists_the_places_of_its_error(tube: Scenario, tmp_p
 def test_a_failure_without_places_has_no_picture(tube: Scenario, tmp_path: Path) -> None:
     assert draw_failure(tube.cavity.mesh, MeshError("It is flat."), tmp_path / "faults.png") == ()
     assert not (tmp_path / "faults.png").exists()
+
+
+def test_a_cloud_is_drawn_with_the_places_too(rng: np.random.Generator, tmp_path: Path) -> None:
+    cloud = PointCloud(rng.uniform(0.0, 5.0, (2_000, 3)))
+    error = MeshError("The points lie on no surface.", [((1.0, 2.0, 3.0), "0.84 times as thick as wide")])
+    (figure,) = draw_failure(cloud, error, tmp_path / "faults.png")
+    assert figure.path.stat().st_size > 10_000
+    drawn = grains(cloud.points)
+    middles = drawn.vertices.reshape(-1, 4, 3).mean(axis=1)
+    np.testing.assert_allclose(middles, cloud.points, atol=1e-9)
+    assert len(grains(np.zeros((200_000, 3))).faces) == 4 * MAX_GRAINS  # of millions of points, some

@@ -33,6 +33,7 @@ DIVE = replace(SMALL_DIVE, camera=CameraOptions(width=320, height=240))
 RECIPE = 'quality = "draft"\n[photos.features]\nmax_features = 1000\n[photos.depth]\nwidth = 160\n'
 BUILD = ["-c", "from aquanav_tools.cli.build_cave import main; main()"]
 BUILD_A_TUBE = ["-m", "tests.build.tube_build"]
+HEIGHT = ("--passage-height", "2")
 TIMED = {"build.json", "report.html", "report.json", "stages.png"}
 """Files that tell when and how long; recordings and drawings hold the same that the others do."""
 
@@ -63,7 +64,7 @@ class Build:
 def start(command: list[str], photos: Path, out: Path, *more: str) -> subprocess.Popen[bytes]:
     # One thread: the CPU time at which a run is killed is then the same place in its work every time.
     environment = {**os.environ, "NUMBA_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    options = ["-o", str(out), "--recipe", str(photos.parent / "recipe.toml"), "--name", "cave", *more]
+    options = ["-o", str(out), "--recipe", str(photos.parent / "recipe.toml"), "--name", "cave", *HEIGHT, *more]
     with out.with_suffix(".log").open("ab") as log:
         arguments = [sys.executable, *command, str(photos), *options]
         return subprocess.Popen(arguments, env=environment, stdout=log, stderr=subprocess.STDOUT)

@@ -15,12 +15,15 @@ import pytest
 import trimesh
 from PIL import Image
 
+from aquanav_tools.build.cave_stages import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, preview_surface, write_found
+from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
+from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
-from aquanav_tools.errors import MeshError, ReconstructionError
+from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
 from aquanav_tools.photograph.dive import photograph
+from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
@@ -39,6 +42,7 @@ def photos(rng: np.random.Generator, tmp_path: Path) -> PhotoSet:
     return read_photos(folder)
 
 
+HEIGHT = ("--passage-height", "2.5")
 UPRIGHT = np.tile(np.eye(3), (9, 1, 1))
 
 
@@ -75,8 +79,14 @@ def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> Non
     cameras = np.stack([np.linspace(-4, 4, 9), np.full(9, -6.0), np.full(9, 1.7)], axis=1)
     cloud = PointCloud(facade, np.tile([0.0, -1.0, 0.0], (8000, 1)))
     reconstruction = Reconstruction(cloud, cameras, UPRIGHT, tuple("abcdefghi"), (), {})
-    with pytest.raises(MeshError, match=r"no cave: from the cameras, the scanned surface fills only \d+%"):
+    with pytest.raises(MeshError, match=r"no cave.*: from the cameras, the scanned surface fills only \d+%"):
         check_is_cave(reconstruction, preview_surface(cloud))
+    accepted: list[UnseenWallsError] = []
+    _, is_inside, share = look_for_cave(reconstruction, accepted.append)
+    assert is_inside.all()  # walls that are missing tell of nobody that he stood outside
+    assert 0.1 < share < 0.5  # a facade 10 m wide and 8 m high, 6 m away
+    assert [error.code for error in accepted] == ["open-walls"]
+    assert "in the model's own unit" in accepted[0].facts  # nothing gave these photos a scale
 
 
 @pytest.fixture(scope="module")
@@ -95,6 +105,24 @@ def test_the_passage_height_gives_the_scale(tube_of_ten: tuple[Reconstruction, M
     assert scaled.statistics["scale_error_percent_95"] == 33.0
 
 
+def test_where_no_ceiling_was_seen_the_height_of_what_was_seen_gives_the_scale_if_that_is_accepted(
+    tube_of_ten: tuple[Reconstruction, Mesh],
+) -> None:
+    whole = tube_of_ten[0]
+    below = whole.cloud.points[:, 2] < 3.0  # of a tube of radius 5: no ceiling, walls up to 3 above its axis
+    assert whole.cloud.normals is not None
+    open_above = replace(whole, cloud=PointCloud(whole.cloud.points[below], whole.cloud.normals[below]))
+    preview, scale = preview_surface(open_above.cloud), PhotoScaleOptions(passage_height=4.0)
+    journal = Journal(silent)
+    with pytest.raises(UnseenWallsError, match="straight above 0 of them there is surface, straight below 9"):
+        in_metres(open_above, preview, scale, journal)
+    scaled = in_metres(open_above, preview, scale, journal, accepting(ClosingOptions(accept_open=True), journal))
+    # The 8 units that were seen become 4 m, less the 2 % left out below and above.
+    assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(0.5 * 40.0, rel=0.1)
+    assert [code for code, _ in journal.notices] == ["height-unknown", "rough-scale"]
+    assert scaled.statistics["scale_error_percent_95"] == 50.0
+
+
 def test_a_passage_height_that_differs_from_the_model_is_noted(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
     reconstruction, journal = replace(tube_of_ten[0], is_metric=True), Journal(silent)
     preview = tube_of_ten[1]
@@ -104,10 +132,42 @@ def test_a_passage_height_that_differs_from_the_model_is_noted(tube_of_ten: tupl
     assert [code for code, _ in journal.notices] == ["passage-height-differs"]
 
 
-def test_without_any_scale_the_build_asks_for_one(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:
+def test_without_any_scale_the_build_asks_for_one_before_it_does_anything(photos: PhotoSet, tmp_path: Path) -> None:
+    result = run(photos.folder, "-o", tmp_path / "out")
+    assert result.returncode == 2
+    ways = r"--passage-height.*--marker-size.*--distance.*--stations.*--positions.*--depth-track.*--rig"
+    assert re.fullmatch(rf"error: Nothing tells how large the place in .* is: .*{ways}.*\n", result.stderr)
+    assert "--gps" not in result.stderr  # these photos have no satellite positions
+    assert not (tmp_path / "out").exists()
+
+
+def test_satellite_positions_in_the_photos_are_named_among_the_ways_to_a_scale(tmp_path: Path) -> None:
+    for n in range(3):
+        exif = Image.Exif()
+        if n:
+            exif.get_ifd(0x8825).update({1: "N", 2: (46.0, 30.0, n / 100.0), 3: "E", 4: (7.0, 0.0, 0.0)})
+        Image.new("RGB", (80, 60)).save(tmp_path / f"p{n}.jpg", exif=exif)
+    (tmp_path / "broken.jpg").write_bytes(b"no photo")
+    result = run(tmp_path, "-o", tmp_path / "out")
+    assert "--gps for the satellite positions in 2 of 4 files (above ground only)" in result.stderr
+
+
+def test_photos_without_the_markers_they_should_show_are_refused_before_features_are_sought(
+    photos: PhotoSet, tmp_path: Path
+) -> None:
+    result = run(photos.folder, "-o", tmp_path / "out", "--marker-size", "0.2")
+    assert result.returncode == 2
+    assert "No apriltag-36h11 marker of 0.2 m was found in 4 photos" in result.stderr
+    assert not list((tmp_path / "out" / "work").glob("features-*"))
+
+
+def test_sources_that_tell_no_scale_are_named_where_the_build_stops(
+    tube_of_ten: tuple[Reconstruction, Mesh],
+) -> None:
     reconstruction, preview = tube_of_ten
-    with pytest.raises(ReconstructionError, match=r"--marker-size.*--distance.*--positions.*--passage-height"):
-        in_metres(reconstruction, preview, PhotoScaleOptions(), Journal(silent))
+    unused = replace(reconstruction, warnings=(Caution("unused-scale-source", "The depths are not used."),))
+    with pytest.raises(ReconstructionError, match=r"does not tell its size\. The depths are not used\. What was found"):
+        in_metres(unused, preview, PhotoScaleOptions(), Journal(silent))
 
 
 def test_a_missing_positions_file_is_noticed_before_any_work(photos: PhotoSet, tmp_path: Path) -> None:
@@ -124,7 +184,7 @@ def test_a_video_is_built_from_its_frames(name: str) -> None:
 
 def test_a_build_names_bad_photos_before_the_work_and_in_its_report(photos: PhotoSet, tmp_path: Path) -> None:
     (photos.folder / "cut.jpg").write_text("no photo")
-    result = run(photos.folder, "-o", tmp_path / "out", "--housing", "flat-port")
+    result = run(photos.folder, "-o", tmp_path / "out", "--housing", "flat-port", *HEIGHT)
     told = result.stderr
     assert told.index("cut.jpg (the file holds no picture") < told.index("4 photos, standard quality. On")
     assert "the focal length grows by 33%" in result.stderr
@@ -136,7 +196,7 @@ def test_a_build_names_bad_photos_before_the_work_and_in_its_report(photos: Phot
 
 
 def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: PhotoSet, tmp_path: Path) -> None:
-    result = run(photos.folder, "-o", tmp_path / "out")
+    result = run(photos.folder, "-o", tmp_path / "out", *HEIGHT)
     assert result.returncode == 3
     assert "Traceback" not in result.stderr
     left = {path.name for path in (tmp_path / "out").iterdir()}
@@ -151,7 +211,7 @@ def test_photos_that_do_not_register_leave_a_report_and_no_scenario(photos: Phot
 
 def test_a_disk_without_room_is_noticed_before_any_work(photos: PhotoSet, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk", 90) as disk:
-        result = run(photos.folder, "-o", disk / "out")
+        result = run(photos.folder, "-o", disk / "out", *HEIGHT)
         assert result.returncode == 6
         assert "is full: 94 MB are free" in result.stderr
         assert not (disk / "out").exists()
@@ -170,12 +230,12 @@ def test_a_disk_that_fills_up_stops_the_work_and_the_same_command_goes_on(
             fill(disk, leave_megabytes=50)
 
         monkeypatch.setattr(reconstruction, "extract_features", find_and_fill)
-        result = run(photos.folder, "-o", disk / "out")
+        result = run(photos.folder, "-o", disk / "out", *HEIGHT)
         assert result.returncode == 6
         assert re.search(r"is full: \d+ MB are free, and 100 MB must stay so\. Make room there", result.stderr)
         (disk / "filler").unlink()
         monkeypatch.setattr(reconstruction, "extract_features", extract_features)
-        assert run(photos.folder, "-o", disk / "out").returncode == 3  # photos of noise do not register
+        assert run(photos.folder, "-o", disk / "out", *HEIGHT).returncode == 3  # photos of noise do not register
         assert "Only 0 of 4 photos registered" in json.loads((disk / "out" / "report.json").read_text())["error"]
 
 
@@ -184,9 +244,9 @@ def test_the_fountain_is_reconstructed_and_then_refused_as_no_cave(data_dir: Pat
     folder = data_dir / "img_strecha_fountain_p11_half" / "images"
     if not folder.is_dir():
         pytest.skip(f"No real data: {folder} does not exist.")
-    result = run(folder, "-o", tmp_path / "out")
+    result = run(folder, "-o", tmp_path / "out", *HEIGHT)
     assert result.returncode == 4
-    assert "This is no cave: from the cameras" in result.stderr
+    assert "the scanned surface fills only" in result.stderr
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     assert report["registered"] == 11
     assert (tmp_path / "out" / "cloud.ply").stat().st_size > 1_000_000

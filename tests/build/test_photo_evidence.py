@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from aquanav_tools.build.photo_evidence import photo_evidence
+from aquanav_tools.build.photo_evidence import photo_evidence, ways_ahead
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Array, PointCloud
-from tests.cave.open_caves import RADIUS, bend, straight
+from tests.cave.open_caves import LENGTH, RADIUS, bend, disc, joined, straight
 from tests.cave.sights import sight_of
 
 
@@ -55,3 +55,18 @@ def test_without_depth_maps_only_the_cameras_are_known() -> None:
     assert evidence.inside.shape == (2, 3)
     assert evidence.legs.shape == (0, 2, 3)
     assert evidence.sight is None
+
+
+def test_where_open_walls_are_accepted_the_ways_ahead_of_cameras_are_water_too() -> None:
+    centres = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]])
+    dead_end = joined(straight(), disc(LENGTH, 0.0, -1.0))
+    found = replace(reconstruction_at(centres), sight=sight_of(dead_end, centres, 0.0))
+    assert found.sight is not None
+    ahead = ways_ahead(found.sight)
+    np.testing.assert_allclose(ahead[:, 0], centres, atol=1e-9)
+    # The middle of each photo shows the disc across the end and wall before it: half of the way there is water.
+    assert (ahead[:, 1, 0] - centres[:, 0] <= 0.5 * (LENGTH - centres[:, 0])).all()
+    assert (ahead[:, 1, 0] - centres[:, 0] > RADIUS).all()
+    np.testing.assert_allclose(ahead[:, 1, 1:], 0.0, atol=1e-9)
+    without, more = (photo_evidence(found, np.array([True, True]), accept_open=on).legs for on in (False, True))
+    assert len(more) == len(without) + 2

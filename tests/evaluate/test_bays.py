@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rerun.chunk import RrdReader
 from shapely.geometry import LineString, Point
 
 from aquanav_tools.cli.evaluate import main
@@ -66,6 +67,14 @@ def test_spl_is_that_of_the_ways_lengths(oracle: Evaluation) -> None:
     for episode in oracle.episodes:
         assert episode.spl == pytest.approx(episode.geodesic / max(episode.geodesic, episode.path_length))
         assert episode.path_length > 0.95 * episode.geodesic  # the goal is reached within its tolerance
+
+
+def test_no_entity_of_a_recording_has_a_blank_in_its_path(oracle: Evaluation) -> None:
+    reader = RrdReader(oracle.recordings[0])
+    (data,) = reader.recordings()
+    paths = {chunk.entity_path for chunk in reader.stream(store=data).to_chunks()}
+    assert any("route" in path for path in paths)
+    assert not [path for path in paths if " " in path]  # rerun warns of each on stderr
 
 
 def test_results_follow_the_schema_and_charts_are_drawn(oracle: Evaluation) -> None:

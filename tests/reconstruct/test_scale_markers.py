@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.markers import Markers, check_dictionary, find_markers
@@ -116,6 +117,14 @@ def test_no_marker_in_the_photos_is_said_with_what_to_check(wall: Wall) -> None:
         InputError, match=r"No aruco-5x5-50 marker of 0\.2 m was found in 6 photos.*--marker-dictionary"
     ):
         find_markers(wall.photos, SIDE, "aruco-5x5-50")
+
+
+def test_a_marker_in_one_photo_alone_is_said_before_any_camera_is_placed(tmp_path: Path) -> None:
+    photograph(half_circle(3), 7, tmp_path)
+    for index in (0, 2):
+        Image.new("L", (WIDTH, HEIGHT), 128).save(tmp_path / f"p{index}.png")
+    with pytest.raises(InputError, match=r"1 apriltag-36h11 markers .* 3 photos, but none of them in two: marker 7"):
+        find_markers(photo_set(tmp_path, 3), SIDE, "apriltag-36h11")
 
 
 def test_a_marker_seen_once_gives_no_scale() -> None:

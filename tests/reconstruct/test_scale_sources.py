@@ -383,9 +383,24 @@ def test_a_source_that_says_nothing_of_the_model_is_a_caution_and_the_next_one_i
     photos = PhotoSet(tmp_path, tuple(Photo(name, 480, 360, None, file=name) for name in names))
     rows = [f"{name},{x},{y},{z}" for name, (x, y, z) in zip(names, centres, strict=True)]
     listed = write(tmp_path / "p.csv", "name,x,y,z\n" + "\n".join(rows))
-    world = read_world(ScaleSources(positions=listed, marker_size=0.2), photos)
-    found = world.place(posed_model(centres, np.full((8, 3), 20.0), scale=3.0).sparse, photos)
+    world = read_world(ScaleSources(positions=listed, marker_size=0.2), photos).with_markers(photos)
+    found = world.place(posed_model(centres, np.full((8, 3), 20.0), scale=3.0).sparse)
     assert found.world_from_sfm.scale == pytest.approx(3.0)
     assert [caution.code for caution in found.cautions] == ["unused-scale-source"]
     assert "No apriltag-36h11 marker" in found.cautions[0].message
     assert found.statistics["scale_sources"][0]["source"] == "camera positions"
+
+
+@pytest.mark.parametrize(
+    ("given", "scaling"),
+    [
+        (ScaleSources(), ()),
+        (ScaleSources(level_floor=True), ()),
+        (ScaleSources(marker_size=0.2), ("marker_size",)),
+        (ScaleSources(gps=True, positions=Path("p.csv")), ("positions", "gps")),
+        (ScaleSources(picks=Path("p.csv"), distance=(("a", "b", 2.0),)), ("picks",)),
+        (ScaleSources(rig=("l*", "r*", 0.3), depth_track=Path("d.csv")), ("rig", "depth_track")),
+    ],
+)
+def test_it_is_known_which_sources_can_tell_the_size(given: ScaleSources, scaling: tuple[str, ...]) -> None:
+    assert given.scaling == scaling

@@ -82,7 +82,7 @@ def test_more_faults_than_can_be_listed_are_counted(tmp_path: Path, monkeypatch:
         Mesh(np.array(solid.vertices), np.array(solid.faces)), points, ["hole"] * len(points), tmp_path / "a.png"
     )
     texts = [text.get_text() for text in figures[0].texts]
-    assert texts[0] == f"{MAX_LISTED + 7} places to repair"
+    assert texts[0] == f"{MAX_LISTED + 7} places"
     assert any("and 7 more" in text for text in texts)
     assert "  1   (-4.00, 0.00, 0.00) m   hole" in texts
 

@@ -8,6 +8,7 @@ were cut (`portals`), and held against what is known to be water (`from_scan`).
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -25,7 +26,7 @@ from aquanav_tools.cave.closing.winding import Sampler
 from aquanav_tools.cave.mesh.decimation import without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.scan.orientation import face_areas
-from aquanav_tools.errors import MeshError
+from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, BoolArray, Mesh, Progress, ignore_progress
 
 logger = logging.getLogger(__name__)
@@ -72,6 +73,11 @@ class ClosedSurface:
     """Codes and sentences about what had to be changed or left out."""
 
 
+def refuse(error: UnseenWallsError) -> None:
+    """Accept no open surface."""
+    raise error
+
+
 def close_surface(
     surface: Mesh,
     voxel: float,
@@ -96,6 +102,7 @@ class Closer:
             which smooths the false handles that noise makes.
         min_portal: holes narrower than this are filled with the curvature of the wall around them, m.
         evidence: what is known to be water.
+        accept: raises what it is given, or notes it.
     """
 
     def __init__(
@@ -106,8 +113,9 @@ class Closer:
         keep_triangles: bool,
         min_portal: float,
         evidence: Evidence = NO_EVIDENCE,
+        accept: Callable[[UnseenWallsError], None] = refuse,
     ) -> None:
-        self._surface, self._voxel, self._evidence = surface, voxel, evidence
+        self._surface, self._voxel, self._evidence, self._accept = surface, voxel, evidence, accept
         self._keep_triangles, self._min_portal = keep_triangles, min_portal
         self._carving = replace(NO_CARVING, leg_radius=LEG_VOXELS * voxel)
 
@@ -152,7 +160,7 @@ class Closer:
         surface, voxel, evidence = self._surface, self._voxel, self._evidence
         for fault_voxels in (*FAULT_VOXELS, None):
             waters = self._sampler.water_surface(self._carving, progress)
-            solid, cautions = _main_water(waters, surface, evidence, voxel)
+            solid, cautions = _main_water(waters, surface, evidence, voxel, self._accept)
             mesh = without_excess(self._faired(from_manifold(solid), holes), SIMPLIFY_VOXELS * voxel)
             if fault_voxels is None:
                 break
@@ -228,7 +236,9 @@ def _false_handles(mesh: Mesh, surface: Mesh, voxel: float) -> tuple[Handle, ...
     )
 
 
-def _main_water(mesh: Mesh, surface: Mesh, evidence: Evidence, voxel: float) -> tuple[Any, tuple[tuple[str, str], ...]]:
+def _main_water(
+    mesh: Mesh, surface: Mesh, evidence: Evidence, voxel: float, accept: Callable[[UnseenWallsError], None]
+) -> tuple[Any, tuple[tuple[str, str], ...]]:
     """Return the manifold3d solid of the main body of water, without rock floating in it, and what was left out."""
     bodies = to_manifold(mesh).decompose()
     waters = sorted((body for body in bodies if body.volume() > 0.0), key=lambda body: -body.volume())
@@ -237,8 +247,11 @@ def _main_water(mesh: Mesh, surface: Mesh, evidence: Evidence, voxel: float) -> 
     chosen = max(waters, key=lambda body: (_num_inside(body, evidence.inside), body.volume()))
     second = next((body for body in waters if body is not chosen), None)
     if second is not None and not len(evidence.inside) and second.volume() > MIN_SECOND_CAVE * chosen.volume():
-        _check_is_no_hollow(chosen, surface, voxel, len(waters))
-        check_enclosure(surface, _middles(chosen), "the largest of several bodies of water")
+        try:
+            _check_is_no_hollow(chosen, surface, voxel, len(waters))
+            check_enclosure(surface, _middles(chosen), "the largest of several bodies of water")
+        except UnseenWallsError as error:
+            accept(error)
         is_cave = np.median(enclosure(surface, _middles(second))) >= MIN_ENCLOSURE
         if is_cave and _invented_share(second, surface, voxel) <= MAX_HOLLOW_SHARE:
             raise _two_caves(chosen, second)
@@ -249,10 +262,12 @@ def _check_is_no_hollow(body: Any, surface: Mesh, voxel: float, number: int) -> 
     """Refuse a body of water under a wave of a sheet: the sheet is one half of its surface, the other was invented."""
     share = _invented_share(body, surface, voxel)
     if share > MAX_HOLLOW_SHARE:
-        raise MeshError(
+        raise UnseenWallsError(
+            "hollows",
             f"This is no cave: {share:.0%} of the surface around the largest of {number} bodies of water was never "
-            f"scanned, and a passage has at most {MAX_HOLLOW_SHARE:.0%}. These are hollows of an uneven wall or floor. "
-            "Scan the walls on all sides."
+            f"scanned, and a passage has at most {MAX_HOLLOW_SHARE:.0%}. These are hollows of an uneven wall or floor.",
+            "Scan the walls on all sides.",
+            [(tuple(_middle(body).tolist()), f"{body.volume():.3g} m3")],
         )
 
 

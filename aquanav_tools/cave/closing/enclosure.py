@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.scan.orientation import Caster, face_areas
-from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.errors import MeshError, UnseenWallsError
+from aquanav_tools.types import Array, BoolArray, Mesh
 
 MIN_ENCLOSURE = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
 NUM_DIRECTIONS = 256
+CONE = float(np.cos(np.deg2rad(45.0)))
+"""Sides of the view: the directions within 45 degrees of an axis."""
+SIDES = {
+    "up": (0.0, 0.0, 1.0),
+    "down": (0.0, 0.0, -1.0),
+    "+x": (1.0, 0.0, 0.0),
+    "-x": (-1.0, 0.0, 0.0),
+    "+y": (0.0, 1.0, 0.0),
+    "-y": (0.0, -1.0, 0.0),
+}
 MIN_CLOSED_SHARE = 0.99
 """A scan that was closed all around needs hardly any new face."""
 MIN_TUNNEL_HITS = 0.8
 """From a tunnel's wall this share of the rays before it meets rock; the outside of a cave sees little of itself ..."""
 MAX_TUNNEL_SHARE = 0.03
 """... on at most this share of its area. Measured: nine closed caves 0.0 %, blocks around a passage 10 to 20 %."""
+NUM_HEIGHT_SAMPLES, NUM_AROUND = 100_000, 1_000
+"""Points of a cloud, and those of them beside a viewpoint, between whose lowest and highest its height is taken."""
 NUM_TUNNEL_SAMPLES = 4_000
 TUNNEL_OFFSET = 1e-3
 """Rays that look for a tunnel start this far from the wall, m."""
@@ -36,15 +50,35 @@ def free_height(surface: Mesh, viewpoints: Array) -> float:
     """Return the median distance between floor and ceiling at (N, 3) points inside, in the surface's units.
 
     Raises:
-        MeshError: floor and ceiling are both seen from none of them.
+        UnseenWallsError: floor and ceiling are both seen from none of them.
     """
-    heights = _cast(surface, viewpoints, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]])).sum(axis=1)
-    if not np.isfinite(heights).any():
-        raise MeshError(
+    heights = _cast(surface, viewpoints, np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]))
+    if not np.isfinite(heights).all(axis=1).any():
+        up, down = np.isfinite(heights).sum(axis=0)
+        raise UnseenWallsError(
+            "height-unknown",
             f"None of the {len(viewpoints)} viewpoints has both floor and ceiling in the model, so the passage's "
-            "height is unknown. Take photos of both, or give camera positions with --positions."
+            f"height is unknown: straight above {up} of them there is surface, straight below {down}.",
+            "Take photos of both, or give another source of scale, such as camera positions with --positions.",
+            [(tuple(viewpoints[0].tolist()), "no floor and ceiling above and below")],
         )
+    heights = heights.sum(axis=1)
     return float(np.median(heights[np.isfinite(heights)]))
+
+
+def seen_height(points: Array, viewpoints: Array) -> float:
+    """Return the median height of what was seen around (N, 3) viewpoints, where floor or ceiling were not.
+
+    Args:
+        points: (K, 3) on the walls, in any unit.
+        viewpoints: (N, 3) inside.
+    """
+    from scipy.spatial import cKDTree
+
+    sample = points[:: max(1, len(points) // NUM_HEIGHT_SAMPLES)]
+    _, around = cKDTree(sample[:, :2]).query(viewpoints[:, :2], k=min(NUM_AROUND, len(sample)))
+    low, high = np.percentile(sample[around, 2], [2.0, 98.0], axis=1)
+    return float(np.median(high - low))
 
 
 def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
@@ -60,25 +94,56 @@ def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     return np.where(distances < 1e30, distances, np.inf).reshape(len(origins), -1)
 
 
-def check_enclosure(surface: Mesh, viewpoints: Array, what: str) -> float:
+def check_enclosure(surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = ()) -> float:
     """Return the median enclosure at some viewpoints inside.
 
     Args:
         surface: the scan, without anything invented.
         viewpoints: (N, 3) places in the water, m.
         what: how the message calls them, for example "the cameras".
+        names: N names of the places, if they have some.
 
     Raises:
-        MeshError: it is below MIN_ENCLOSURE: the scene is no cave.
+        UnseenWallsError: it is below MIN_ENCLOSURE: the scene is no cave, or much of its wall was not seen. Its places
+            are a typical viewpoint, and beside it the sides where wall is missing.
     """
-    share = float(np.median(enclosure(surface, viewpoints)))
-    if share < MIN_ENCLOSURE:
-        raise MeshError(
-            f"This is no cave: from {what}, the scanned surface fills only {share:.0%} of the view all around, and a "
-            f"passage needs {MIN_ENCLOSURE:.0%}. It is a facade, a floor or an object seen from outside. "
-            "Scan the walls on all sides, or the passage whose inside is to be dived."
-        )
-    return share
+    directions = sphere_directions(NUM_DIRECTIONS)
+    distances = _cast(surface, viewpoints, directions)
+    shares = np.isfinite(distances).mean(axis=1)
+    share = float(np.median(shares))
+    if share >= MIN_ENCLOSURE:
+        return share
+    typical = int(np.argmin(np.abs(shares - share)))
+    place, name = viewpoints[typical], f" ({names[typical]})" if len(names) else ""
+    sides = _sides(np.isfinite(distances), directions)
+    raise UnseenWallsError(
+        "open-walls",
+        f"This is no cave, or much of its wall was not seen: from {what}, the scanned surface fills only {share:.0%} "
+        f"of the view all around, and a passage needs {MIN_ENCLOSURE:.0%}. Of {NUM_DIRECTIONS} rays in all directions, "
+        f"{shares.min():.0%} to {shares.max():.0%} meet the surface from {len(viewpoints)} places; the median at "
+        f"({', '.join(f'{value:.2f}' for value in place)}) m{name}. Before a facade half of them do at most, in the "
+        f"middle of a passage 80% and more. By sides: {', '.join(f'{side} {seen:.0%}' for side, seen in sides.items())}"
+        ".",
+        "If it is a cave, scan or photograph its walls on the sides that are missing.",
+        [(tuple(place.tolist()), f"{share:.0%} of the view from here{name} is wall")]
+        + _unseen(place, sides, distances),
+    )
+
+
+def _sides(is_wall: BoolArray, directions: Array) -> dict[str, float]:
+    """Return the share of rays to each side that meet wall, from (N, D) flags and (D, 3) directions."""
+    return {side: float(is_wall[:, directions @ axis > CONE].mean()) for side, axis in SIDES.items()}
+
+
+def _unseen(place: Array, sides: dict[str, float], distances: Array) -> list[tuple[tuple[float, float, float], str]]:
+    """Return where around a place wall is missing, as far away as wall is elsewhere, for a picture."""
+    is_wall = np.isfinite(distances)
+    reach = float(np.median(distances[is_wall])) if is_wall.any() else 1.0
+    return [
+        (tuple((place + reach * np.array(SIDES[side])).tolist()), f"towards {side}: {seen:.0%} of the view is wall")
+        for side, seen in sides.items()
+        if seen < MIN_ENCLOSURE
+    ]
 
 
 def check_is_hollow(cavity: Cavity, scanned_share: float) -> None:

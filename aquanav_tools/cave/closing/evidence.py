@@ -40,8 +40,8 @@ class Evidence:
         return Evidence(self.inside + offset, self.legs + offset, sight)
 
     def chosen(self, among: Contradictions) -> Evidence:
-        """Return only the places and legs that were found to be contradicted, without sight."""
-        return Evidence(self.inside[among.points], self.legs[among.legs])
+        """Return only the places and legs that were found to be contradicted."""
+        return Evidence(self.inside[among.points], self.legs[among.legs], self.sight)
 
     @property
     def count(self) -> int:

@@ -6,7 +6,7 @@ out past them; what is in rock then was sealed, and is dug free along the legs t
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradic
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import Cut, cut_portals
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
-from aquanav_tools.errors import MeshError
+from aquanav_tools.errors import UnseenWallsError
 from aquanav_tools.types import Progress, ignore_progress
 
 
@@ -40,6 +40,7 @@ def close_scan(
     min_portal: float,
     cuts: tuple[Cut, ...] = (),
     evidence: Evidence = NO_EVIDENCE,
+    accept_open: bool = False,
     progress: Progress = ignore_progress,
 ) -> ClosedScan:
     """Return the cavity in a prepared scan.
@@ -51,12 +52,22 @@ def close_scan(
         min_portal: narrower openings are no portals, m.
         cuts: where the user ends the cave.
         evidence: what is known to be water.
+        accept_open: go on where what was scanned may be no cave, and note that among the cautions.
         progress: called with (parts done, parts in all), from the start again where water has to be dug free.
 
     Raises:
         MeshError: no space is enclosed, two caves are, or known water cannot be kept.
     """
-    closer = Closer(surface.mesh, voxel, keep_triangles=keep_triangles, min_portal=min_portal, evidence=evidence)
+    accepted: dict[str, str] = {}
+
+    def accept(error: UnseenWallsError) -> None:
+        if not accept_open:
+            raise error
+        accepted.setdefault(*error.caution)
+
+    closer = Closer(
+        surface.mesh, voxel, keep_triangles=keep_triangles, min_portal=min_portal, evidence=evidence, accept=accept
+    )
     cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
 
     def finish(closed: ClosedSurface) -> ClosedScan:
@@ -67,7 +78,8 @@ def close_scan(
         if columns or (len(holes.faces) and closed.method == "winding"):
             closed = closer.close(columns=columns, holes=holes, progress=progress)
         kept = without_gaps(surface, closed.mesh, voxel)
-        return ClosedScan(kept, closed, cut_portals(closed, kept.mesh, ends, voxel, cuts))
+        cavity = cut_portals(closed, kept.mesh, ends, voxel, cuts, accept)
+        return ClosedScan(kept, replace(closed, cautions=(*closed.cautions, *accepted.items())), cavity)
 
     closed = closer.close(progress=progress)
     dry = _dry(closed, evidence, voxel)
@@ -78,7 +90,7 @@ def close_scan(
     closed = closer.close(sealed.legs, progress=progress)
     dry = _dry(closed, evidence, voxel)
     if dry.count:
-        raise _contradiction(dry)
+        accept(_contradiction(dry))
     return finish(closed)
 
 
@@ -86,10 +98,17 @@ def _dry(closed: ClosedSurface, evidence: Evidence, voxel: float) -> Evidence:
     return evidence.chosen(contradictions(closed.mesh, evidence, voxel))
 
 
-def _contradiction(dry: Evidence) -> MeshError:
+def _contradiction(dry: Evidence) -> UnseenWallsError:
     places = [(tuple(place.tolist()), "known water in rock") for place in (*dry.inside, *dry.legs.mean(axis=1))]
-    return MeshError(
+    advice = (
+        "The scan does not fit them: check that both have the same unit and origin."
+        if dry.sight is None
+        else "The photos' depths contradict where they were taken. Take more photos there, or from farther apart."
+    )
+    return UnseenWallsError(
+        "known-water-in-rock",
         f"{len(dry.inside)} places and {len(dry.legs)} legs that are known to be water end up in rock, the first at "
-        f"{np.round(places[0][0], 2)} m. The scan does not fit them: check that both have the same unit and origin.",
+        f"{np.round(places[0][0], 2)} m.",
+        advice,
         places,
     )

@@ -6,18 +6,19 @@ Where that is, is told in `openings` and `ends`.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
-from aquanav_tools.cave.closing.close import ClosedSurface, faces_near
+from aquanav_tools.cave.closing.close import ClosedSurface, faces_near, refuse
 from aquanav_tools.cave.closing.ends import End
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.plane import plane_axes
-from aquanav_tools.errors import MeshError
+from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, Mesh
 
 logger = logging.getLogger(__name__)
@@ -58,7 +59,12 @@ class Cut:
 
 
 def cut_portals(
-    closed: ClosedSurface, surface: Mesh, ends: tuple[End, ...], voxel: float, cuts: tuple[Cut, ...] = ()
+    closed: ClosedSurface,
+    surface: Mesh,
+    ends: tuple[End, ...],
+    voxel: float,
+    cuts: tuple[Cut, ...] = (),
+    accept: Callable[[UnseenWallsError], None] = refuse,
 ) -> Cavity:
     """Return the cavity with every open end cut flat, and where the user wants it, and labelled.
 
@@ -68,13 +74,14 @@ def cut_portals(
         ends: from `find_ends`.
         voxel: resolution of the scan, m.
         cuts: the user's own.
+        accept: raises what it is given, or notes it; an end that no flat cut fits then stays wall.
 
     Raises:
         MeshError: a cut of the user misses the cave, does not divide it, or makes no portal because another cut takes
             it away; the message says which. Or the result is no proven solid.
     """
     solid = to_manifold(closed.mesh)
-    mesh, lids = _cut_soundly(solid, ends, cuts, voxel)
+    mesh, lids = _cut_soundly(solid, ends, cuts, voxel, accept)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -89,11 +96,17 @@ def cut_portals(
     return Cavity(mesh, labels, observed, tuple(portals))
 
 
-def _cut_soundly(solid: Any, ends: tuple[End, ...], cuts: tuple[Cut, ...], voxel: float) -> tuple[Mesh, list[End]]:
+def _cut_soundly(
+    solid: Any,
+    ends: tuple[End, ...],
+    cuts: tuple[Cut, ...],
+    voxel: float,
+    accept: Callable[[UnseenWallsError], None],
+) -> tuple[Mesh, list[End]]:
     """Return the mesh of a solid after all cuts, as far inwards as it takes, and the lids they leave."""
     found = None
     for step in CUT_STEPS:
-        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel)
+        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel, accept)
         if len(self_intersections(mesh)):
             continue
         if genus(mesh) <= solid.genus():
@@ -104,7 +117,12 @@ def _cut_soundly(solid: Any, ends: tuple[End, ...], cuts: tuple[Cut, ...], voxel
 
 
 def _cut_all(
-    solid: Any, ends: tuple[End, ...], cuts: tuple[Cut, ...], voxel: float, inwards: float
+    solid: Any,
+    ends: tuple[End, ...],
+    cuts: tuple[Cut, ...],
+    voxel: float,
+    inwards: float,
+    accept: Callable[[UnseenWallsError], None],
 ) -> tuple[Mesh, list[End]]:
     """Return the mesh of a solid after all cuts, as it will be stored, and the lids they leave."""
     lids: list[End] = []
@@ -116,7 +134,11 @@ def _cut_all(
     for end in _left_by(solid, ends, voxel) if cuts else ends:
         if not _is_cut_away(solid, end, voxel):
             lid = end if end.is_flat else replace(end, point=end.point - inwards * end.normal)
-            solid = solid if end.is_flat else _cut_flat(solid, lid, voxel)
+            try:
+                solid = solid if end.is_flat else _cut_flat(solid, lid, voxel)
+            except UnseenWallsError as error:
+                accept(error)
+                continue
             reason = f"the open end at {end.point.round(2)} m lies so near that cutting it flat takes it away. {MOVE}"
             _check_are_left(solid, lids[: len(cuts)], voxel, reason)
             lids.append(lid)
@@ -231,10 +253,12 @@ def _cut_flat(solid: Any, lid: End, voxel: float) -> Any:
     """Return the solid without what an end has beyond its plane."""
     rest = solid - _beyond(solid, lid, voxel)
     if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
-        raise MeshError(
+        raise UnseenWallsError(
+            "open-side",
             f"Cutting the opening at {lid.point.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
-            f"half of the {solid.volume():.3g} m3. The scan is open along its side and not only at its ends: it is no "
-            "passage. Scan the missing walls, or give a larger --min-portal so that the hole is filled instead."
+            f"half of the {solid.volume():.3g} m3. The scan is open along its side and not only at its ends.",
+            "Scan the missing walls, or give a larger --min-portal so that the hole is filled instead.",
+            [(tuple(lid.point.tolist()), f"opening, {lid.diameter:.2f} m wide")],
         )
     return max(rest.decompose(), key=lambda piece: piece.volume())
 

@@ -11,7 +11,7 @@ from aquanav_tools.cave.scan.confirmed import is_supported, thickness, thin_conf
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_the_water
 from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, UnseenWallsError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
 
@@ -34,13 +34,22 @@ MAX_THICKNESS = 0.68
 that fill a volume 0.84 to 0.88."""
 NUM_SURROUNDING = 48
 NUM_THICKNESS_SAMPLES = 5_000
+NUM_THICK_PLACES = 8
+"""Places that a picture shows."""
+ADVICE_ON_PHOTOS = (
+    "The photos do not agree on how far the wall is: it may be smooth or dark, or photos blurred or taken from nearly "
+    "one place. Take them from farther apart, with more light on the wall."
+)
+ADVICE_ON_SCANS = "They are noise, or fill the inside of something. Give a cloud of the cave's walls alone."
 PATCH_SPACINGS = 1.2
 """Half width of the square that stands for a point when rays look for the water, in spacings of the points there."""
 SQUARE_OFFSET = 2.0
 """Rays start this far from a square, in spacings."""
 
 
-def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS) -> Surface:
+def surface_from_cloud(
+    cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS, *, accept_thick: bool = False
+) -> Surface:
     """Return the surface through the points of a cloud.
 
     Which side is water is known where the cloud comes from photos: the side they were taken from. Elsewhere normals
@@ -50,9 +59,11 @@ def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS)
         cloud: scanned points.
         voxel: resolution of the surface, m.
         lamps: (N, 3) places that are known to be water, m.
+        accept_thick: fit a surface to points that lie on none, too.
 
     Raises:
-        InputError: too few points are left without outliers, or they lie on no surface.
+        UnseenWallsError: the points lie on no surface.
+        InputError: too few points are left without outliers.
     """
     points, normals, spacing, num_outliers = _clean(cloud, voxel)
     if len(points) < 100:
@@ -60,7 +71,8 @@ def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS)
             f"Only {len(points)} of {len(cloud.points)} points remain after removing outliers at {voxel:.3g} m. "
             "The cloud is too sparse for a surface, or the unit is wrong; check --unit or give a larger --voxel."
         )
-    _check_lies_on_surface(points)
+    if not accept_thick:
+        _check_lies_on_surface(points, THINNING * voxel, is_from_photos=cloud.faces_water)
     num_thinned = len(spacing) + num_outliers
     if cloud.faces_water:
         outward = -normals
@@ -74,23 +86,32 @@ def surface_from_cloud(cloud: PointCloud, voxel: float, lamps: Array = NO_LAMPS)
     return Surface(surface.mesh, points, 1.0 - len(points) / num_thinned, surface.turned_share)
 
 
-def _check_lies_on_surface(points: Array) -> None:
+def _check_lies_on_surface(points: Array, cell: float, *, is_from_photos: bool) -> None:
     """Refuse points that fill a volume.
 
     Raises:
-        InputError: with how thick the surroundings of a typical point are.
+        UnseenWallsError: with how thick the surroundings of a typical point are, and where it is.
     """
     from scipy.spatial import cKDTree
 
     asked = points[:: max(1, len(points) // NUM_THICKNESS_SAMPLES)]
     _, neighbours = cKDTree(points).query(asked, k=NUM_SURROUNDING)
-    typical = float(np.median(thickness(points, neighbours)))
-    if typical > MAX_THICKNESS:
-        raise InputError(
-            f"The {len(points)} points lie on no surface: a typical one's {NUM_SURROUNDING} neighbours are "
-            f"{typical:.2f} times as thick as wide, those on a wall at most {MAX_THICKNESS}. They fill a volume, as "
-            "noise or a simulation's samples do, and enclose no passage. Give a cloud of the cave's walls."
-        )
+    ratios = thickness(points, neighbours)
+    typical = float(np.median(ratios))
+    if typical <= MAX_THICKNESS:
+        return
+    order = np.argsort(ratios)[len(ratios) // 2 :]  # the median first, then what is worse
+    shown = order[:: max(1, len(order) // NUM_THICK_PLACES)]
+    place = ", ".join(f"{value:.2f}" for value in asked[shown[0]])
+    raise UnseenWallsError(
+        "scattered-points",
+        f"The points lie on no surface: around a typical one the nearest {NUM_SURROUNDING} are {typical:.2f} times as "
+        f"thick as wide. That is the median of {len(asked)} points asked, of {len(points)} left after thinning to one "
+        f"per {cell:.2g} m; one such place is ({place}) m. On walls it is 0.05 to 0.3, with 5 cm of noise 0.57, and in "
+        f"points that fill a volume 0.84 to 0.88 (measured), so that at most {MAX_THICKNESS} is taken for wall.",
+        ADVICE_ON_PHOTOS if is_from_photos else ADVICE_ON_SCANS,
+        [(tuple(asked[one].tolist()), f"{ratios[one]:.2f} times as thick as wide") for one in shown],
+    )
 
 
 def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array]:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.camera_positions import MIN_POSITIONS, CameraPositions
 from aquanav_tools.reconstruct.georeference.wgs84 import enu_from_geodetic
 from aquanav_tools.reconstruct.images import PhotoSet
+from aquanav_tools.reconstruct.intake.decode import SUFFIXES, UnusableError, opened
 from aquanav_tools.types import Array
 
 GPS_IFD = 0x8825
@@ -41,6 +41,20 @@ def read_gps(photos: PhotoSet) -> CameraPositions:
     return CameraPositions("satellite positions", positions, SPREAD if has_height else (1.0, 1.0, np.inf))
 
 
+def count_gps(folder: Path) -> tuple[int, int]:
+    """Return how many image files of a folder have a satellite position that can be one, and how many there are."""
+    paths = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES and path.is_file()]
+    return sum(_has_fix(path) for path in paths), len(paths)
+
+
+def _has_fix(path: Path) -> bool:
+    try:
+        fix = _read_fix(path)
+    except UnusableError:
+        return False
+    return fix is not None and bool(np.abs(fix[:2]).max() > 0.0)
+
+
 def _check(num_photos: int, found: dict[str, Array], usable: dict[str, Array]) -> None:
     if len(usable) < MIN_POSITIONS:
         zeros = f"; {len(found) - len(usable)} more say 0, 0, which a receiver without a fix writes" if found else ""
@@ -57,7 +71,7 @@ def _check(num_photos: int, found: dict[str, Array], usable: dict[str, Array]) -
 
 def _read_fix(path: Path) -> Array | None:
     """Return (3,) latitude, longitude in degrees and height in m (NaN without), or None without a readable position."""
-    with Image.open(path) as image:
+    with opened(path) as image:
         record = image.getexif().get_ifd(GPS_IFD)
     if LATITUDE not in record or LONGITUDE not in record:
         return None

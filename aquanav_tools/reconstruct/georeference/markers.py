@@ -83,7 +83,7 @@ def find_markers(photos: PhotoSet, size: float, dictionary: str, progress: Progr
     """Return the markers in prepared photos.
 
     Raises:
-        InputError: there are none.
+        InputError: no two of the photos show the same one.
     """
     import cv2
 
@@ -100,6 +100,13 @@ def find_markers(photos: PhotoSet, size: float, dictionary: str, progress: Progr
         raise InputError(
             f"No {dictionary} marker of {size:g} m was found in {len(photos.names)} photos. They may be of another "
             "family, too small (40 px are needed), blurred or in glare. Check --marker-dictionary, or give a distance."
+        )
+    if all(len(seen) < 2 for seen in corners.values()):
+        marker, seen = next(iter(corners.items()))
+        raise InputError(
+            f"{len(corners)} {dictionary} markers were found in {len(photos.names)} photos, but none of them in two: "
+            f"marker {marker} is in {next(iter(seen))} alone. A scale needs the same marker in two photos or more, "
+            "taken from different places. Add photos of it, or give a distance."
         )
     return Markers(size, corners)
 

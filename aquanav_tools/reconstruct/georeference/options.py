@@ -43,8 +43,21 @@ class ScaleSources:
         lengths = [metres for _, _, metres in self.distance] + ([] if self.rig is None else [self.rig[2]])
         if any(not 0.0 < length < 10_000.0 for length in lengths):
             raise ValueError(f"Known distances must be above 0 and below 10000 m, got {lengths}.")
-        if (self.distance or self.stations is not None) != (self.picks is not None):
+        if (bool(self.distance) or self.stations is not None) != (self.picks is not None):
             raise ValueError("picks and (distance or stations) belong together: give both or neither.")
+
+    @property
+    def scaling(self) -> tuple[str, ...]:
+        """The options given that can tell the size of what the photos show; the others tell which way is up."""
+        given = {
+            "positions": self.positions is not None,
+            "marker_size": self.marker_size is not None,
+            "picks": self.picks is not None,
+            "rig": self.rig is not None,
+            "depth_track": self.depth_track is not None,
+            "gps": self.gps,
+        }
+        return tuple(name for name, is_given in given.items() if is_given)
 
     @property
     def files(self) -> tuple[Path, ...]:

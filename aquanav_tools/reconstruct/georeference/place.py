@@ -21,6 +21,8 @@ MAX_SCALE_ERROR = 0.5
 """A source that gives the scale to no better than this, at 95 %, relative, gives none."""
 DISAGREE = 9.21
 """Squared normalised difference beyond which two sources disagree: 99 % of chi-squared with two degrees of freedom."""
+UNUSED = "unused-scale-source"
+"""Code of the caution about a source that says nothing."""
 FAR_FROM_ORIGIN = 10_000.0
 """Beyond it coordinates in single precision lose millimetres, m."""
 
@@ -102,10 +104,10 @@ def _weigh_all(clues: Sequence[Clue], prior: Ups) -> tuple[list[Weighed], tuple[
         try:
             one = weigh(clue, prior)
         except InputError as error:
-            cautions.append(Caution("unused-scale-source", str(error)))
+            cautions.append(Caution(UNUSED, str(error)))
             continue
         if not isinstance(clue, Ups) and one.alone.scale_error > MAX_SCALE_ERROR:
-            cautions.append(Caution("unused-scale-source", _too_vague(one)))
+            cautions.append(Caution(UNUSED, _too_vague(one)))
             continue
         weighed.append(one)
         if one.mistakes:
@@ -217,22 +219,11 @@ def _doubts(one: Weighed) -> Caution:
 
 
 def _cautions(fit: Fit, prior: Ups) -> tuple[Caution, ...]:
-    cautions = []
-    if not fit.is_scaled:
-        cautions.append(
-            Caution(
-                "no-scale",
-                "Nothing tells the scale: the size of the model is arbitrary. Give camera positions, printed markers, "
-                "a measured distance, survey stations or a depth sensor's track; --help names them.",
-            )
-        )
     lean = np.rad2deg(np.arccos(np.clip(fit.up_in_sfm @ prior.sfm[0], -1.0, 1.0)))
-    if lean > 3.0 * np.rad2deg(prior.error):
-        cautions.append(
-            Caution(
-                "up-differs",
-                f"Up as given is {lean:.0f} degrees off the cameras' mean up direction. The axes may be mixed up, or "
-                "the photos were rotated after they were taken. Check the picture of the cave.",
-            )
-        )
-    return tuple(cautions)
+    if lean <= 3.0 * np.rad2deg(prior.error):
+        return ()
+    sentence = (
+        f"Up as given is {lean:.0f} degrees off the cameras' mean up direction. The axes may be mixed up, or the "
+        "photos were rotated after they were taken. Check the picture of the cave."
+    )
+    return (Caution("up-differs", sentence),)

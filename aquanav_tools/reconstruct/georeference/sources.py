@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -17,7 +16,7 @@ from aquanav_tools.reconstruct.georeference.gravity import read_gravity
 from aquanav_tools.reconstruct.georeference.markers import check_dictionary, find_markers
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.georeference.picks import read_distances, read_picks, read_stations
-from aquanav_tools.reconstruct.georeference.place import Georeference, place
+from aquanav_tools.reconstruct.georeference.place import UNUSED, Georeference, place
 from aquanav_tools.reconstruct.georeference.rig import read_rig
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.mapping import SparseModel
@@ -37,28 +36,36 @@ class KnownWorld:
 
     given: ScaleSources
     sources: tuple[Source, ...]
-    """Those that could be read before the photos were prepared."""
+    """Those that could be read: markers only once the photos are prepared."""
+    cautions: tuple[Caution, ...] = ()
+    """About those that could not."""
 
-    def place(self, sparse: SparseModel, photos: PhotoSet, progress: Progress = ignore_progress) -> Georeference:
-        """Return where a model lies in the world; a source that says nothing of it becomes a caution.
+    def with_markers(self, photos: PhotoSet, progress: Progress = ignore_progress) -> KnownWorld:
+        """Return the sources with the markers that prepared photos show, if there should be some.
 
-        Args:
-            sparse: The model.
-            photos: As they were prepared for it; markers are sought in them.
-            progress: Of that search.
+        Raises:
+            InputError: no two photos show the same marker, and nothing else can tell the scale.
         """
-        clues, cautions = [], []
-        for ask in [*[source.clue for source in self.sources], *self._marker_search(photos, progress)]:
+        if self.given.marker_size is None:
+            return self
+        try:
+            markers = find_markers(photos, self.given.marker_size, self.given.marker_dictionary, progress)
+        except InputError as error:
+            if self.given.scaling == ("marker_size",):
+                raise
+            return replace(self, cautions=(*self.cautions, Caution(UNUSED, str(error))))
+        return replace(self, sources=(*self.sources, markers))
+
+    def place(self, sparse: SparseModel) -> Georeference:
+        """Return where a model lies in the world; a source that says nothing of it becomes a caution."""
+        clues, cautions = [], list(self.cautions)
+        for source in self.sources:
             try:
-                clues.append(ask(sparse))
+                clues.append(source.clue(sparse))
             except InputError as error:
-                cautions.append(Caution("unused-scale-source", str(error)))
+                cautions.append(Caution(UNUSED, str(error)))
         placement = place(sparse.centres, sparse.rotations, clues)
         return replace(placement, cautions=(*cautions, *placement.cautions))
-
-    def _marker_search(self, photos: PhotoSet, progress: Progress) -> list[Callable[[SparseModel], Clue]]:
-        size, dictionary = self.given.marker_size, self.given.marker_dictionary
-        return [] if size is None else [lambda sparse: find_markers(photos, size, dictionary, progress).clue(sparse)]
 
 
 NOTHING_KNOWN = KnownWorld(ScaleSources(), ())

@@ -107,9 +107,9 @@ def _log_bay(stream: Any, bay: SeaMap, way: Way) -> None:
     (west, south), (east, north) = bay.edge[:2], bay.edge[2:]
     corners = np.array([[west, south, -0.05], [east, south, -0.05], [east, north, -0.05], [west, north, -0.05]])
     still = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=STILL_SEA)
-    stream.log("still sea", still, static=True)
+    stream.log("still-sea", still, static=True)
     level = np.column_stack([way.points, np.full(len(way.points), 0.3)])
-    stream.log("route/shortest way", rr.LineStrips3D([level], colors=ROUTE, radii=0.012 * STROKE), static=True)
+    stream.log("route/shortest-way", rr.LineStrips3D([level], colors=ROUTE, radii=0.012 * STROKE), static=True)
     posts = [[[*corner, -0.5], [*corner, BUOY_HEIGHT]] for corner in bay.goal.corners]
     stream.log("route/goal", rr.LineStrips3D(posts, colors=GOAL, radii=BUOY_RADIUS), static=True)
 

@@ -65,6 +65,14 @@ def test_water_that_the_scan_contradicts_is_an_error() -> None:
         cavity_in(straight(), Evidence(np.array([[5.0, 5.0, 0.0]])))
 
 
+def test_water_that_the_scan_contradicts_is_a_caution_where_that_is_accepted() -> None:
+    evidence = Evidence(np.array([[5.0, 5.0, 0.0]]))
+    surface = surface_from_mesh(straight(), VOXEL)
+    scan = close_scan(surface, VOXEL, keep_triangles=True, min_portal=0.8, evidence=evidence, accept_open=True)
+    assert [code for code, _ in scan.closed.cautions] == ["known-water-in-rock"]
+    assert scan.cavity.volume == pytest.approx(tube_volume(LENGTH), rel=0.05)  # resampled, its ends cut a voxel inwards
+
+
 def half_open() -> Mesh:
     """A tube whose lower half was scanned to 8 m only: what is invented across its end slants inwards."""
     mesh = straight()

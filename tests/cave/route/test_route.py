@@ -19,7 +19,7 @@ from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.cave.water.geodesic import WaterGraph, shortest_length
-from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.errors import InputError, MeshError, UnseenWallsError
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
 from tests.cave.open_caves import LENGTH, RADIUS, bend, straight
 from tests.caves import tube_cavity, tube_field, tube_guide
@@ -157,8 +157,22 @@ def test_enclosure_of_an_open_tube_is_the_solid_angle_of_its_wall() -> None:
 def test_a_wall_seen_from_one_side_is_no_cave() -> None:
     square = np.array([[5.0, -50, -50], [5, 50, -50], [5, 50, 50], [5, -50, 50]])
     wall = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))
-    with pytest.raises(MeshError, match=r"no cave: from the cameras, the scanned surface fills only \d+%"):
-        check_enclosure(wall, np.zeros((3, 3)), "the cameras")
+    places = np.array([[-5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
+    with pytest.raises(UnseenWallsError, match=r"no cave.*: from the cameras, .* fills only \d+%") as caught:
+        check_enclosure(wall, places, "the cameras", ("a.jpg", "b.jpg", "c.jpg"))
+    sentence = str(caught.value)
+    assert "the median at (0.00, 0.00, 0.00) m (b.jpg)" in sentence
+    assert "+x 100%, -x 0%" in sentence
+    assert "--accept-open" in sentence
+    (viewpoint, _), *unseen = caught.value.places
+    assert viewpoint == (0.0, 0.0, 0.0)
+    assert [np.sign(place).tolist() for place, _ in unseen] == [
+        [0, 0, 1],
+        [0, 0, -1],
+        [-1, 0, 0],
+        [0, 1, 0],
+        [0, -1, 0],
+    ]
 
 
 def test_free_height_in_a_tube_is_its_diameter() -> None:

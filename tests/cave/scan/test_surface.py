@@ -7,7 +7,7 @@ import trimesh
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.resolution import choose_resolution
 from aquanav_tools.cave.scan.surface import surface_from_mesh, without_gaps
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, UnseenWallsError
 from aquanav_tools.types import Mesh, PointCloud
 from tests.cave.open_caves import RADIUS, straight
 
@@ -118,5 +118,25 @@ def test_relief_of_a_decimated_mesh_is_no_noise() -> None:
 
 
 def test_points_that_fill_a_volume_are_no_wall(rng: np.random.Generator) -> None:
-    with pytest.raises(InputError, match=r"points lie on no surface: .* 0\.8. times as thick as wide"):
-        surface_from_cloud(PointCloud(rng.uniform(0.0, 5.0, (5000, 3))), 0.3)
+    points = rng.uniform(0.0, 5.0, (5000, 3))
+    with pytest.raises(UnseenWallsError, match=r"points lie on no surface: .* 0\.8. times as thick as wide") as caught:
+        surface_from_cloud(PointCloud(points), 0.3)
+    error = caught.value
+    assert error.code == "scattered-points"
+    assert "at most 0.68 is taken for wall" in error.facts  # and on what that was measured
+    assert "--accept-open" in str(error)
+    assert "photos" not in str(error)  # nobody took any
+    assert 2 <= len(error.places) <= 9
+    assert all(0.0 <= value <= 5.0 for place, _ in error.places for value in place)
+
+
+def test_scattered_points_of_photos_are_not_called_a_wrong_file(rng: np.random.Generator) -> None:
+    points, normals = rng.uniform(0.0, 5.0, (20_000, 3)), np.tile([0.0, 0.0, 1.0], (20_000, 1))
+    cloud = PointCloud(points, normals, num_photos=np.full(20_000, 3), spread=np.zeros(20_000))
+    with pytest.raises(UnseenWallsError, match="The photos do not agree on how far the wall is"):
+        surface_from_cloud(cloud, 0.3)
+
+
+def test_scattered_points_can_be_accepted(rng: np.random.Generator) -> None:
+    surface = surface_from_cloud(PointCloud(rng.uniform(0.0, 5.0, (5000, 3))), 0.3, accept_thick=True)
+    assert len(surface.mesh.faces) > 100
