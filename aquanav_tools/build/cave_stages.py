@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from aquanav_tools import __version__
 from aquanav_tools.build.journal import Journal
+from aquanav_tools.build.open_walls import accepting, seen_share
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.source_words import words_for
 from aquanav_tools.build.time_stage import note_time
@@ -18,13 +19,12 @@ from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
-from aquanav_tools.cave.closing.enclosure import check_enclosure, check_is_hollow, enclosure
+from aquanav_tools.cave.closing.enclosure import check_is_hollow
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
 from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
 from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
-from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.passability import Passability, measure_passability
@@ -143,7 +143,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
-        share = _enclosure(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
+        share = seen_share(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
@@ -177,27 +177,6 @@ def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -
         )
         journal.announce(f"Look (large-cut): {sentence}")
         journal.warn("large-cut", sentence)
-
-
-def accepting(options: ClosingOptions, journal: Journal) -> Callable[[UnseenWallsError], None]:
-    """Return what raises an error about unseen walls, or where --accept-open goes on all the same, notes a warning."""
-
-    def accept(error: UnseenWallsError) -> None:
-        if not options.accept_open:
-            raise error
-        if error.code not in {code for code, _ in journal.notices}:
-            journal.warn(*error.caution)
-
-    return accept
-
-
-def _enclosure(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
-    """Return the median share of the view from (N, 3) places in the water that is scanned wall."""
-    try:
-        return check_enclosure(surface, places, "the middle of the passage")
-    except UnseenWallsError as error:
-        accept(error)
-    return float(np.median(enclosure(surface, places)))
 
 
 def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
