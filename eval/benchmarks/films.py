@@ -1,4 +1,4 @@
-"""CPU time of a film's frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER].
+"""CPU time of a film's frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER] [--smoke].
 
 A film in a cave from behind and from the nose, and one of a boat at sea, each with its numbers on it, written as MP4;
 all threads' time, which is also what it costs where many films are made side by side. The first frame, which compiles
@@ -7,7 +7,6 @@ and reads, is left out. Without a scenario the cave is a straight tube.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 import time
@@ -16,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
+sys.path.insert(0, str(Path(__file__).parents[2]))  # eval and the tiny caves of the tests are no part of the package
 
 from aquanav_tools.envs.pictures.film import FILM_SIZES, Camera, Frame, film
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
@@ -28,6 +27,7 @@ from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, yaw_quaternion
+from eval.smoke import parser_of
 from tests.caves import tube_scenario
 
 SECONDS = 0.1
@@ -54,12 +54,13 @@ class BoatCamera:
 
 def main() -> None:
     """Print a table."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=100)
     parser.add_argument("--scenario", type=Path)
     options = parser.parse_args()
+    count = 3 if options.smoke else options.count
     cave = tube_scenario() if options.scenario is None else read_scenario(options.scenario)
-    along = np.linspace(0.1, 0.6, options.count) * cave.guide.length
+    along = np.linspace(0.1, 0.6, count) * cave.guide.length
     route = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(cave.guide.centreline, axis=0), axis=1))])
     places = np.stack([np.interp(along, route, column) for column in cave.guide.centreline.T], axis=1)
     ways = np.diff(places, axis=0, append=2.0 * places[-1:] - places[-2:-1])
@@ -72,7 +73,7 @@ def main() -> None:
     for view in ("chase", "onboard"):
         report(f"{cave.name}, {view}", vehicle_camera(cave, view, size), states)
     boat = BoatCamera(size)
-    report("boat, rough sea", boat, [boat.state] * options.count)
+    report("boat, rough sea", boat, [boat.state] * count)
 
 
 def vehicle_camera(cave: Scenario, view: str, size: tuple[int, int]) -> VehicleCamera:

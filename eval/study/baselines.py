@@ -1,6 +1,6 @@
 """Score the shipped baselines in the test caves and in fresh caves of the same generator, still and at full current.
 
-    python eval/study/baselines.py                     # two hours on two idle cores, most of them the oracle's
+    python eval/study/baselines.py                     # about an hour of processor time
     python eval/study/baselines.py --fresh 2 --episodes 4 --baselines reactive   # a first look, in some minutes
 
 The fresh caves are drawn, by a rule from fixed seeds, from the ranges that the training caves span. Nothing was tuned
@@ -13,6 +13,7 @@ import argparse
 import dataclasses
 import json
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,8 @@ CURRENTS = {"still": 0, "full": 1}
 FRESH_SEED = 20_261_125
 """Of the fresh caves: the day they were drawn. No cave was drawn and left aside for how a policy fares in it."""
 MAX_DRAWS = 20
+WIDTH = 130
+"""Of the page's text, characters."""
 WHOLE = {"seed", "chambers", "narrows", "loops", "dead_ends"}
 """Options that are whole numbers."""
 
@@ -143,10 +146,13 @@ def page(scores: dict[str, list[dict[str, Any]]], tests: list[str], fresh: list[
     lines = [
         "# Baselines",
         "",
-        "`python eval/study/baselines.py`. Collision-free success (the goal reached without one touch) in percent; "
-        f"{episodes} episodes per cave and current, with seeds from 0. The {len(fresh)} fresh caves are drawn by a "
-        f"rule (seed {FRESH_SEED}) from the ranges that the training caves span; nothing was tuned on them. random, "
-        "reactive and reference fly on the batch, the oracle, which knows the map, in PyBullet.",
+        *textwrap.wrap(
+            "`python eval/study/baselines.py`. Collision-free success (the goal reached without one touch) in percent; "
+            f"{episodes} episodes per cave and current, with seeds from 0. The {len(fresh)} fresh caves are drawn by a "
+            f"rule (seed {FRESH_SEED}) from the ranges that the training caves span; nothing was tuned on them. "
+            "random, reactive and reference fly on the batch, the oracle, which knows the map, in PyBullet.",
+            WIDTH,
+        ),
         "",
         f"| baseline | {len(tests)} test caves, still | full current | {len(fresh)} fresh, still | full current |",
         "|---|---|---|---|---|",

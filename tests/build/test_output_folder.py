@@ -8,6 +8,7 @@ import json
 import os
 import signal
 import subprocess
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -285,19 +286,24 @@ def as_nobody() -> Iterator[None]:
         os.seteuid(os.getuid())
 
 
-def test_a_folder_without_the_right_to_write_is_told_as_such(tmp_path: Path) -> None:
-    tmp_path.chmod(0o755)
-    for parent in (tmp_path.parent, tmp_path.parent.parent):
-        parent.chmod(0o755)
-    (tmp_path / "locked").mkdir(mode=0o555)
-    (tmp_path / "secret").mkdir(mode=0o000)
+@pytest.fixture
+def public() -> Iterator[Path]:
+    """A folder that every user can enter, which pytest's own is not."""
+    with tempfile.TemporaryDirectory() as name:
+        Path(name).chmod(0o755)
+        yield Path(name)
+
+
+def test_a_folder_without_the_right_to_write_is_told_as_such(public: Path) -> None:
+    (public / "locked").mkdir(mode=0o555)
+    (public / "secret").mkdir(mode=0o000)
     for name, place in (("locked", "locked"), ("locked/mine", "locked"), ("secret/mine", "secret")):
-        options = BuildOptions(tmp_path / "scan.stl", tmp_path / name)
+        options = BuildOptions(public / "scan.stl", public / name)
         with as_nobody(), pytest.raises(InputError, match=rf"you have no right to write in .*{place}\. Name another"):
             check_output(options, "")
             with held_output(options.output):
                 raise AssertionError("It was written to.")
-    (tmp_path / "secret").chmod(0o700)
+    (public / "secret").chmod(0o700)
 
 
 def test_a_read_only_and_a_full_disk_are_told_as_such(tmp_path: Path) -> None:

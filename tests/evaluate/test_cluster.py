@@ -244,7 +244,7 @@ def test_what_a_node_sends_cannot_leave_the_folder_nor_replace_another_episode(
 
 
 def test_what_belongs_to_an_episode_is_taken_from_a_node() -> None:
-    names = ["trails/000007.npz", "episode-00007.rrd", "episode-00007.mp4"]
+    names = ["trails/000007.npz", "episode-00007.rrd", "episode-00007.webm"]
     check_found(7, {"metrics": {"index": 7}, "recording": names[1]}, dict.fromkeys(names, b""))
 
 

@@ -151,13 +151,8 @@ def _shade(seen, nearness, solid, view, lamps, passing, veil, tile):  # type: ig
                 nx, ny, nz = scale * nx, scale * ny, scale * nz
                 # A vehicle's own lamps, which come first, do not shine on itself.
                 for n in range(len(lamps) - 1 if kind == BODY else 0, len(lamps)):
-                    lx, ly, lz = lamps[n, 0] - px, lamps[n, 1] - py, lamps[n, 2] - pz
-                    square = lx * lx + ly * ly + lz * lz
-                    away = np.sqrt(square)
-                    facing = max(0.0, (nx * lx + ny * ly + nz * lz) / away)
-                    on_axis = -(lamps[n, 3] * lx + lamps[n, 4] * ly + lamps[n, 5] * lz) / away
-                    lit = lamps[n, 6] * (facing * beam(on_axis) + ambient) / (square + LAMP_SIZE * LAMP_SIZE)
-                    left = passing[min(int((away + far) * PASSING_PER_M), len(passing) - 1)]
+                    lit, way = _lamp_on(lamps[n], px, py, pz, nx, ny, nz, ambient)
+                    left = passing[min(int((way + far) * PASSING_PER_M), len(passing) - 1)]
                     light[row, column, 0] += red * lit * left[0]
                     light[row, column, 1] += green * lit * left[1]
                     light[row, column, 2] += blue * lit * left[2]
@@ -169,6 +164,17 @@ def _shade(seen, nearness, solid, view, lamps, passing, veil, tile):  # type: ig
             for channel in range(3):
                 light[row, column, channel] = passed * (light[row, column, channel] + strength * veil[at, channel])
     return light
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "afn", "nsz"})
+def _lamp_on(lamp, px, py, pz, nx, ny, nz, ambient):  # type: ignore[no-untyped-def]
+    """Return how much light of a lamp a surface sends back before the water takes its part, and the lamp's distance."""
+    lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
+    square = lx * lx + ly * ly + lz * lz
+    way = np.sqrt(square)
+    facing = max(0.0, (nx * lx + ny * ly + nz * lz) / way)
+    on_axis = -(lamp[3] * lx + lamp[4] * ly + lamp[5] * lz) / way
+    return lamp[6] * (facing * beam(on_axis) + ambient) / (square + LAMP_SIZE * LAMP_SIZE), way
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=True)

@@ -142,7 +142,7 @@ def test_a_voxel_that_does_not_fit_into_memory_is_refused_with_one_that_does() -
 
 
 def test_the_voxel_grows_until_closing_fits_into_memory() -> None:
-    far = Mesh(1000.0 * straight().vertices, straight().faces)
+    far = Mesh(150.0 * straight().vertices, straight().faces)
     resolution = choose_resolution(far, 0.2, 4.0)
     assert resolution.voxel > VOXEL
     assert resolution.memory_gb == pytest.approx(4.0, rel=0.01)

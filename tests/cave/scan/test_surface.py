@@ -107,14 +107,14 @@ def test_the_voxel_of_a_noisy_cloud_grows_with_its_noise(rng: np.random.Generato
     wall = dense_tube(40_000, rng)
     noisy = wall + rng.normal(0.0, 0.04, wall.shape)
     resolution = choose_resolution(PointCloud(noisy), 0.2, 4.0)
-    assert resolution.reason == "the noise of the scan"
+    assert resolution.reason == "the noise of the surface"
     # Half of all normal errors are below 0.67 sigma; planes through neighbours take up a little of it.
     assert resolution.voxel == pytest.approx(4.0 * 0.67 * 0.04, rel=0.15)
 
 
 def test_relief_of_a_decimated_mesh_is_no_noise() -> None:
     tube = straight()
-    assert choose_resolution(tube, 0.2, 4.0).reason != "the noise of the scan"
+    assert choose_resolution(tube, 0.2, 4.0).reason != "the noise of the surface"
 
 
 def test_points_that_fill_a_volume_are_no_wall(rng: np.random.Generator) -> None:
