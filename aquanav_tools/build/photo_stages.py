@@ -16,8 +16,10 @@ from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height, seen_height
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
-from aquanav_tools.reconstruct.georeference.gps import count_gps
+from aquanav_tools.reconstruct.georeference.gps import has_fix
 from aquanav_tools.reconstruct.georeference.place import UNUSED
+from aquanav_tools.reconstruct.images import list_photos
+from aquanav_tools.reconstruct.intake.video import open_video
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
 
@@ -41,15 +43,18 @@ def check_has_scale(options: BuildOptions) -> None:
     """Refuse photos of which nothing can ever tell the size, before they are worked on for an hour.
 
     Raises:
-        InputError: no source of scale is given.
+        InputError: no source of scale is given; or there are no photos, or no video, which is to be told first.
     """
     if options.scale.scaling:
         return
     ways = list(SCALE_OPTIONS)
     if options.input.is_dir():
-        with_gps, num_photos = count_gps(options.input)
+        photos = list_photos(options.input)
+        with_gps = sum(map(has_fix, photos))
         if with_gps:
-            ways.append(f"--gps for the satellite positions in {with_gps} of {num_photos} files (above ground only)")
+            ways.append(f"--gps for the satellite positions in {with_gps} of {len(photos)} files (above ground only)")
+    else:
+        open_video(options.input)
     raise InputError(
         f"Nothing tells how large the place in {options.input} is: photos alone have no scale, and no source of it is "
         f"given. Nothing was done yet. Give one of these: {'; '.join(ways)}."

@@ -113,7 +113,7 @@ def read_photos(folder: Path, progress: Progress = ignore_progress) -> PhotoSet:
         InputError: the folder is missing or has fewer than MIN_PHOTOS readable photos, or the library that opens
             its HEIC photos does.
     """
-    paths = _list_photos(folder)
+    paths = list_photos(folder)
     photos: dict[str, Photo] = {}
     left_out = []
     for index, path in enumerate(paths):
@@ -138,7 +138,12 @@ def list_left_out(left_out: Sequence[LeftOut]) -> str:
     return f"{named}; and {more} more" if more > 0 else named
 
 
-def _list_photos(folder: Path) -> list[Path]:
+def list_photos(folder: Path) -> list[Path]:
+    """Return the image files of a folder, in the order of their names, without opening them.
+
+    Raises:
+        InputError: it is no folder or has too few, or the library that opens its HEIC photos is missing.
+    """
     if not folder.is_dir():
         problem = "is a file, not a folder" if folder.exists() else "does not exist"
         raise InputError(f"The photo folder {folder} {problem}. Check the path; photos are read from one folder.")

@@ -57,7 +57,7 @@ def test_what_is_no_set_of_photos_ends_in_a_sentence(make: Callable[[Path], None
     folder = tmp_path / "photos"
     folder.mkdir()
     make(folder)
-    result = run(folder, "-o", tmp_path / "out")
+    result = run(folder, "-o", tmp_path / "out", "--passage-height", "2")
     assert result.returncode == 2
     assert told in result.stderr
     assert "Traceback" not in result.stderr
@@ -67,7 +67,7 @@ def test_what_is_no_set_of_photos_ends_in_a_sentence(make: Callable[[Path], None
 @pytest.mark.parametrize("content", [b"", b"no video", b"\x00\x00\x00\x18ftypmp42" + bytes(4000)])
 def test_a_video_without_a_frame_ends_in_a_sentence(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "dive.mp4").write_bytes(content)
-    result = run(tmp_path / "dive.mp4", "-o", tmp_path / "out")
+    result = run(tmp_path / "dive.mp4", "-o", tmp_path / "out", "--passage-height", "2")
     assert result.returncode == 2
     assert "dive.mp4 cannot be opened" in result.stderr or "No frame of the video" in result.stderr
     assert not (tmp_path / "out").exists()

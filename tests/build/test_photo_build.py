@@ -15,8 +15,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.open_walls import accepting
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
 from aquanav_tools.cave.options import ClosingOptions
@@ -139,6 +139,11 @@ def test_without_any_scale_the_build_asks_for_one_before_it_does_anything(photos
     assert re.fullmatch(rf"error: Nothing tells how large the place in .* is: .*{ways}.*\n", result.stderr)
     assert "--gps" not in result.stderr  # these photos have no satellite positions
     assert not (tmp_path / "out").exists()
+
+
+def test_where_there_are_no_photos_that_is_said_and_not_that_they_have_no_scale(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("none yet")
+    assert "holds 0 photos" in run(tmp_path, "-o", tmp_path / "out").stderr
 
 
 def test_satellite_positions_in_the_photos_are_named_among_the_ways_to_a_scale(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from aquanav_tools.cave.closing.close import ClosedSurface, Closer
 from aquanav_tools.cave.closing.ends import NO_CAMERAS, find_ends
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
-from aquanav_tools.cave.closing.portals import Cut, cut_portals
+from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
 from aquanav_tools.errors import UnseenWallsError
 from aquanav_tools.types import Progress, ignore_progress
@@ -65,6 +65,7 @@ def close_scan(
             raise error
         accepted.setdefault(*error.caution)
 
+    max_share = MAX_ACCEPTED_CUT_SHARE if accept_open else MAX_CUT_SHARE
     closer = Closer(
         surface.mesh, voxel, keep_triangles=keep_triangles, min_portal=min_portal, evidence=evidence, accept=accept
     )
@@ -78,7 +79,7 @@ def close_scan(
         if columns or (len(holes.faces) and closed.method == "winding"):
             closed = closer.close(columns=columns, holes=holes, progress=progress)
         kept = without_gaps(surface, closed.mesh, voxel)
-        cavity = cut_portals(closed, kept.mesh, ends, voxel, cuts, accept)
+        cavity = cut_portals(closed, kept.mesh, ends, voxel, cuts, accept, max_share)
         return ClosedScan(kept, replace(closed, cautions=(*closed.cautions, *accepted.items())), cavity)
 
     closed = closer.close(progress=progress)

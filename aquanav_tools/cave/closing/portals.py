@@ -25,8 +25,9 @@ logger = logging.getLogger(__name__)
 
 OBSERVED_VOXELS = 2.0
 """A piece of wall counts as observed when the scan lies within this distance of it, voxels."""
-MAX_CUT_SHARE = 0.5
-"""A flat cut that would remove more of the volume than this is a mistake."""
+MAX_CUT_SHARE, MAX_ACCEPTED_CUT_SHARE = 0.5, 0.1
+"""A flat cut that would remove more of the volume than this is a mistake; and where open walls were accepted, among
+which hardly one is an end. (Chosen: photos of a kitchen, all taken one way, lost half of it to such a cut.)"""
 FLAT_LID = 1e-3
 """Faces within this share of a voxel of a lid's plane belong to it ..."""
 ROUNDING = 4.0 * float(np.finfo(np.float32).eps)
@@ -65,6 +66,7 @@ def cut_portals(
     voxel: float,
     cuts: tuple[Cut, ...] = (),
     accept: Callable[[UnseenWallsError], None] = refuse,
+    max_share: float = MAX_CUT_SHARE,
 ) -> Cavity:
     """Return the cavity with every open end cut flat, and where the user wants it, and labelled.
 
@@ -75,13 +77,14 @@ def cut_portals(
         voxel: resolution of the scan, m.
         cuts: the user's own.
         accept: raises what it is given, or notes it; an end that no flat cut fits then stays wall.
+        max_share: a flat cut of an end that would remove more of the volume than this is a mistake.
 
     Raises:
         MeshError: a cut of the user misses the cave, does not divide it, or makes no portal because another cut takes
             it away; the message says which. Or the result is no proven solid.
     """
     solid = to_manifold(closed.mesh)
-    mesh, lids = _cut_soundly(solid, ends, cuts, voxel, accept)
+    mesh, lids = _cut_soundly(solid, ends, cuts, voxel, accept, max_share)
     prove_watertight(mesh)
     labels = np.full(len(mesh.faces), WALL, dtype=np.int64)
     portals: list[Portal] = []
@@ -102,11 +105,12 @@ def _cut_soundly(
     cuts: tuple[Cut, ...],
     voxel: float,
     accept: Callable[[UnseenWallsError], None],
+    max_share: float,
 ) -> tuple[Mesh, list[End]]:
     """Return the mesh of a solid after all cuts, as far inwards as it takes, and the lids they leave."""
     found = None
     for step in CUT_STEPS:
-        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel, accept)
+        mesh, lids = _cut_all(solid, ends, cuts, voxel, step * voxel, accept, max_share)
         if len(self_intersections(mesh)):
             continue
         if genus(mesh) <= solid.genus():
@@ -123,6 +127,7 @@ def _cut_all(
     voxel: float,
     inwards: float,
     accept: Callable[[UnseenWallsError], None],
+    max_share: float,
 ) -> tuple[Mesh, list[End]]:
     """Return the mesh of a solid after all cuts, as it will be stored, and the lids they leave."""
     lids: list[End] = []
@@ -135,7 +140,7 @@ def _cut_all(
         if not _is_cut_away(solid, end, voxel):
             lid = end if end.is_flat else replace(end, point=end.point - inwards * end.normal)
             try:
-                solid = solid if end.is_flat else _cut_flat(solid, lid, voxel)
+                solid = solid if end.is_flat else _cut_flat(solid, lid, voxel, max_share)
             except UnseenWallsError as error:
                 accept(error)
                 continue
@@ -249,18 +254,20 @@ def section_polygon(mesh: Mesh, point: Array, normal: Array) -> Any:
     return min(rings, key=lambda ring: (ring.distance(origin), -ring.area))
 
 
-def _cut_flat(solid: Any, lid: End, voxel: float) -> Any:
+def _cut_flat(solid: Any, lid: End, voxel: float, max_share: float) -> Any:
     """Return the solid without what an end has beyond its plane."""
     rest = solid - _beyond(solid, lid, voxel)
-    if rest.is_empty() or rest.volume() < (1.0 - MAX_CUT_SHARE) * solid.volume():
+    kept = max(rest.decompose(), key=lambda piece: piece.volume(), default=rest)  # what it cuts off goes with it
+    if kept.volume() < (1.0 - max_share) * solid.volume():
         raise UnseenWallsError(
             "open-side",
-            f"Cutting the opening at {lid.point.round(2)} m ({lid.diameter:.2f} m wide) flat would remove more than "
-            f"half of the {solid.volume():.3g} m3. The scan is open along its side and not only at its ends.",
+            f"Cutting the opening at {lid.point.round(2)} m ({lid.diameter:.2f} m wide) flat would remove "
+            f"{1.0 - kept.volume() / solid.volume():.0%} of the {solid.volume():.3g} m3, and {max_share:.0%} may go. "
+            "The scan is open along its side and not only at its ends.",
             "Scan the missing walls, or give a larger --min-portal so that the hole is filled instead.",
             [(tuple(lid.point.tolist()), f"opening, {lid.diameter:.2f} m wide")],
         )
-    return max(rest.decompose(), key=lambda piece: piece.volume())
+    return kept
 
 
 def _beyond(solid: Any, lid: End, voxel: float) -> Any:

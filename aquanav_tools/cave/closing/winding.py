@@ -96,18 +96,22 @@ class Sampler:
 
     def water_surface(self, carving: Carving, progress: Progress = ignore_progress) -> Mesh:
         """Return the boundary of all water; see the function of this name."""
-        lattice = self._lattice
-        tiles = lattice.with_tiles_of(self._tiles_with_level, carving)
-        stale = []
-        for tile in tiles:
+        lattice, found = self._lattice, {}
+        waiting = [tuple(tile) for tile in lattice.with_tiles_of(self._tiles_with_level, carving).tolist()]
+        while waiting:
+            key = waiting.pop(0)
+            if key in found:
+                continue
+            tile = np.array(key)
             local = carving.near(*lattice.box(tile))
-            kept = self._pieces.get(tuple(tile.tolist()))
+            kept = self._pieces.get(key)
             if kept is None or not kept[0].is_as(local):
-                stale.append((tile, local))
-        for done, (tile, local) in enumerate(stale):
-            self._pieces[tuple(tile.tolist())] = local, _march(self._field(tile, local), tile * TILE)
-            progress(done + 1, len(stale))
-        mesh = _weld([self._pieces[tuple(tile.tolist())][1] for tile in tiles], lattice.num_samples)
+                self._pieces[key] = local, _march(self._field(tile, local), tile * TILE)
+            found[key] = self._pieces[key][1]
+            # Narrow water that was only looked through passes between the samples that told which tiles there are.
+            waiting += _across_borders(found[key][0], tile)
+            progress(len(found), len(found) + len(waiting))
+        mesh = _weld(list(found.values()), lattice.num_samples)
         if not len(mesh.faces):
             raise MeshError(
                 f"The scan of {len(self._surface.faces)} triangles encloses no space at {self._voxel:.3g} m. It is a "
@@ -276,6 +280,18 @@ def _march(field: Array, first: IntArray) -> _Piece:
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     vertices, faces, _, _ = marching_cubes(field, 0.0, gradient_direction="descent")
     return vertices.astype(np.float64) + first, faces.astype(np.int64)
+
+
+def _across_borders(vertices: Array, tile: IntArray) -> list[tuple[int, ...]]:
+    """Return the tiles beside one into which its surface goes on, by its vertices in samples."""
+    beside = []
+    for axis in range(3):
+        for side in (0, 1):
+            if (vertices[:, axis] == (tile[axis] + side) * TILE).any():
+                neighbour = tile.copy()
+                neighbour[axis] += 2 * side - 1
+                beside.append(tuple(neighbour.tolist()))
+    return beside
 
 
 def _weld(pieces: list[_Piece], num_samples: IntArray) -> Mesh:

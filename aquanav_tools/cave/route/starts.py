@@ -78,7 +78,7 @@ def draw_starts(
     for low, high in pairwise(np.linspace(nearest, farthest, options.count + 1)):
         found = _draw(places, low, high, checker, capsule.radius, options, rng)
         if found is None:
-            logger.warning("No free start pose between %.2f m and %.2f m from the goal", low, high)
+            logger.info("No free start pose between %.2f m and %.2f m from the goal", low, high)
         else:
             pose, length = found
             starts.append(Start(pose, field.clearance_at(pose.position), length, length / farthest))

@@ -11,7 +11,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.camera_positions import MIN_POSITIONS, CameraPositions
 from aquanav_tools.reconstruct.georeference.wgs84 import enu_from_geodetic
 from aquanav_tools.reconstruct.images import PhotoSet
-from aquanav_tools.reconstruct.intake.decode import SUFFIXES, UnusableError, opened
+from aquanav_tools.reconstruct.intake.decode import UnusableError, opened
 from aquanav_tools.types import Array
 
 GPS_IFD = 0x8825
@@ -41,13 +41,8 @@ def read_gps(photos: PhotoSet) -> CameraPositions:
     return CameraPositions("satellite positions", positions, SPREAD if has_height else (1.0, 1.0, np.inf))
 
 
-def count_gps(folder: Path) -> tuple[int, int]:
-    """Return how many image files of a folder have a satellite position that can be one, and how many there are."""
-    paths = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES and path.is_file()]
-    return sum(_has_fix(path) for path in paths), len(paths)
-
-
-def _has_fix(path: Path) -> bool:
+def has_fix(path: Path) -> bool:
+    """Return whether an image file has a satellite position that can be one; what cannot be read has none."""
     try:
         fix = _read_fix(path)
     except UnusableError:

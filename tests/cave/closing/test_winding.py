@@ -7,6 +7,7 @@ import trimesh
 from aquanav_tools.cave.cavity import prove_watertight
 from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
 from aquanav_tools.cave.closing.winding import TILE, Sampler, water_surface
+from aquanav_tools.cave.scan.sight import make_sight
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import without_faces_near
 
@@ -89,3 +90,19 @@ def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
     assert np.array_equal(again.vertices, at_first.vertices)
     assert np.array_equal(again.faces, at_first.faces)
     assert again.to_trimesh().is_watertight
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+def test_a_narrow_beam_that_cameras_looked_along_leaves_no_seam_where_it_enters_a_tile(shift: float) -> None:
+    ball = sphere(1.0)
+    # Three cameras look out of the ball through a hole, along +x, at wall 40 m away: a beam that widens to 0.4 m.
+    places = np.array([[0.0, shift + y, shift] for y in (-0.01, 0.0, 0.01)])
+    turn = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    poses = np.array([np.column_stack([turn, -turn @ place]) for place in places])
+    pinholes = np.tile([100.0, 100.0, 2.0, 2.0], (3, 1))
+    sight = make_sight(poses, pinholes, [np.full((4, 4), 40.0, dtype=np.float32)] * 3)
+    far = Mesh(np.array([[12.0, 9.0, 9.0], [12.1, 9.0, 9.0], [12.0, 9.1, 9.0]]), np.array([[0, 1, 2]]))
+    holed = without_faces_near(ball, np.array([1.0, shift, shift]), 0.3)
+    surface = Sampler(joined(holed, far), VOXEL, sight).water_surface(NO_CARVING)
+    assert surface.vertices[:, 0].max() > TILE * VOXEL  # out of the ball's tiles
+    assert surface.to_trimesh().is_watertight
