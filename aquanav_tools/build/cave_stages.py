@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from aquanav_tools import __version__
+from aquanav_tools.build.accept_open import accepting, median_enclosure, surface_of
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.open_walls import accepting, seen_share
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.source_words import words_for
 from aquanav_tools.build.time_stage import note_time
@@ -30,12 +29,11 @@ from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.passability import Passability, measure_passability
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
-from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
-from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
+from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.errors import InputError, MeshError, UnseenWallsError
+from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
@@ -143,7 +141,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
-        share = seen_share(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
+        share = median_enclosure(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
@@ -256,7 +254,7 @@ def _close_at(
     with journal.stage("Preparing the surface"):
         voxel = resolution.voxel
         lamps = np.concatenate([evidence.inside, evidence.legs.mean(axis=1)])
-        surface = _surface_of(scan, voxel, lamps, accepting(options.closing, journal))
+        surface = surface_of(scan, voxel, lamps, accepting(options.closing, journal))
     with journal.stage("Closing the cavity") as progress:
         found = close_scan(
             surface,
@@ -271,18 +269,6 @@ def _close_at(
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(found.cavity, float(found.closed.is_scan.mean()))
     return found
-
-
-def _surface_of(
-    scan: Mesh | PointCloud, voxel: float, lamps: Array, accept: Callable[[UnseenWallsError], None]
-) -> Surface:
-    if isinstance(scan, Mesh):
-        return surface_from_mesh(scan, voxel, lamps)
-    try:
-        return surface_from_cloud(scan, voxel, lamps)
-    except UnseenWallsError as error:
-        accept(error)
-    return surface_from_cloud(scan, voxel, lamps, accept_thick=True)
 
 
 def _near_points(cavity: Cavity, points: Array, distance: float) -> BoolArray:

@@ -31,14 +31,14 @@ class PhotoScaleOptions(ScaleSources):
     """Typical height of the passage, m. A rough scale when nothing better is known; up is taken from the cameras."""
 
     @property
-    def knows_north(self) -> bool:
-        """Whether a source is given whose y is north: positions from satellites, or a survey."""
-        return self.gps or (self.stations is not None and self.stations.suffix.lower() in SURVEY_SUFFIXES)
-
-    @property
     def scaling(self) -> tuple[str, ...]:
         """The options given that can tell the size of what the photos show."""
         return super().scaling + (() if self.passage_height is None else ("passage_height",))
+
+    @property
+    def knows_north(self) -> bool:
+        """Whether a source is given whose y is north: positions from satellites, or a survey."""
+        return self.gps or (self.stations is not None and self.stations.suffix.lower() in SURVEY_SUFFIXES)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -13,12 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.build import outputs
+from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.ahead import compiling_ahead
 from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
-from aquanav_tools.build.open_walls import accepting
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.output_folder import (
     WORK_DIR,

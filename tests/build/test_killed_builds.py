@@ -153,9 +153,9 @@ def tube_dive(tmp_path_factory: pytest.TempPathFactory) -> Build:
 
 
 def moments(rng: np.random.Generator, low: float, high: float) -> list[Any]:
-    """Return ten shares of a build's processor time, two of them for `.ci/run` and the others nightly."""
+    """Return ten shares of a build's processor time, one of them for `.ci/run` and the others nightly."""
     shares = rng.uniform(low, high, 10).round(3)
-    return [pytest.param(share, marks=[pytest.mark.nightly] * (n >= 2)) for n, share in enumerate(shares)]
+    return [pytest.param(share, marks=[pytest.mark.nightly] * (n >= 1)) for n, share in enumerate(shares)]
 
 
 @pytest.mark.parametrize("share", moments(np.random.default_rng(0), 0.0, 0.75))

@@ -15,8 +15,8 @@ import pytest
 import trimesh
 from PIL import Image
 
+from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.build.open_walls import accepting
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
 from aquanav_tools.cave.options import ClosingOptions

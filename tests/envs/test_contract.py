@@ -91,6 +91,7 @@ def test_observations_are_in_the_space_and_everything_is_finite(env: CaveEnv) ->
 
 
 @pytest.mark.slow
+@pytest.mark.nightly
 def test_nothing_becomes_nan_in_a_million_random_steps(env: CaveEnv) -> None:
     assert_sound(env, 1_000_000)
 

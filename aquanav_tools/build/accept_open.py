@@ -1,4 +1,4 @@
-"""Going on, where --accept-open says so, with a cave of whose wall too little was seen."""
+"""Refused, or gone on with all the same by --accept-open: what is known of the walls may be of no cave."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure
 from aquanav_tools.cave.options import ClosingOptions
+from aquanav_tools.cave.scan.cloud import surface_from_cloud
+from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.errors import UnseenWallsError
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, Mesh, PointCloud
 
 
 def accepting(options: ClosingOptions, journal: Journal) -> Callable[[UnseenWallsError], None]:
@@ -25,10 +27,23 @@ def accepting(options: ClosingOptions, journal: Journal) -> Callable[[UnseenWall
     return accept
 
 
-def seen_share(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
+def median_enclosure(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
     """Return the median share of the view from (N, 3) places in the water that is scanned wall."""
     try:
         return check_enclosure(surface, places, "the middle of the passage")
     except UnseenWallsError as error:
         accept(error)
     return float(np.median(enclosure(surface, places)))
+
+
+def surface_of(
+    scan: Mesh | PointCloud, voxel: float, lamps: Array, accept: Callable[[UnseenWallsError], None]
+) -> Surface:
+    """Return the open surface in a scan; arguments as of `surface_from_cloud`, errors as `accept` decides."""
+    if isinstance(scan, Mesh):
+        return surface_from_mesh(scan, voxel, lamps)
+    try:
+        return surface_from_cloud(scan, voxel, lamps)
+    except UnseenWallsError as error:
+        accept(error)
+    return surface_from_cloud(scan, voxel, lamps, accept_thick=True)
