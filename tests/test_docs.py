@@ -96,3 +96,13 @@ def test_every_make_target_a_page_shows_exists(page: str) -> None:
 
 def test_the_readme_is_short() -> None:
     assert len(text("README.md").splitlines()) <= MAX_README_LINES
+
+
+def test_the_readmes_table_has_the_figures_that_the_study_wrote() -> None:
+    """Shares and their extremes of each baseline, in the order of both pages."""
+
+    def shares(page: str) -> dict[str, list[str]]:
+        rows = re.findall(r"^\| (random|reactive|reference|oracle)\b[^|]*\|(.*)\|$", text(page), re.M)
+        return {name: re.findall(r"\d+", cells) for name, cells in rows}
+
+    assert shares("README.md") == shares("eval/results/baselines.md") != {}
