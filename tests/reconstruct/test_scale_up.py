@@ -15,6 +15,7 @@ from aquanav_tools.reconstruct.georeference.floor import floor_clue
 from aquanav_tools.reconstruct.georeference.gravity import apple_acceleration, read_gravity, up_in_camera
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.types import Array
+from tests.reconstruct.test_scale_sources import NAMES, photos_at
 
 
 @pytest.mark.parametrize(
