@@ -21,7 +21,7 @@ from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.task import task_options
+from aquanav_tools.task import TaskOptions, task_options
 from aquanav_tools.types import Array
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class CaveBatch:
         self.world = BatchWorld(
             self.scenario,
             craft,
-            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
+            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space, options),
             num,
             water=water,
             current_range=options.current_range,
@@ -164,6 +164,7 @@ def _numbers(
     rules: EpisodeRules,
     weights: RewardWeights,
     observations: spaces.Space[Any],
+    options: TaskOptions,
 ) -> TaskNumbers:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
@@ -176,4 +177,8 @@ def _numbers(
         scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
         entrance_height=entrance_height,
         size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
+        sensor_noise=options.sensor_noise,
+        sensor_dropout=options.sensor_dropout,
+        action_delay=options.action_delay,
+        observation_delay=options.observation_delay,
     )

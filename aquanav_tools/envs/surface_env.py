@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import AFLOAT, IDLE, ActionModel, Command
 from aquanav_tools.envs.bays import Bays, distance_to
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.disturbance import Delay, disturb_rays
+from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
@@ -147,8 +147,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
         self._sensor = SeaSensor(pattern, sees_goal=self._observation_model.is_original)
-        self._lengths = pattern.lengths
         self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
+        self._ray_errors = RaySensorErrors(pattern.lengths)
         self._actions: Delay[Command] = Delay(self.task.action_delay)
         self._observations: Delay[Observation] = Delay(self.task.observation_delay)
 
@@ -173,6 +173,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed)
         self.sea_map, berth, self.route, self._start_index = self.bays.choose(self.np_random, options or {})
         self._begin_water()
+        self._ray_errors.reset(self.np_random, self.task.sensor_noise, self.task.sensor_dropout)
         self._episode = Episode(replace(self._rules, tolerance=self.sea_map.goal.tolerance))
         self._world.begin(self.sea_map, berth, self._water)
         self._sensor.look_at(self.sea_map)
@@ -234,9 +235,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._current = self._current_share * self._water.current
 
     def _observe(self, rays: Observation, command: Command) -> Observation:
-        tags, task, world = self._sensor.tags, self.task, self._world
-        if task.sensor_noise > 0.0 or task.sensor_dropout > 0.0:
-            rays, tags = disturb_rays(rays, tags, self._lengths, task.sensor_noise, task.sensor_dropout, self.np_random)
+        world = self._world
+        rays, tags = self._ray_errors.disturb(rays, self._sensor.tags, self._episode.num_decisions)
         reading = Reading(world.state, world.before, rays, tags, 0.0, command)
         return self._observation_model.observe(reading, self.sea_map.goal.centre)
 

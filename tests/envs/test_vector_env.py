@@ -87,9 +87,14 @@ def test_a_policy_fares_as_in_pybullet_in_98_of_100_episodes(on_collision: str, 
     assert share >= 0.98
 
 
-@pytest.mark.parametrize("vehicle", ["bluerov2", "bluerov2-heavy", "original-auv"])
-def test_a_free_swim_of_200_decisions_is_pybullets(vehicle: str, tube: Scenario, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    ("vehicle", "delays"), [("bluerov2", (0, 0)), ("bluerov2-heavy", (2, 1)), ("original-auv", (1, 3))]
+)
+def test_a_free_swim_of_200_decisions_is_pybullets(
+    vehicle: str, delays: tuple[int, int], tube: Scenario, rng: np.random.Generator
+) -> None:
     options: dict[str, Any] = {"vehicle": vehicle, "action": "continuous", "reward": "safe", "current": (0.01, 0, 0)}
+    options |= {"action_delay": delays[0], "observation_delay": delays[1]}
     alone, together = CaveEnv(tube, **options), CaveVectorEnv(2, tube, rays="mesh", **options)
     seen, _ = alone.reset(options={"start": 1})
     obs, _ = together.reset(options={"start": 1})
@@ -211,9 +216,10 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
 
 @pytest.mark.parametrize("num", [1, 7, 1024])
 def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Generator) -> None:
-    """To the bit, over several episodes: gusts, eddies, share of the current and starts come from its seed alone."""
+    """To the bit, over several episodes: all that is drawn comes from its seed alone."""
     seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
     options: dict[str, Any] = {"current": "full", "current_range": (0.2, 1.0), "max_decisions": 9}
+    options |= {"sensor_noise": 0.1, "sensor_dropout": 0.1, "action_delay": 2, "observation_delay": 1}
     together = CaveVectorEnv(num, flowing(), num_threads=2, **options)
     alone = [CaveVectorEnv(1, flowing(), num_threads=1, **options) for _ in chosen]
     seen = together.reset(seed=seeds)[0][chosen]
@@ -230,6 +236,41 @@ def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Gen
             assert all(np.array_equal(all_rows[4][key][n : n + 1], own[4][key]) for key in own[4])
     for env in (together, *alone):
         env.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_late_observations_begin_anew_with_each_episode(mode: AutoresetMode, tube: Scenario) -> None:
+    """Beside the same episodes without delay: each observation comes two decisions later, none in the next episode."""
+    ends: dict[int, list[np.ndarray]] = {}
+    for delay in (0, 2):
+        env = CaveVectorEnv(2, tube, max_decisions=5, observation_delay=delay, autoreset_mode=mode)
+        seen = [env.reset(seed=[3, 4])[0].copy()]
+        for _ in range(12):
+            obs, _, _, truncated, infos = env.step(np.tile(AHEAD, (2, 1)))
+            if truncated.any() and mode is AutoresetMode.SAME_STEP:
+                seen.append(np.stack(list(infos["final_obs"])))
+            seen.append(obs.copy())
+        ends[delay] = seen
+        env.close()
+    now, late = (np.array(ends[delay])[:12].reshape(2, 6, 2, -1) for delay in (0, 2))
+    np.testing.assert_array_equal(late[:, 2:], now[:, :4])
+    np.testing.assert_array_equal(late[:, 0], now[:, 0])
+    np.testing.assert_array_equal(late[:, 1], now[:, 0])
+    assert not np.array_equal(now[:, 1], now[:, 0])
+
+
+def test_proximity_is_paid_by_true_distances(tube: Scenario) -> None:
+    """Errors of the sensor change what is seen, and nothing that is paid."""
+    terms = []
+    for noise in (0.0, 0.5):
+        env = CaveVectorEnv(3, tube, reward="safe", sensor_noise=noise)
+        obs, _ = env.reset(seed=[3, 4, 5])
+        infos = [env.step(np.tile(AHEAD, (3, 1)))[4] for _ in range(5)]
+        terms.append((obs, np.array([info["reward/proximity"] for info in infos])))
+        env.close()
+    (exact, paid), (disturbed, also_paid) = terms
+    np.testing.assert_array_equal(paid, also_paid)
+    assert (np.abs(exact - disturbed)[:, :28] > 0.01).any() and np.array_equal(exact[:, 28:], disturbed[:, 28:])
 
 
 def test_vehicles_of_several_caves_swim_as_in_a_batch_of_each(tube: Scenario) -> None:
@@ -281,7 +322,7 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
     [
         ({"observation": "original"}, "no batched observation preset 'original'"),
         ({"progress": "original"}, "has no progress = 'original'"),
-        ({"sensor_noise": 0.1}, "has no sensor_noise = 0.1"),
+        ({"starts": "anywhere"}, "has no starts = 'anywhere', only 'listed'"),
         ({"rays": "bvh"}, "no source of rays 'bvh'"),
         ({"reward": "dens"}, "Did you mean 'dense'"),
         ({"autoreset_mode": AutoresetMode.DISABLED}, "Choose NEXT_STEP or SAME_STEP"),

@@ -95,7 +95,12 @@ class BatchWorld:
         self._fans, self._middle = _make_fans(rays, self.device), wp.vec3d(*middle)
         limits = scenario.settings.limits
         self._water = make_water(water, current_range, limits.dt * limits.substeps, self.device)
-        widths = {"extra": self._starts.extra.shape[1], "eddies": self._water.kept.shape[0]}
+        widths = {
+            "extra": self._starts.extra.shape[1],
+            "eddies": self._water.kept.shape[0],
+            "waiting_commands": 3 * task.action_delay,
+            "waiting_observations": task.size * task.observation_delay,
+        }
         self.fleet = _make_fleet(num, task.size, widths, self.device)
         self._num_slices = _num_slices(num, num_threads) if self.device.is_cpu else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
@@ -180,12 +185,16 @@ class BatchWorld:
             view = [fleet, craft, rules, grid, self._fans, rays, self._middle]
             move = self._launch_of(kernels.move, num, where)
             sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
-            score = self._launch_of(kernels.score, num, [first, fleet, rules])
+            score = self._launch_of(kernels.score, num, [first, fleet, rules, self._fans])
             anew = self._launch_of(kernels.restart, num, [first, 1, fleet, self._starts, craft, self._water])
             again = self._launch_of(kernels.restart, num, [first, 0, fleet, self._starts, craft, self._water])
             look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
-            decision.append([move, sense, score] if self._next_step else [move, sense, score, again, look_again])
-            beginning.append([anew, sense, score])
+            seen, seen_again = ([look] for look in (sense, look_again))
+            if rules.disturbance.observation_delay > 0:
+                seen.append(self._launch_of(kernels.deliver, num, [first, 0, fleet]))
+                seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, fleet]))
+            decision.append([move, *seen, score, *([] if self._next_step else [again, *seen_again])])
+            beginning.append([anew, *seen, score])
         return decision, beginning
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
@@ -221,7 +230,8 @@ def _make_fans(rays: RaySource, device: Any) -> Fans:
 def _make_fleet(num: int, size: int, widths: dict[str, int], device: Any) -> Fleet:
     """Return the arrays of N vehicles; `widths` are those of what depends on the vehicle's model and the water."""
     fleet = Fleet()
-    shapes = {"commands": (num, 3), "terms": (num, 7)} | {name: (num, n) for name, n in widths.items()}
+    fixed = {"commands": 3, "acting": 3, "rays": 28, "terms": 7}
+    shapes = {name: (num, n) for name, n in (fixed | widths).items()}
     shapes |= {"observations": (num, size), "final_observations": (num, size)}
     for name, field in Fleet.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
         array = wp.zeros(shapes.get(name, (num,)), dtype=field.type.dtype, device=device)

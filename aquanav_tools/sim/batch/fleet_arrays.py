@@ -10,6 +10,7 @@ import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.contact import Hull
+from aquanav_tools.sim.batch.disturbance import Disturbance
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -144,6 +145,14 @@ class TaskNumbers:
     """Height from which depth is measured, m."""
     size: int
     """Values of an observation: its first 31, or all 44."""
+    sensor_noise: float = 0.0
+    """Standard deviation of the error of each ray's distance, m."""
+    sensor_dropout: float = 0.0
+    """Probability that a ray gets no echo."""
+    action_delay: int = 0
+    """Decisions between choosing an action and its effect."""
+    observation_delay: int = 0
+    """Decisions by which observations are late."""
 
 
 @wp.struct
@@ -161,6 +170,7 @@ class Rules:
     substeps: wp.int32
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
+    disturbance: Disturbance
 
 
 def make_rules(task: TaskNumbers, scenario: Scenario, next_step: bool, device: Any) -> Rules:
@@ -171,6 +181,8 @@ def make_rules(task: TaskNumbers, scenario: Scenario, next_step: bool, device: A
     rules.weights = wp.array(task.weights, dtype=wp.float64, device=device)
     rules.scales, rules.entrance_height = wp.vec3d(*task.scales), task.entrance_height
     rules.dt, rules.substeps = limits.dt, limits.substeps
+    rules.disturbance.noise, rules.disturbance.dropout = task.sensor_noise, task.sensor_dropout
+    rules.disturbance.action_delay, rules.disturbance.observation_delay = task.action_delay, task.observation_delay
     return rules
 
 
@@ -196,6 +208,12 @@ class Fleet:
     """(N,) vehicles in the order in which they are computed."""
     commands: wp.array2d(dtype=wp.float32)
     """(N, 3) ballast, steer and thrust."""
+    acting: wp.array2d(dtype=wp.float32)
+    """(N, 3) the command that takes effect: an earlier one where actions are delayed."""
+    waiting_commands: wp.array2d(dtype=wp.float32)
+    """(N, 3 D) commands of the last D decisions, without effect so far."""
+    waiting_observations: wp.array2d(dtype=wp.float32)
+    """(N, V D) observations of the last D decisions, not seen so far."""
     positions: wp.array(dtype=wp.vec3d)
     orientations: wp.array(dtype=wp.vec4d)
     velocities: wp.array(dtype=vec6)
@@ -229,6 +247,8 @@ class Fleet:
     """0 running, 1 success, 2 collision, 3 timeout."""
     restarted: wp.array(dtype=wp.int32)
     """Whether this step began an episode."""
+    rays: wp.array2d(dtype=wp.float32)
+    """(N, 28) true distances, m."""
     clearances: wp.array(dtype=wp.float32)
     """Of the hull, m."""
     observations: wp.array2d(dtype=wp.float32)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
+from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, measured
 from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
 from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
@@ -57,6 +58,8 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
         stir(fleet.eddies, water, seed, i, 0)
     for n in range(3):
         fleet.commands[i, n] = 0.0
+        fleet.acting[i, n] = 0.0
+    fill_queue(fleet.acting, fleet.waiting_commands, i)
 
 
 @wp.func
@@ -84,7 +87,11 @@ def glide(
         share, phase = fleet.shares[i], fleet.phases[i]
         current = current_at(water, grid, fleet.eddies, share, phase, i, state.position)
     fleet.currents[i] = current
-    ballast, steer, ahead = f64(fleet.commands[i, 0]), f64(fleet.commands[i, 1]), f64(fleet.commands[i, 2])
+    for n in range(3):
+        fleet.acting[i, n] = fleet.commands[i, n]
+    if rules.disturbance.action_delay > 0:
+        exchange(fleet.acting, fleet.waiting_commands, i, fleet.decisions[i])
+    ballast, steer, ahead = f64(fleet.acting[i, 0]), f64(fleet.acting[i, 1]), f64(fleet.acting[i, 2])
     controls = craft.controls
     surge, yaw = controls.surge * ahead, controls.yaw * steer
     if ahead < f64(0.0):
@@ -235,6 +242,7 @@ def sense(
     per_spacing = float(grid.spacing)
     per_metre = 1.0 / per_spacing
     centre = wp.vec3(position - middle)
+    is_disturbed = rules.disturbance.noise > 0.0 or rules.disturbance.dropout > 0.0
     for ray in range(part, 28, num_parts):
         length, way = fans.lengths[ray], turn * fans.directions[ray]
         distance = length
@@ -244,6 +252,9 @@ def sense(
                 distance = hit.t
         else:
             distance = per_spacing * traced(grid, place, way, length * per_metre, room)
+        fleet.rays[i, ray] = distance
+        if is_disturbed:
+            distance = measured(distance, length, rules.disturbance, fleet.seeds[i], ray, fleet.decisions[i])
         fleet.observations[i, ray] = distance / length
     if part == 0:
         show_goal(i, fleet, rules, rotation)
@@ -255,7 +266,17 @@ def sense(
 
 
 @wp.kernel
-def score(first: int, fleet: Fleet, rules: Rules):
+def deliver(first: int, only_restarted: int, fleet: Fleet):
+    """Let observations wait their turn; those of an episode's beginning fill the queue and are seen at once."""
+    i = fleet.order[first + wp.tid()]
+    if fleet.restarted[i] == 1:
+        fill_queue(fleet.observations, fleet.waiting_observations, i)
+    elif only_restarted == 0:
+        exchange(fleet.observations, fleet.waiting_observations, i, fleet.decisions[i])
+
+
+@wp.kernel
+def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
     """Write the reward's terms and the episode's end."""
     i = fleet.order[first + wp.tid()]
     outcome = fleet.outcomes[i]
@@ -266,7 +287,7 @@ def score(first: int, fleet: Fleet, rules: Rules):
     else:
         cut_off = f64(0.0)
         for ray in range(28):
-            cut_off += f64(1.0) - f64(fleet.observations[i, ray])
+            cut_off += f64(1.0) - f64(fleet.rays[i, ray] / fans.lengths[ray])
         steps = f64(rules.substeps)
         for n in range(7):
             amount = f64(outcome == n - 3)  # goal, collision and timeout, in the order of the outcomes
