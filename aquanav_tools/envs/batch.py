@@ -17,7 +17,7 @@ from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
 BATCHED_OBSERVATIONS = ("paper", "full")
-UNBATCHED_OPTIONS = ("progress", "starts")
+UNBATCHED_OPTIONS = ("progress",)
 DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
 """What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
 

@@ -17,12 +17,13 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
+from aquanav_tools.envs.starting import Starts
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.task import TaskOptions, task_options
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
@@ -88,7 +89,7 @@ class CaveBatch:
         self.ray_lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
         self.max_decisions = rules.max_decisions
-        self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
+        self._starts = Starts(self.scenario, craft.capsule, options.starts)
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
             self.scenario,
@@ -101,7 +102,11 @@ class CaveBatch:
             next_step=next_step,
             device=device,
             num_threads=num_threads,
+            draw_start=self._draw_start if options.starts == "anywhere" else None,
         )
+
+    def _draw_start(self, seed: int) -> Pose:
+        return self._starts.draw(np.random.default_rng(seed))
 
     @property
     def route_lengths(self) -> Array:
@@ -111,7 +116,8 @@ class CaveBatch:
     @property
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        return self._ways[self.view_of("start_indices")]
+        beginnings = zip(self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
+        return np.array([self._starts.way_to_goal(position, index) for position, index in beginnings])
 
     def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
         """Begin all episodes, each from a seed of its own."""
@@ -131,7 +137,8 @@ class CaveBatch:
         self.world.fleet.commands.assign(commands)
 
     def rest(self, places: Sequence[int]) -> None:
-        """Do nothing: the kernels move all vehicles."""
+        """Draw no further starts at these places until the next reset; the kernels move all vehicles."""
+        self.world.rest(places)
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""

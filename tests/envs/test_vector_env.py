@@ -239,6 +239,38 @@ def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Gen
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_episodes_begin_anywhere_as_they_do_alone(mode: AutoresetMode, tube: Scenario) -> None:
+    """Level, apart from the wall, in no two places twice; and to the bit beside others as alone."""
+    options: dict[str, Any] = {"starts": "anywhere", "max_decisions": 4, "autoreset_mode": mode}
+    seeds, seen = [9, 1, 5], {}
+    for name, chosen in (("together", seeds), ("alone", seeds[2:])):
+        env = CaveVectorEnv(len(chosen), tube, **options)
+        _, infos = env.reset(seed=chosen)
+        rows = [infos]
+        rows += [env.step(np.tile(AHEAD, (len(chosen), 1)))[4] for _ in range(16)]
+        seen[name] = np.array([row["position"][-1] for row in rows])
+        if name == "together":
+            starts = np.concatenate([row["position"] for row in rows if not row["reward/time"].any()])
+            radius = CaveEnv(tube).vehicle.capsule.radius
+            assert (np.hypot(starts[:, 1], starts[:, 2]) < TUBE_RADIUS - radius - 0.05).all()
+            assert len(np.unique(starts.round(6), axis=0)) == len(starts) >= (3 * 4 if mode.value == "NextStep" else 3)
+            assert (infos["start_index"] == -1).all()
+            first = CaveEnv(tube, starts="anywhere").reset(seed=seeds[0])[1]
+            np.testing.assert_array_equal(rows[0]["position"][0], first["position"])
+            ways = env.batch.ways
+            assert len(set(ways)) == 3 and (ways > 2.0).all()
+        env.close()
+    np.testing.assert_array_equal(seen["together"], seen["alone"])
+
+
+def test_start_by_number_is_kept_where_others_are_anywhere(tube: Scenario) -> None:
+    env = CaveVectorEnv(3, tube, starts="anywhere")
+    assert env.reset(seed=0, options={"start": 1})[1]["start_index"].tolist() == [1, 1, 1]
+    assert env.batch.ways == pytest.approx([tube.starts[1].geodesic_to_goal] * 3)
+    env.close()
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_late_observations_begin_anew_with_each_episode(mode: AutoresetMode, tube: Scenario) -> None:
     """Beside the same episodes without delay: each observation comes two decisions later, none in the next episode."""
     ends: dict[int, list[np.ndarray]] = {}
@@ -322,7 +354,6 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
     [
         ({"observation": "original"}, "no batched observation preset 'original'"),
         ({"progress": "original"}, "has no progress = 'original'"),
-        ({"starts": "anywhere"}, "has no starts = 'anywhere', only 'listed'"),
         ({"rays": "bvh"}, "no source of rays 'bvh'"),
         ({"reward": "dens"}, "Did you mean 'dense'"),
         ({"autoreset_mode": AutoresetMode.DISABLED}, "Choose NEXT_STEP or SAME_STEP"),

@@ -140,8 +140,8 @@ def test_stopped_run_in_two_caves_ends_as_one_that_never_stopped(
 
 def test_what_the_batch_cannot_do_is_refused_before_the_first_lesson(tube: Path, tmp_path: Path) -> None:
     pipeline = tiny_pipeline(tube, 2, ON_BATCH)
-    lessons = (pipeline.lessons[0], dataclasses.replace(pipeline.lessons[1], starts="anywhere"))
-    with pytest.raises(InputError, match=r"no starts = 'anywhere'.*--backend pybullet"):
+    lessons = (pipeline.lessons[0], dataclasses.replace(pipeline.lessons[1], progress="geodesic"))
+    with pytest.raises(InputError, match=r"no progress = 'geodesic'.*--backend pybullet"):
         train(dataclasses.replace(pipeline, lessons=lessons), 0, tmp_path / "run")
     assert not (tmp_path / "run").exists()
     with pytest.raises(InputError, match=r"no batched observation preset 'original'"):

@@ -113,10 +113,13 @@ class Starts:
     remaining: wp.array(dtype=f64)
 
 
-def make_starts(scenario: Scenario, vehicle: Vehicle, device: Any) -> Starts:
-    """Return a scenario's starts."""
+DRAWN, UNLISTED = wp.constant(-1), wp.constant(-2)
+"""In place of a start's index: it is to be drawn from the list; it is the vehicle's own, in a list of its own."""
+
+
+def make_starts(states: Array, scenario: Scenario, device: Any) -> Starts:
+    """Return starts at (S, 13) states or more; the vehicle's model says what it adds."""
     starts, guide = Starts(), scenario.guide
-    states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
     gates = [guide.locate(position, scenario.field) for position in states[:, :3]]
     remaining = [guide.remaining(position, gate) for position, gate in zip(states[:, :3], gates, strict=True)]
     starts.positions = wp.array(states[:, :3], dtype=wp.vec3d, device=device)
@@ -236,8 +239,11 @@ class Fleet:
     """Decisions by which this episode's time runs out earlier."""
     episodes: wp.array(dtype=wp.int32)
     start_indices: wp.array(dtype=wp.int32)
+    """In the scenario's list; -1 where the start is in none."""
+    beginnings: wp.array(dtype=wp.vec3d)
+    """Where the episodes began, m."""
     wanted_starts: wp.array(dtype=wp.int32)
-    """Start of the next episode; -1 to draw one."""
+    """Index of the next episode's start, or DRAWN or UNLISTED."""
     touched: wp.array(dtype=wp.int32)
     """Physics steps of the last decision in contact."""
     is_touching: wp.array(dtype=wp.int32)

@@ -7,7 +7,7 @@ import warp as wp
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, measured
 from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
-from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts
+from aquanav_tools.sim.batch.fleet_arrays import DRAWN, UNLISTED, Controls, Craft, Fans, Fleet, Rules, Starts
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
@@ -24,25 +24,35 @@ NUM_RAYS = wp.constant(28)
 
 
 @wp.func
-def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
+def put_at(i: int, start: int, fleet: Fleet, starts: Starts):
+    """Put vehicle `i` at a start."""
+    fleet.positions[i] = starts.positions[start]
+    fleet.orientations[i] = starts.orientations[start]
+    for n in range(starts.extra.shape[1]):
+        fleet.extra[i, n] = starts.extra[start, n]
+    fleet.gates[i] = starts.gates[start]
+    fleet.remaining[i] = starts.remaining[start]
+
+
+@wp.func
+def begin(i: int, fleet: Fleet, starts: Starts, unlisted: Starts, craft: Craft, water: Water):
     """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
     if fleet.episodes[i] > 0:
         fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
     seed = fleet.seeds[i]
     start = fleet.wanted_starts[i]
-    if start < 0:
+    if start == DRAWN:
         start = choice(words(seed, START, 0)[0], starts.gates.shape[0])
-    fleet.wanted_starts[i] = -1
-    fleet.start_indices[i] = start
+    fleet.wanted_starts[i] = DRAWN
     fleet.episodes[i] = fleet.episodes[i] + 1
-    fleet.positions[i] = starts.positions[start]
-    fleet.orientations[i] = starts.orientations[start]
+    if start == UNLISTED:
+        put_at(i, i, fleet, unlisted)
+    else:
+        put_at(i, start, fleet, starts)
+    fleet.start_indices[i] = wp.max(start, -1)
+    fleet.beginnings[i] = fleet.positions[i]
     fleet.velocities[i] = vec6()
-    for n in range(starts.extra.shape[1]):
-        fleet.extra[i, n] = starts.extra[start, n]
     fleet.levels[i] = craft.controls.neutral
-    fleet.gates[i] = starts.gates[start]
-    fleet.remaining[i] = starts.remaining[start]
     fleet.gained[i] = f64(0.0)
     fleet.decisions[i] = 0
     fleet.ages[i] = 0
@@ -126,6 +136,7 @@ def move(
     first: int,
     fleet: Fleet,
     starts: Starts,
+    unlisted: Starts,
     craft: Craft,
     water: Water,
     rules: Rules,
@@ -137,7 +148,7 @@ def move(
     """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
     i = fleet.order[first + wp.tid()]
     if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water)
         return
     state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
     fleet.positions[i] = state.position
@@ -313,12 +324,12 @@ def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
 
 
 @wp.kernel
-def restart(first: int, anew: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
+def restart(first: int, anew: int, fleet: Fleet, starts: Starts, unlisted: Starts, craft: Craft, water: Water):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = fleet.order[first + wp.tid()]
     if anew == 1:
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water)
     elif fleet.outcomes[i] > 0:
         for n in range(fleet.observations.shape[1]):
             fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water)
