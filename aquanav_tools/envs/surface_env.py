@@ -127,7 +127,6 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             InputError: an option is unknown or senseless.
         """
         self.task = task_options(task)
-        check_choice("measure of progress on the surface", self.task.progress, ("panels",))
         self.vehicle = boat_of(vehicle)
         self._weights = boat_weights(self.task.reward)
         self._rules = episode_rules(self.task, self._weights, max_decisions)
@@ -284,8 +283,9 @@ def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int 
     """Return the rules of a task's episodes but for the goal's tolerance, which is the bay's.
 
     Raises:
-        InputError: there is no such rule for collisions, or no decision is allowed.
+        InputError: there is no such rule for collisions or measure of progress, or no decision is allowed.
     """
+    check_choice("measure of progress on the surface", task.progress, ("panels",))
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if max_decisions is None else max_decisions
     if limit < 1:
