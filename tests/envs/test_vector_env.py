@@ -220,7 +220,7 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
     assert not np.array_equal(runs[0], runs[2])
 
 
-@pytest.mark.parametrize("num", [1, 7, 1024])
+@pytest.mark.parametrize("num", [1, 7, 1024, 16384])
 def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Generator) -> None:
     """To the bit, over several episodes: all that is drawn comes from its seed alone."""
     seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
