@@ -1,0 +1,250 @@
+"""Running the episodes of an evaluation side by side, on the batched backend.
+
+The episodes of one scenario and condition run beside each other, in the order of the plan. An episode draws from its
+own seed alone, and a network computes blocks of one size (`padding.py`), so that an episode is the same to the bit
+whatever runs beside it.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.batch import Batch, check_batched
+from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.places import Place, make_batch
+from aquanav_tools.envs.reward import TERMS
+from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
+from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
+from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
+from aquanav_tools.evaluate.options import ProtocolOptions
+from aquanav_tools.evaluate.policies import Adapting, LoadedPolicy, Policy, PrivilegedPolicy, Vectorised
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
+from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
+from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.task import TaskOptions, choices_of
+
+BATCH_SIZE = 256
+"""Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
+KEPT = (
+    "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
+    "observations", "terms", "rewards", "outcomes",
+)  # fmt: skip
+"""Arrays of the fleet that a track is made of."""
+
+
+def check_plan(plan: Plan, options: ProtocolOptions) -> None:
+    """Refuse what only PyBullet's backend can run, before anything is run.
+
+    Raises:
+        InputError: the policy looks at PyBullet's world, or a condition is not batched.
+    """
+    if isinstance(plan.policy.policy, PrivilegedPolicy):
+        raise InputError(
+            f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
+            "have. Leave out --backend batch."
+        )
+    for episode in {(episode.scenario.name, episode.condition.name): episode for episode in plan.episodes}.values():
+        check_batched(task_of(episode, options), plan.policy.observation)
+
+
+def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks, which come in the plan's order."""
+    if count == 0:
+        return
+    policies = [spec.load(spec.policy) for _ in range(num_policies(plan.policy, min(count, BATCH_SIZE)))]
+    runner = BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))
+    writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
+    asked = (task for task in tasks if task is not None)
+    try:
+        for batch in task_batches(plan, asked):
+            episodes = [plan.episodes[task.index] for task in batch]
+            for episode, task, (track, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
+                yield writer.keep(episode, task.record, track, metrics)
+    finally:
+        runner.close()
+
+
+def task_batches(plan: Plan, tasks: Iterable[Task]) -> Iterator[tuple[Task, ...]]:
+    """Yield tasks of one scenario and condition, at most `BATCH_SIZE` together; none is asked for before its turn."""
+
+    def place(task: Task) -> tuple[str, Condition]:
+        episode = plan.episodes[task.index]
+        return episode.scenario.name, episode.condition
+
+    for _, group in itertools.groupby(tasks, key=place):
+        while batch := tuple(itertools.islice(group, BATCH_SIZE)):
+            yield batch
+
+
+def num_policies(loaded: LoadedPolicy, size: int) -> int:
+    """Return how many policies a batch of so many episodes takes."""
+    return 1 if isinstance(loaded.policy, Vectorised) else size
+
+
+class BatchRunner:
+    """Runs batches of episodes.
+
+    A vectorised policy computes the logits of all vehicles at once; otherwise each vehicle has a policy of its own, as
+    that may remember what it saw.
+    """
+
+    def __init__(
+        self, policies: Sequence[LoadedPolicy], options: ProtocolOptions, timeout: CallTimeout | None = None
+    ) -> None:
+        """Take over policies that were loaded one by one: `num_policies` of them."""
+        self._policies, self._options, self._timeout = policies, options, timeout or CallTimeout()
+        self._task: Batch | None = None
+        self._place: tuple[Place, TaskOptions, int] | None = None
+
+    def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Track, EpisodeMetrics]]:
+        """Return the track of each episode of a batch, and its metrics."""
+        task = self._prepare(batch)
+        plans = [episode.plan for episode in batch]
+        task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
+        ways, lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
+        slots = [
+            EpisodeSlot(loaded.policy, plan)
+            for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
+        ]
+        with self._timeout.kept():
+            states = self._run(task, slots)
+        reference = reference_of(batch[0], task_of(batch[0], self._options))
+        finished = []
+        for place, (episode, slot) in enumerate(zip(batch, slots, strict=True)):
+            rows = {name: values[:, place] for name, values in states.items()}
+            track = _track(task, slot, rows, int(starts[place]), float(lengths[place]))
+            finished.append((track, measure(track, float(ways[place]), reference, episode.index)))
+        return finished
+
+    def close(self) -> None:
+        """Free the batch."""
+        if self._task is not None:
+            self._task.close()
+        self._task = self._place = None
+
+    def _prepare(self, batch: Sequence[EpisodeSpec]) -> Batch:
+        """Return the vehicles: the last ones where all but starts and seeds is the same."""
+        place = (batch[0].scenario, task_of(batch[0], self._options), len(batch))
+        if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
+            self.close()
+            self._task = make_batch(
+                place[0],
+                len(batch),
+                next_step=True,
+                observation=self._policies[0].observation,
+                action=self._policies[0].action,
+                max_decisions=self._options.max_decisions,
+                **choices_of(place[1]),
+            )
+            self._place = place
+        return self._task
+
+    def _run(self, task: Batch, slots: Sequence[EpisodeSlot]) -> dict[str, npt.NDArray[Any]]:
+        """Run until the last episode has ended; return the fleet's arrays, (D + 1, N, ...), at each decision."""
+        timeout, form = self._timeout, ActionModel(self._policies[0].action, task.parts)
+        policy = slots[0].policy if isinstance(slots[0].policy, Vectorised) else None
+        for slot in slots:
+            if isinstance(slot.policy, Adapting):
+                slot.policy.adapt(task.action_space)
+            slot.reason = timeout.outcome(partial(begin_episode, slot.policy, slot.plan.seed))[1]
+        commands = np.zeros((len(slots), 3), dtype=np.float32)
+        rows = [{name: task.copy_of(name) for name in KEPT}]
+        running = [place for place, slot in enumerate(slots) if not slot.reason]
+        while running:
+            seen: Any = rows[-1]["observations"]
+            if policy is not None:
+                seen = self._logits(policy, slots, seen, running)
+            for place in [place for place in running if not slots[place].reason]:
+                slot, act = slots[place], slots[place].policy.act if policy is None else policy.decide
+                chosen, slot.reason = timeout.outcome(partial(choose, act, form, seen[place].copy()))
+                if not slot.reason:
+                    slot.actions.append(chosen[0])
+                    slot.commands.append(chosen[1])
+                    commands[place] = chosen[1]
+            task.hold(commands)
+            task.step()
+            rows.append({name: task.copy_of(name) for name in KEPT})
+            was_running = running
+            running = [place for place in running if not slots[place].reason and rows[-1]["outcomes"][place] == 0]
+            task.rest([place for place in was_running if place not in running])
+        return {name: np.stack([row[name] for row in rows]) for name in KEPT}
+
+    def _logits(
+        self,
+        policy: Vectorised,
+        slots: Sequence[EpisodeSlot],
+        observations: npt.NDArray[np.float32],
+        running: Sequence[int],
+    ) -> dict[int, npt.NDArray[np.float32]]:
+        """Return a policy's logits for each vehicle, by its place; where it fails, the vehicle's slot gets the reason.
+
+        Where it cannot compute them for all at once, it is asked about one by one, to find out whom that is about.
+        """
+
+        def ask(places: Sequence[int]) -> npt.NDArray[np.float32]:
+            logits = np.asarray(policy.logits(observations[places], np.array(places)))
+            if len(logits) != len(places):
+                raise ValueError(f"it gave {len(logits)} rows of logits for {len(places)} vehicles")
+            return logits
+
+        together, reason = self._timeout.outcome(partial(ask, running))
+        if not reason:
+            return dict(zip(running, together, strict=True))
+        logits = {}
+        for place in running:
+            alone, slots[place].reason = self._timeout.outcome(partial(ask, [place]))
+            if not slots[place].reason:
+                logits[place] = alone[0]
+        return logits
+
+
+@dataclass
+class EpisodeSlot:
+    """A policy that runs an episode, and what it did."""
+
+    policy: Policy
+    plan: EpisodePlan
+    actions: list[Any] = field(default_factory=list)
+    commands: list[tuple[float, ...]] = field(default_factory=list)
+    reason: str = ""
+    """Why it failed; empty unless it did."""
+
+
+def _track(task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float) -> Track:
+    """Return the track of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
+    count = len(slot.actions)
+    rows = {name: values[: count + 1] for name, values in states.items()}
+    rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
+    touched = rows["touched"] > 0
+    # The fleet keeps the current of where a decision began, with its end.
+    currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
+    return Track(
+        seed=slot.plan.seed,
+        start_index=start,
+        outcome=FAILED if slot.reason else OUTCOMES[int(rows["outcomes"][-1])],
+        times=task.decision_seconds * np.arange(count + 1, dtype=np.float64),
+        positions=rows["positions"].astype(np.float64),
+        orientations=rows["orientations"].astype(np.float64),
+        velocities=rows["velocities"].astype(np.float64),
+        currents=currents,
+        rays=rays,
+        clearances=rows["clearances"].astype(np.float64),
+        collided=touched,
+        progress=length - rows["remaining"],
+        costs=touched.astype(np.float64),
+        actions=np.array(slot.actions, dtype=np.float64).reshape(count, -1 if count else 0),
+        commands=np.array(slot.commands, dtype=np.float64).reshape(-1, 3),
+        rewards=rows["rewards"][1:].astype(np.float64),
+        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(TERMS)},
+        num_collisions=int(rows["collisions"][-1]),
+        reason=slot.reason,
+    )
