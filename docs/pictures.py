@@ -18,12 +18,12 @@ from aquanav_tools.envs.pictures.film import film
 from aquanav_tools.envs.pictures.lamp_light import vertex_normals
 from aquanav_tools.envs.pictures.triangles import Eye, see
 from aquanav_tools.envs.places import read_place
-from aquanav_tools.evaluate.flight import Flight, open_hangar
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.options import Grid, ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan, conditions_of
 from aquanav_tools.evaluate.recording import frames_of
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.relief import plan_and_section
 from aquanav_tools.report.scene_model import PORTAL_COLOUR, ROUTE, by_height
 from aquanav_tools.scenario.schema import Scenario
@@ -103,10 +103,10 @@ def film_dive(cave: Scenario, options: argparse.Namespace, path: Path) -> None:
     """Write some seconds of a dive, fewer frames where they take too much room."""
     (condition,) = conditions_of(Grid())
     rules = ProtocolOptions(episodes=1)
-    with open_hangar(load_policy(options.policy), rules) as hangar:
-        track, metrics = hangar.fly(Flight(0, cave, condition, EpisodePlan(0, options.start)))
+    with open_env_cache(load_policy(options.policy), rules) as env_cache:
+        track, metrics = env_cache.run(EpisodeSpec(0, cave, condition, EpisodePlan(0, options.start)))
     print(f"The dive from start {options.start}: {metrics.outcome} after {metrics.time:.1f} s")
-    camera = venue_of(cave).camera(track, "chase", FILM_SIZE)
+    camera = adapter_of(cave).camera(track, "chase", FILM_SIZE)
     frames = frames_of(track)
     low, high = options.seconds
     shown = [frame for frame in frames if low <= frame.time <= high]

@@ -1,4 +1,4 @@
-"""A pilot that knows the bay and its boat's true state: the ceiling that bays and policies are held against.
+"""A policy that knows the bay and its boat's true state: the ceiling that bays and policies are held against.
 
 It takes the shortest way with as much room to rocks as there is, up to a few metres more than the boat needs, and
 follows it by pure pursuit (Coulter, Implementation of the pure pursuit path tracking algorithm, 1992): the bow is
@@ -30,14 +30,14 @@ STOP, AHEAD = 1, 2
 
 
 class BoatOracle:
-    """Acts on the true state of the environment that it is brought aboard of."""
+    """Acts on the true state of the environment that it is bound to."""
 
     def __init__(self) -> None:
         self._env: SurfaceEnv | None = None
         self._points: Array = np.zeros((0, 2))
         self._passed = 0
 
-    def board(self, env: SurfaceEnv) -> None:
+    def bind(self, env: SurfaceEnv) -> None:
         """Learn the bay and find the way from where the boat is."""
         self._env, self._passed = env, 0
         outlines, place = env.sea_map.outlines, env.state[:2].copy()
@@ -49,7 +49,7 @@ class BoatOracle:
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""
         if self._env is None:
-            raise InputError("The oracle knows a map: call its board(env) before its reset.")
+            raise InputError("The oracle knows a map: call its bind(env) before its reset.")
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return [steer, thrust], whatever is observed."""

@@ -1,8 +1,8 @@
-"""Flying episodes on a Ray cluster: on the cores of many machines, and a machine that fails costs no episode.
+"""Running episodes on a Ray cluster: on the cores of many machines, and a machine that fails costs no episode.
 
-For each core that is wanted, an actor keeps a process beside it that flies (crew.py), so that a policy that raises,
+For each core that is wanted, an actor keeps a process beside it (worker_pool.py), so that a policy that raises,
 hangs or brings its process down fares as it does on one machine. An actor that is lost was killed from outside or with
-its machine, which says nothing about the policy: another one flies its episode again. What belongs to an episode comes
+its machine, which says nothing about the policy: another one runs its episode again. What belongs to an episode comes
 back with its row; the first machine alone writes to the evaluation's folder.
 """
 
@@ -23,18 +23,18 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
-from aquanav_tools.evaluate.crew import LOOK_EVERY, MAX_LOSSES, fly_in_processes, num_workers
+from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Row, Task, file_names, seal_of
 from aquanav_tools.evaluate.journal import TRAILS
-from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, file_names, seal_of
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.results import versions
+from aquanav_tools.evaluate.worker_pool import LOOK_EVERY, MAX_LOSSES, num_workers, run_in_processes
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.store import LOCK_FILE, locked
 
 ANSWER_LIMIT = 30.0
 """Time that a cluster has to answer, s. Ray itself goes on trying for minutes."""
 START_LIMIT = 300.0
-"""Time in which an actor must start when none flies, s."""
+"""Time in which an actor must start when none runs, s."""
 CLOSE_LIMIT = 5.0
 """Time that actors without work have to end by themselves and clear up, s."""
 PROBE = "import sys, ray; ray.init(sys.argv[1], logging_level='ERROR', log_to_driver=False)"
@@ -47,7 +47,7 @@ Files = dict[str, bytes]
 """What belongs to an episode, by its path in the evaluation's folder."""
 
 
-def fly_on_cluster(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+def run_on_cluster(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
     """Yield the journal's rows of `count` tasks as they end, when all that belongs to them is on disk.
 
     Raises:
@@ -57,16 +57,16 @@ def fly_on_cluster(orders: Orders, plan: Plan, tasks: Iterator[Task | None], cou
     if count == 0:
         return
     ray = load_ray()
-    with _connected(ray, str(orders.options.ray)):
-        fleet = _Fleet(ray, _for_nodes(orders, plan), (task for task in tasks if task is not None))
+    with _connected(ray, str(spec.options.ray)):
+        pool = RayPool(ray, _for_nodes(spec, plan), (task for task in tasks if task is not None))
         try:
             num_cores = int(ray.cluster_resources().get("CPU", 1))
-            fleet.hire(num_workers(orders.options.workers, count, num_cores))
-            for row, files in fleet.flown(count):
-                _keep(files, orders.output)
+            pool.start(num_workers(spec.options.workers, count, num_cores))
+            for row, files in pool.results(count):
+                _keep(files, spec.output)
                 yield row
         finally:
-            fleet.dismiss()
+            pool.close()
 
 
 def load_ray() -> Any:
@@ -145,40 +145,40 @@ class HomeLoader:
 
 def code_here() -> dict[str, str]:
     """Return the versions of what episodes depend on, and a hash of our own code and of all libraries it imports."""
-    return {**versions(), "code": code_digest("aquanav_tools.evaluate.pilot")}
+    return {**versions(), "code": code_digest("aquanav_tools.evaluate.episode_worker")}
 
 
-def _for_nodes(orders: Orders, plan: Plan) -> Orders:
-    return replace(orders, load=HomeLoader(orders.load, os.getcwd(), code_here()), seal=seal_of(plan))
+def _for_nodes(spec: EvaluationSpec, plan: Plan) -> EvaluationSpec:
+    return replace(spec, load=HomeLoader(spec.load, os.getcwd(), code_here()), seal=seal_of(plan))
 
 
-class _Outpost:
-    """Flies episodes on a node, as an actor; keeps their files in a folder of its own until they are sent."""
+class RayWorker:
+    """Runs episodes on a node, as an actor; keeps their files in a folder of its own until they are sent."""
 
-    def __init__(self, orders: Orders) -> None:
+    def __init__(self, spec: EvaluationSpec) -> None:
         clear_left(Path(tempfile.gettempdir()))
         self._held = contextlib.ExitStack()
         self._folder = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix=SCRATCH)))
         self._held.enter_context(locked(self._folder))
         (self._folder / TRAILS).mkdir()
         self._asked: deque[Task] = deque()
-        self._rows = fly_in_processes(replace(orders, output=self._folder), 1, iter(self._asked.popleft, None))
+        self._rows = run_in_processes(replace(spec, output=self._folder), 1, iter(self._asked.popleft, None))
 
     def ready(self) -> None:
         """Return when the actor has started."""
 
-    def fly(self, task: Task) -> tuple[Row, Files]:
+    def run(self, task: Task) -> tuple[Row, Files]:
         """Return the journal's row of an episode and what belongs to it.
 
         Raises:
-            AquanavError: this node cannot fly as the first machine does.
+            AquanavError: this node cannot run as the first machine does.
         """
         self._asked.append(task)
         try:
             row = next(self._rows)
         except AquanavError as error:
             raise type(error)(
-                f"The node {platform.node()} cannot fly: {error} The working directory, the policy and the scenarios "
+                f"The node {platform.node()} cannot run: {error} The working directory, the policy and the scenarios "
                 "must lie at the same paths on every node."
             ) from error
         paths = [path for path in self._folder.rglob("*") if path.is_file() and path.name != LOCK_FILE]
@@ -188,7 +188,7 @@ class _Outpost:
         return row, files
 
     def close(self) -> None:
-        """End the process that flies, and remove the folder."""
+        """End the process that runs, and remove the folder."""
         self._rows.close()
         self._held.close()
 
@@ -203,91 +203,91 @@ def clear_left(parent: Path) -> None:
 
 
 @dataclass
-class _Post:
-    """An actor, and the episode that it flies; None until it has started."""
+class PendingCall:
+    """An actor, and the episode that it runs; None until it has started."""
 
     actor: Any
     task: Task | None = None
 
 
-class _Fleet:
+class RayPool:
     """The actors and what they are at."""
 
-    def __init__(self, ray: Any, orders: Orders, tasks: Iterator[Task]) -> None:
-        self._ray, self._orders, self._tasks = ray, ray.put(orders), tasks
+    def __init__(self, ray: Any, spec: EvaluationSpec, tasks: Iterator[Task]) -> None:
+        self._ray, self._spec, self._tasks = ray, ray.put(spec), tasks
         choices: dict[str, Any] = {"num_cpus": 1, "max_restarts": 0, "max_task_retries": 0}
-        self._make = ray.remote(**choices, scheduling_strategy="SPREAD")(_Outpost)
-        self._calls: dict[Any, _Post] = {}
+        self._make = ray.remote(**choices, scheduling_strategy="SPREAD")(RayWorker)
+        self._calls: dict[Any, PendingCall] = {}
         self._idle: list[Any] = []
         self._again: deque[Task] = deque()
         self._losses: Counter[int | None] = Counter()
 
-    def hire(self, num: int) -> None:
+    def start(self, num: int) -> None:
         """Ask for actors; they start when there is room for them."""
         for _ in range(num):
-            actor = self._make.remote(self._orders)
-            self._calls[actor.ready.remote()] = _Post(actor)
+            actor = self._make.remote(self._spec)
+            self._calls[actor.ready.remote()] = PendingCall(actor)
 
-    def flown(self, count: int) -> Iterator[tuple[Row, Files]]:
+    def results(self, count: int) -> Iterator[tuple[Row, Files]]:
         """Yield what becomes of `count` tasks; each of them once, as only a result that has come here counts."""
         heard = time.monotonic()
         while count:
             done, _ = self._ray.wait(list(self._calls), timeout=LOOK_EVERY)
-            if done or any(post.task for post in self._calls.values()):
+            if done or any(pending.task for pending in self._calls.values()):
                 heard = time.monotonic()
             self._check_wait(time.monotonic() - heard)
             for call in done:
-                post = self._calls.pop(call)
+                pending = self._calls.pop(call)
                 try:
                     found = self._ray.get(call)
                 except self._ray.exceptions.RayTaskError as error:
                     raise _told(error) from error
                 except self._ray.exceptions.RayError as error:
-                    self._lose(post, error)
+                    self._lose(pending, error)
                     continue
                 self._losses[None] = 0
                 if found is not None:
                     count -= 1
-                    if post.task is not None:
-                        check_found(post.task.index, *found)
+                    if pending.task is not None:
+                        check_found(pending.task.index, *found)
                     yield found
-                self._employ(post.actor)
+                self._assign(pending.actor)
 
-    def dismiss(self) -> None:
+    def close(self) -> None:
         """End all actors: those without work by themselves, so that they clear up."""
         self._ray.wait(
             [actor.close.remote() for actor in self._idle] or [self._ray.put(None)],
             timeout=CLOSE_LIMIT,
             num_returns=max(len(self._idle), 1),
         )
-        for actor in [*self._idle, *(post.actor for post in self._calls.values())]:
+        for actor in [*self._idle, *(pending.actor for pending in self._calls.values())]:
             self._ray.kill(actor)
 
-    def _employ(self, actor: Any) -> None:
-        """Give an actor its next task, or keep it for one that must be flown again."""
+    def _assign(self, actor: Any) -> None:
+        """Give an actor its next task, or keep it for one that must be run again."""
         task = self._again.popleft() if self._again else next(self._tasks, None)
         if task is None:
             self._idle.append(actor)
         else:
-            self._calls[actor.fly.remote(task)] = _Post(actor, task)
+            self._calls[actor.run.remote(task)] = PendingCall(actor, task)
 
-    def _lose(self, post: _Post, error: Exception) -> None:
+    def _lose(self, pending: PendingCall, error: Exception) -> None:
         """Replace an actor that was lost, and plan its episode again."""
-        self._ray.kill(post.actor)  # it may live where only its result was lost
-        key = None if post.task is None else post.task.index
+        self._ray.kill(pending.actor)  # it may live where only its result was lost
+        key = None if pending.task is None else pending.task.index
         self._losses[key] += 1
         if self._losses[key] >= MAX_LOSSES:
-            what = "before they flew" if key is None else f"over episode {key}"
+            what = "before they ran" if key is None else f"over episode {key}"
             raise ResourceError(
                 f"{MAX_LOSSES} actors were lost {what}, the last with: {_first_line(error)} The likely cause is too "
-                "little memory on the nodes, or nodes that are taken away. What was flown is kept: go on with --resume."
+                "little memory on the nodes, or nodes that are taken away. What was run is kept: go on with --resume."
             )
-        if post.task is not None:
-            self._again.append(post.task)
+        if pending.task is not None:
+            self._again.append(pending.task)
         if self._idle:
-            self._employ(self._idle.pop())
+            self._assign(self._idle.pop())
         else:
-            self.hire(1)
+            self.start(1)
 
     def _check_wait(self, seconds: float) -> None:
         if seconds > START_LIMIT:
@@ -295,7 +295,7 @@ class _Fleet:
             raise ResourceError(
                 f"No actor of the cluster has started within {START_LIMIT:g} s: of {have.get('CPU', 0):g} cores "
                 f"{free.get('CPU', 0):g} are free. The likely cause is that other work has them, or that nodes are "
-                "gone; see ray status. What was flown is kept: go on with --resume."
+                "gone; see ray status. What was run is kept: go on with --resume."
             )
 
 
@@ -324,7 +324,7 @@ def check_found(index: int, row: Row, files: Files) -> None:
         what = f"a file called {min(strange)[:100]!r}" if strange else f"episode {row['metrics']['index']}"
         raise ResourceError(
             f"A node that was asked for episode {index} sent {what}, which does not belong to it. The likely cause is "
-            "a node on which another program answers. What was flown is kept: check the nodes, and go on with --resume."
+            "a node on which another program answers. What was run is kept: check the nodes, and go on with --resume."
         )
 
 

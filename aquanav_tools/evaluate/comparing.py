@@ -131,13 +131,13 @@ def _feasible(episodes: list[EpisodeMetrics]) -> list[EpisodeMetrics]:
 
 
 def _check_vehicles(methods: Sequence[Method]) -> None:
-    flown: dict[tuple[str, str], tuple[str, str]] = {}
+    finished: dict[tuple[str, str], tuple[str, str]] = {}
     rows = [(method.name, row) for method in methods for table in method.tables for row in table["scenarios"]]
     for method, row in rows:
         vehicle = (
             f"{row['vehicle']['name']} ({row['vehicle']['sha256'][:12]})" if "vehicle" in row else "its own vehicle"
         )
-        known, other = flown.setdefault((row["name"], row["content_hash"]), (vehicle, method))
+        known, other = finished.setdefault((row["name"], row["content_hash"]), (vehicle, method))
         if vehicle != known:
             raise InputError(
                 f"Different vehicles dived {row['name']}: {known} with {other}, {vehicle} with {method}. Their starts "
@@ -229,7 +229,7 @@ def _notes(first: Method, second: Method) -> Iterator[str]:
     for name in sorted({*rules[0], *rules[1]} - FREE_RULES):
         one, two = (table.get(name) for table in rules)
         if one != two:
-            yield f"They were flown under different rules: {name} {one} for {first.name}, {two} for {second.name}."
+            yield f"They were run under different rules: {name} {one} for {first.name}, {two} for {second.name}."
     hashes = [
         {item["name"]: item["content_hash"] for item in method.tables[0]["scenarios"]} for method in (first, second)
     ]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from math import ceil
 
 from aquanav_tools.envs.places import Place
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.task import TaskOptions
 
 USUAL = 40
@@ -15,10 +15,10 @@ show a rate of 91 % or more, and half of 40 one from 35 to 65 %."""
 
 def is_drawn(scenario: Place, task: TaskOptions) -> bool:
     """Return whether anything about an episode from a given start is drawn at random, the policy aside."""
-    venue = venue_of(scenario)
-    has_starts = task.starts == "listed" and bool(venue.ways)
+    adapter = adapter_of(scenario)
+    has_starts = task.starts == "listed" and bool(adapter.ways)
     has_errors = task.sensor_noise > 0.0 or task.sensor_dropout > 0.0
-    return not has_starts or has_errors or venue.draws_water(task)
+    return not has_starts or has_errors or adapter.draws_water(task)
 
 
 def usual_episodes(scenario: Place, task: TaskOptions, num_starts: int) -> int:

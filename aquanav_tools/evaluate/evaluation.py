@@ -1,4 +1,4 @@
-"""Evaluating a policy: fly the episodes, keep each as it ends, then write the results and the report."""
+"""Evaluating a policy: run the episodes, keep each as it ends, then write the results and the report."""
 
 from __future__ import annotations
 
@@ -13,11 +13,10 @@ from pathlib import Path
 
 from aquanav_tools.envs.places import Place, say_left_out
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.crew import flown
 from aquanav_tools.evaluate.episode_table import EpisodeTable
+from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Row, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.pilot import FILM_SUFFIX, Orders, Plan, RecordRule, Row, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
@@ -30,12 +29,13 @@ from aquanav_tools.evaluate.results import (
     write_results,
 )
 from aquanav_tools.evaluate.summary import Summary, group, summarise
+from aquanav_tools.evaluate.worker_pool import run_tasks
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 
 CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
-Flyer = Callable[[Orders, Plan, Iterator[Task | None], int], Iterator[Row]]
+Runner = Callable[[EvaluationSpec, Plan, Iterator[Task | None], int], Iterator[Row]]
 """Yields the journal's rows of so many tasks as they end."""
 KINDS = (".rrd", FILM_SUFFIX)
 """Endings of what an episode is recorded in."""
@@ -75,20 +75,20 @@ def evaluate(
         InputError: the policy cannot be used, the output folder cannot be made, or its episodes are of another
             evaluation.
         ScenarioError: a scenario cannot be read.
-        ResourceError: the processes that fly do not start, or the cluster does not answer.
+        ResourceError: the processes that run do not start, or the cluster does not answer.
     """
     load = load or partial(load_policy, is_trusted=options.trust)
-    orders = Orders(options, policy_name or options.policies[0], output or options.output, load)
-    output = orders.output
-    plan = make_plan(orders)
+    spec = EvaluationSpec(options, policy_name or options.policies[0], output or options.output, load)
+    output = spec.output
+    plan = make_plan(spec)
     _check_names(plan.scenarios)
     say_left_out(plan.scenarios)
-    fly = _flyer(plan, options)
-    provenance = _provenance(plan, orders)
+    runner = _runner(plan, options)
+    provenance = _provenance(plan, spec)
     journal = _open_journal(output, provenance, options.resume)
     started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)
-    _fly_all(fly, orders, plan, journal, progress)
-    recordings = _recordings(fly, orders, plan, journal)
+    _run_all(runner, spec, plan, journal, progress)
+    recordings = _recordings(runner, spec, plan, journal)
     seconds = time.perf_counter() - clock
     episodes = journal.episodes
     summary = summarise(episodes)
@@ -114,7 +114,7 @@ def _check_names(scenarios: Sequence[Place]) -> None:
 def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Journal:
     """Make the folder and drop an earlier evaluation's results, so that two never mix; keep its episodes to resume.
 
-    A recording whose episode was not written down yet goes as well: that episode is flown again.
+    A recording whose episode was not written down yet goes as well: that episode is run again.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -131,31 +131,31 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
     return journal
 
 
-def _flyer(plan: Plan, options: EvaluateOptions) -> Flyer:
-    """Return what flies the tasks of a plan, having checked that it can."""
+def _runner(plan: Plan, options: EvaluateOptions) -> Runner:
+    """Return what runs the tasks of a plan, having checked that it can."""
     if options.ray is not None:
-        from aquanav_tools.evaluate.cluster import fly_on_cluster, load_ray
+        from aquanav_tools.evaluate.cluster import load_ray, run_on_cluster
 
         load_ray()
-        return fly_on_cluster
+        return run_on_cluster
     if options.backend == "pybullet":
-        return flown
-    from aquanav_tools.evaluate.squadron import check_plan, run_batched  # Warp takes a second to import
+        return run_tasks
+    from aquanav_tools.evaluate.batch_runner import check_plan, run_batched  # Warp takes a second to import
 
     check_plan(plan)
     return run_batched
 
 
-def _fly_all(fly: Flyer, orders: Orders, plan: Plan, journal: Journal, progress: Progress) -> None:
-    """Fly what the journal lacks; what belongs to an episode is on disk before it counts as done."""
-    count = len(plan.flights)
+def _run_all(runner: Runner, spec: EvaluationSpec, plan: Plan, journal: Journal, progress: Progress) -> None:
+    """Run what the journal lacks; what belongs to an episode is on disk before it counts as done."""
+    count = len(plan.episodes)
     progress(len(journal), count)
     tasks = (
-        Task(flight.index, _record_rule(flight.index, orders.options, journal))
-        for flight in plan.flights
-        if flight.index not in journal
+        Task(episode.index, _record_rule(episode.index, spec.options, journal))
+        for episode in plan.episodes
+        if episode.index not in journal
     )
-    for row in fly(orders, plan, tasks, count - len(journal)):
+    for row in runner(spec, plan, tasks, count - len(journal)):
         journal.add(row)
         progress(len(journal), count)
 
@@ -168,28 +168,28 @@ def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Reco
     return "failure" if options.record == "failures" and is_possible else "never"
 
 
-def _recordings(fly: Flyer, orders: Orders, plan: Plan, journal: Journal) -> dict[int, str]:
-    """Return the names of the recordings by episode; fly the worst episodes again where these are asked for.
+def _recordings(runner: Runner, spec: EvaluationSpec, plan: Plan, journal: Journal) -> dict[int, str]:
+    """Return the names of the recordings by episode; run the worst episodes again where these are asked for.
 
     Episodes end in any order, so there may be recordings of failures beyond the first --max-recordings: they go.
     """
-    options = orders.options
+    options = spec.options
     if options.record != "worst":
         found = list(journal.recordings.items())
         for _, name in found[options.max_recordings :]:
             for kind in KINDS:
-                (orders.output / name).with_suffix(kind).unlink(missing_ok=True)
+                (spec.output / name).with_suffix(kind).unlink(missing_ok=True)
         return dict(found[: options.max_recordings])
     worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
-    rows = fly(orders, plan, iter([Task(index, "always") for index in worst]), len(worst))
+    rows = runner(spec, plan, iter([Task(index, "always") for index in worst]), len(worst))
     return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 
-def _provenance(plan: Plan, orders: Orders) -> Provenance:
-    options, policy = orders.options, plan.policy
+def _provenance(plan: Plan, spec: EvaluationSpec) -> Provenance:
+    options, policy = spec.options, plan.policy
     return Provenance(
         possible_episodes=plan.num_possible,
-        policy={"name": policy.name, "sha256": policy.sha256, "path": orders.policy, "is_trusted": options.trust},
+        policy={"name": policy.name, "sha256": policy.sha256, "path": spec.policy, "is_trusted": options.trust},
         scenarios=[
             scenario_row(scenario, str(folder))
             for scenario, folder in zip(plan.scenarios, options.scenario, strict=True)

@@ -25,7 +25,7 @@ REGIONS = ("first third", "middle third", "last third")
 
 
 @dataclass(frozen=True)
-class Course:
+class EpisodeReference:
     """What an episode is held against."""
 
     scenario: str
@@ -120,27 +120,27 @@ def region_of(geodesic: float, route_length: float) -> str:
     return REGIONS[int(np.clip(done * len(REGIONS), 0, len(REGIONS) - 1))]
 
 
-def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> EpisodeMetrics:
+def measure(track: Track, geodesic: float, reference: EpisodeReference, index: int = 0) -> EpisodeMetrics:
     """Return the metrics of one episode whose start is `geodesic` metres from the goal."""
     is_success = track.outcome == "success"
     time, steps = float(track.times[-1]), np.diff(track.times)
-    commands = track.commands[:, -course.num_controls :]
+    commands = track.commands[:, -reference.num_controls :]
     return EpisodeMetrics(
         index=index,
-        scenario=course.scenario,
-        condition=course.condition,
-        region=region_of(geodesic, course.route_length or geodesic),
+        scenario=reference.scenario,
+        condition=reference.condition,
+        region=region_of(geodesic, reference.route_length or geodesic),
         seed=track.seed,
         start=track.start_index,
-        outcome=_outcome(track, geodesic, course),
+        outcome=_outcome(track, geodesic, reference),
         reason=track.reason,
         collisions=track.num_collisions,
         min_clearance=float(track.clearances.min()),
         clearance_p5=float(np.percentile(track.clearances, 5.0)),
         mean_clearance=float(track.clearances.mean()),
-        time_close=float(steps[track.clearances[1:] < course.width].sum()),
+        time_close=float(steps[track.clearances[1:] < reference.width].sum()),
         time=time,
-        time_ratio=time * course.top_speed / max(geodesic, 1e-9) if is_success else None,
+        time_ratio=time * reference.top_speed / max(geodesic, 1e-9) if is_success else None,
         path_length=track.path_length,
         geodesic=geodesic,
         progress=float(track.progress[-1]),
@@ -149,18 +149,18 @@ def measure(track: Track, geodesic: float, course: Course, index: int = 0) -> Ep
         cost=float(track.costs.sum()),
         control_effort=_mean(commands**2),
         control_change=_mean(np.abs(np.diff(commands, axis=0))),
-        energy=_energy(track, course),
+        energy=_energy(track, reference),
         jerk=_jerk(track),
         interventions=track.interventions,
         digest=digest_of(track),
     )
 
 
-def _outcome(track: Track, geodesic: float, course: Course) -> str:
+def _outcome(track: Track, geodesic: float, reference: EpisodeReference) -> str:
     """Return how an episode ended: a timeout is the limit's fault where nothing could have arrived within it."""
-    if track.outcome != "timeout" or course.ideal is None:
+    if track.outcome != "timeout" or reference.ideal is None:
         return track.outcome
-    return INFEASIBLE if course.ideal(geodesic) > float(track.times[-1]) else track.outcome
+    return INFEASIBLE if reference.ideal(geodesic) > float(track.times[-1]) else track.outcome
 
 
 def digest_of(track: Track) -> str:
@@ -171,11 +171,11 @@ def digest_of(track: Track) -> str:
     return total.hexdigest()
 
 
-def _energy(track: Track, course: Course) -> float | None:
+def _energy(track: Track, reference: EpisodeReference) -> float | None:
     """Return the work done against drag, J: its power from state to state by the trapezoidal rule."""
-    if course.power is None:
+    if reference.power is None:
         return None
-    power = course.power(water_relative(track.velocities, track.currents, track.orientations))
+    power = reference.power(water_relative(track.velocities, track.currents, track.orientations))
     return float((0.5 * (power[1:] + power[:-1]) * np.diff(track.times)).sum())
 
 

@@ -67,7 +67,7 @@ class NetworkPolicy:
         """Return the action for one observation."""
         return self.decide(self._outputs(np.asarray(observation)[None], np.zeros(1, dtype=np.int64))[0])
 
-    def think(self, observations: npt.NDArray[np.float32], places: IntArray | None = None) -> npt.NDArray[np.float32]:
+    def logits(self, observations: npt.NDArray[np.float32], places: IntArray | None = None) -> npt.NDArray[np.float32]:
         """Return what the last layer makes of (N, O) observations, (N, K): of each the same as alone, to the bit.
 
         A recurrent network remembers each vehicle by its place, one of `places` for each row; without them the rows'
@@ -117,21 +117,21 @@ class NetworkPolicy:
         rows[:, :, : len(places)] = self._memory[:, :, places]
         return tuple(rows)
 
-    def decide(self, thought: npt.NDArray[np.float32]) -> Any:
-        """Return the action that a row of `think` stands for: the best of each choice, or levels in [-1, 1].
+    def decide(self, logits: npt.NDArray[np.float32]) -> Any:
+        """Return the action that a row of `logits` stands for: the best of each choice, or levels in [-1, 1].
 
         Raises:
             ValueError: it is not finite, which the best of each choice would hide.
         """
-        if not np.isfinite(thought).all():
+        if not np.isfinite(logits).all():
             raise ValueError("its network gave numbers that are not finite")
         space = self.action_space
         if isinstance(space, spaces.Discrete):
-            return np.int64(thought.argmax())
+            return np.int64(logits.argmax())
         if isinstance(space, spaces.MultiDiscrete):
-            choices = np.split(thought, np.cumsum(space.nvec)[:-1])
+            choices = np.split(logits, np.cumsum(space.nvec)[:-1])
             return np.array([choice.argmax() for choice in choices], dtype=np.int64)
-        return np.clip(thought, -1.0, 1.0)
+        return np.clip(logits, -1.0, 1.0)
 
 
 def _build(

@@ -114,7 +114,7 @@ class EvaluateOptions(ProtocolOptions):
     count above it."""
     record: Literal["all", "failures", "worst", "none"] = "all"
     """Which episodes get a rerun recording; failures are those without collision-free success, worst are the
-    --max-recordings worst, which are flown again."""
+    --max-recordings worst, which are run again."""
     max_recordings: int = 50
     """Recordings stop at this number; each takes less than 1 MB."""
     film: bool = False
@@ -126,14 +126,14 @@ class EvaluateOptions(ProtocolOptions):
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; an episode is
-    the same whatever flies beside it. In caves it draws other gusts than PyBullet from the same seeds. It takes neither
+    """pybullet runs each episode by itself. batch runs up to 256 side by side, several times as fast; an episode is
+    the same whatever runs beside it. In caves it draws other gusts than PyBullet from the same seeds. It takes neither
     the original's policies nor policies that look at the map."""
     workers: int | None = None
-    """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
-    every 10 episodes at most, and with 1 this process flies."""
+    """Processes that run episodes; the results do not depend on it. Without it as many as there are cores, but one for
+    every 10 episodes at most, and with 1 this process runs."""
     ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Fly on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same results; --workers then counts
+    """Run on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same results; --workers then counts
     its processes. This machine must be one of its nodes, and the working directory, the policy and the scenarios must
     lie at the same paths on all. Needs pip install 'aquanav[cluster]'."""
     action_time_limit: float = 30.0
@@ -155,9 +155,9 @@ class EvaluateOptions(ProtocolOptions):
                 "the cluster (ray://) are not supported: start the evaluation on one of its nodes."
             )
         if self.backend == "batch" and self.ray is not None:
-            raise InputError("A batch flies in this process. Leave out --ray, or --backend batch.")
+            raise InputError("A batch runs in this process. Leave out --ray, or --backend batch.")
         if self.backend == "batch" and self.workers is not None:
-            raise InputError("A batch flies in this process. Leave out --workers, or --backend batch.")
+            raise InputError("A batch runs in this process. Leave out --workers, or --backend batch.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -189,7 +189,7 @@ class StressOptions(TaskOptions):
     resume: bool = False
     """Go on with a search that was stopped; it ends like one that was not."""
     workers: int | None = None
-    """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores."""
+    """Processes that run episodes; the results do not depend on it. Without it as many as there are cores."""
     action_time_limit: float = 30.0
     """Wall time in which a policy must give an action, s; an episode in which it does not has failed."""
 
@@ -224,7 +224,7 @@ class CompareOptions:
 
 @dataclass(frozen=True)
 class ReplayOptions:
-    """What is flown again. Each field is an option of aquanav-eval replay."""
+    """What is run again. Each field is an option of aquanav-eval replay."""
 
     results: Annotated[Path, tyro.conf.Positional]
     """results.json of an evaluation, or its folder."""

@@ -1,7 +1,7 @@
-"""A pilot that knows the map, its own pose and the water: the ceiling that scenarios and policies are held against.
+"""A policy that knows the map, its own pose and the water: the ceiling that scenarios and policies are held against.
 
 It follows the roomiest way to the goal (the geodesic whose cost rises near walls) by pure pursuit, aiming the nose up
-the current so that the way over ground is right. Before each decision it flies the next second ahead by the vehicle's
+the current so that the way over ground is right. Before each decision it runs the next second ahead by the vehicle's
 own equations; where pursuit would come too near to a wall, it takes the command, of all 27, after which pursuit keeps
 enough room and gets farthest (a rollout of a base policy: Bertsekas, Dynamic Programming and Optimal Control, chapter
 6). It uses the task's own multidiscrete actions, so what it does, a policy can do.
@@ -44,7 +44,7 @@ CLIMB_PER_METRE, FASTEST_CLIMB = 1.2, 0.4
 """Vertical speed per metre off the way, 1/s, and its limit, m/s."""
 TRIM_PER_SPEED, TRIM_DEADBAND = 4.0, 0.05
 HORIZON = 12
-"""Decisions flown ahead: longer than it takes to stop."""
+"""Decisions run ahead: longer than it takes to stop."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
 STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
@@ -63,14 +63,14 @@ class Way:
 
 
 class OraclePolicy:
-    """Acts on the true state of the environment that it is brought aboard of."""
+    """Acts on the true state of the environment that it is bound to."""
 
     def __init__(self) -> None:
         self._env: CaveEnv | None = None
         self._graphs: dict[int, WaterGraph] = {}
         self._trim = layout("full")["trim"]
 
-    def board(self, env: CaveEnv) -> None:
+    def bind(self, env: CaveEnv) -> None:
         """Learn the map, the vehicle and the water of an environment, and find the way from where the vehicle is."""
         known, radius = self._env, env.vehicle.capsule.radius
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
@@ -97,7 +97,7 @@ class OraclePolicy:
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""
         if self._env is None:
-            raise InputError("The oracle knows a map: call its board(env) before its reset.")
+            raise InputError("The oracle knows a map: call its bind(env) before its reset.")
         self._pending = deque([IDLE] * self._env.task.action_delay)
         self._made, self._waited = 0.0, 0
 

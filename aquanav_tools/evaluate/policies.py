@@ -44,10 +44,10 @@ class Policy(Protocol):
 
 
 @runtime_checkable
-class Boarding(Protocol):
+class PrivilegedPolicy(Protocol):
     """A policy that knows more than it observes: its vehicle, or the whole map."""
 
-    def board(self, env: Any) -> None:
+    def bind(self, env: Any) -> None:
         """Look at the environment in which an episode has been reset and is about to begin."""
 
 
@@ -61,15 +61,15 @@ class Adapting(Protocol):
 
 @runtime_checkable
 class Vectorised(Policy, Protocol):
-    """A policy that can think about many vehicles at once."""
+    """A policy that can compute logits for many vehicles at once."""
 
-    def think(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
+    def logits(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
         """Return a row of anything for each of (N, O) observations, of the vehicles at so many (N,) places.
 
         What is remembered of a vehicle belongs to its place. A call that raises an error remembers nothing.
         """
 
-    def decide(self, thought: npt.NDArray[np.float32]) -> Any:
+    def decide(self, logits: npt.NDArray[np.float32]) -> Any:
         """Return the action that such a row stands for."""
 
 
@@ -117,24 +117,24 @@ class MapPolicy:
 
     def __init__(self) -> None:
         self._diving, self._afloat = OraclePolicy(), BoatOracle()
-        self._pilot: OraclePolicy | BoatOracle = self._diving
+        self._worker: OraclePolicy | BoatOracle = self._diving
 
-    def board(self, env: Any) -> None:
+    def bind(self, env: Any) -> None:
         """Look at the map of an environment."""
         if isinstance(env, SurfaceEnv):
-            self._pilot = self._afloat
-            self._afloat.board(env)
+            self._worker = self._afloat
+            self._afloat.bind(env)
         else:
-            self._pilot = self._diving
-            self._diving.board(env)
+            self._worker = self._diving
+            self._diving.bind(env)
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
-        self._pilot.reset(seed)
+        self._worker.reset(seed)
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return the choices of whoever knows this kind of map."""
-        return self._pilot.act(observation)
+        return self._worker.act(observation)
 
 
 BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]] = {

@@ -16,7 +16,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.task import TaskOptions, choices_of, task_options
@@ -88,7 +88,7 @@ def plan_case(scenario: Place, case: Case) -> EpisodePlan:
     Raises:
         InputError: the scenario has no such start.
     """
-    count = len(venue_of(scenario).ways)
+    count = len(adapter_of(scenario).ways)
     if case.start >= count:
         raise InputError(
             f"A case begins at start {case.start}, and {scenario.name} has {count} listed starts, counted from 0: the "
@@ -130,10 +130,10 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
         InputError: none of the scenario's starts lies in the condition's region.
     """
     starts = starts_in(scenario, condition)
-    is_anywhere = options.starts == "anywhere" or not venue_of(scenario).ways
+    is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).ways
     if not starts and (condition.region is not None or not is_anywhere):
         raise InputError(
-            f"None of the {len(venue_of(scenario).ways)} listed starts of {scenario.name} lies in the "
+            f"None of the {len(adapter_of(scenario).ways)} listed starts of {scenario.name} lies in the "
             f"{condition.region} of its route. Leave out that region, or build the scenario with more starts."
         )
     count = options.episodes or usual_episodes(scenario, task_under(condition, options), len(starts))
@@ -142,11 +142,11 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
 
 def starts_in(scenario: Place, condition: Condition) -> list[int]:
     """Return the numbers of the scenario's listed starts in the condition's region."""
-    venue = venue_of(scenario)
+    adapter = adapter_of(scenario)
     return [
         index
-        for index, way in enumerate(venue.ways)
-        if condition.region in (None, region_of(way, venue.course.route_length or way))
+        for index, way in enumerate(adapter.ways)
+        if condition.region in (None, region_of(way, adapter.reference.route_length or way))
     ]
 
 

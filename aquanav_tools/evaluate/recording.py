@@ -1,4 +1,4 @@
-"""Recordings and films of flown episodes."""
+"""Recordings and films of run episodes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from aquanav_tools.envs.pictures.film import SHOWN_FOR, Frame, film, film_size
 from aquanav_tools.envs.places import Place
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.track import Track
 from aquanav_tools.types import Progress, ignore_progress
@@ -16,7 +16,7 @@ from aquanav_tools.types import Progress, ignore_progress
 
 def record_track(place: Place, track: Track, path: Path) -> None:
     """Write the rerun recording of a track."""
-    record_episode(venue_of(place).scene(track), track, path)
+    record_episode(adapter_of(place).scene(track), track, path)
 
 
 def film_track(place: Place, track: Track, path: Path, view: str, progress: Progress = ignore_progress) -> None:
@@ -26,7 +26,7 @@ def film_track(place: Place, track: Track, path: Path, view: str, progress: Prog
         InputError: there is no such view, or no film of that kind.
     """
     rate = round(1.0 / float(track.times[1] - track.times[0])) if len(track.times) > 1 else 1
-    film(venue_of(place).camera(track, view, film_size(path)), frames_of(track), path, rate, progress)
+    film(adapter_of(place).camera(track, view, film_size(path)), frames_of(track), path, rate, progress)
 
 
 def frames_of(track: Track) -> list[Frame]:

@@ -1,4 +1,4 @@
-"""Flying an episode of an evaluation again, to see that it repeats and to watch it."""
+"""Running an episode of an evaluation again, to see that it repeats and to watch it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from aquanav_tools.envs.pictures.film import film_size
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
-from aquanav_tools.evaluate.flight import Flight, open_hangar
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
@@ -29,7 +29,7 @@ class ReplayError(AquanavError):
 
 
 def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
-    """Fly the episode, write its recording and its film where asked for, and return what to tell.
+    """Run the episode, write its recording and its film where asked for, and return what to tell.
 
     Args:
         options: Which episode.
@@ -40,7 +40,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
             that name or view can be made.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
-    if options.film is not None:  # before the flight, which takes long
+    if options.film is not None:  # before the episode, which takes long
         film_size(options.film)
         check_choice("view", options.view, get_args(View))
     path = options.results / "results.json" if options.results.is_dir() else options.results
@@ -50,10 +50,10 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
     start = None if episode.start == NOWHERE_LISTED else episode.start
-    flight = Flight(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
+    spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
-    track, metrics = (_fly_batched if is_batched else _fly_alone)(policy, flight, _rules(table["protocol"]))
+    track, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, _rules(table["protocol"]))
     record_track(scenario, track, output)
     if options.film is not None:
         film_track(scenario, track, options.film, options.view, progress)
@@ -66,20 +66,20 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     )
 
 
-def _fly_alone(policy: LoadedPolicy, flight: Flight, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
-    with open_hangar(policy, rules) as hangar:
-        return hangar.fly(flight)
+def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+    with open_env_cache(policy, rules) as env_cache:
+        return env_cache.run(spec)
 
 
-def _fly_batched(policy: LoadedPolicy, flight: Flight, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
-    """Fly the episode as a batch of one, which is what it was beside others."""
-    from aquanav_tools.evaluate.squadron import Squadron
+def _run_batched(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+    """Run the episode as a batch of one, which is what it was beside others."""
+    from aquanav_tools.evaluate.batch_runner import BatchRunner
 
-    squadron = Squadron([policy], rules)
+    runner = BatchRunner([policy], rules)
     try:
-        return squadron.fly([flight])[0]
+        return runner.run([spec])[0]
     finally:
-        squadron.close()
+        runner.close()
 
 
 def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetrics:
@@ -109,11 +109,11 @@ def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place
             f"The scenario {scenario.name} is another one than was evaluated: its content hash is "
             f"{scenario.content_hash} instead of {expected['content_hash']}. Name the right folder with --scenario."
         )
-    flown, wanted = scenario.other_vehicle, vehicle and vehicle["sha256"]
-    if (flown and flown.sha256) != wanted:
+    used, wanted = scenario.other_vehicle, vehicle and vehicle["sha256"]
+    if (used and used.sha256) != wanted:
         raise InputError(
-            f"The vehicle {flown.name if flown else 'of the scenario'} is another one than was evaluated "
-            f"({flown.sha256 if flown else 'its own'} instead of {wanted or 'its own'}). Name the right file with "
+            f"The vehicle {used.name if used else 'of the scenario'} is another one than was evaluated "
+            f"({used.sha256 if used else 'its own'} instead of {wanted or 'its own'}). Name the right file with "
             "--vehicle, or leave it out."
         )
     return scenario

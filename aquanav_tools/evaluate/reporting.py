@@ -13,10 +13,10 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.episode_table import EpisodeTable
+from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
-from aquanav_tools.evaluate.pilot import FILM_SUFFIX
 from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
@@ -33,7 +33,7 @@ from aquanav_tools.evaluate.summary_text import (
     sentence,
     variety_text,
 )
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.track import FAILED, Trail
@@ -117,7 +117,7 @@ def write_report(
 
 def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
     own = episodes.rows(episodes.are("scenario", scenario.name))
-    picture = venue_of(scenario).picture()
+    picture = adapter_of(scenario).picture()
     if not picture.is_shared:
         charts = []
         for episode in [own[place] for place in worst_first(own)[:NUM_CHARTS]]:
@@ -144,7 +144,7 @@ def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pi
         )
     count = f"all {len(own)}" if len(shown) == len(own) else f"{len(shown)} of {len(own)}"
     figures.append(Figure(paths["trails"], f"The trails of {count} episodes."))
-    model = venue_of(scenario).model(pictures / f"{scenario.name}.glb", shown, len(own))
+    model = adapter_of(scenario).model(pictures / f"{scenario.name}.glb", shown, len(own))
     return Section(f"In {scenario.name}", figures=tuple(figures), models=() if model is None else (model,))
 
 
@@ -178,7 +178,7 @@ def _plots(scenarios: Sequence[Place], journal: Journal, summary: Summary, pictu
 
 def _longest(scenarios: Sequence[Place], trails: Sequence[Trail]) -> float:
     """Return the length of the longest route, m; without routes, the most that was gained."""
-    lengths = [venue_of(scenario).course.route_length for scenario in scenarios]
+    lengths = [adapter_of(scenario).reference.route_length for scenario in scenarios]
     return max([length for length in lengths if length] or [float(trail.progress.max()) for trail in trails] or [1.0])
 
 
@@ -328,7 +328,7 @@ def _episode_table(episodes: Sequence[EpisodeMetrics], recordings: Mapping[int, 
 def _repetition() -> str:
     return (
         "The same policy, scenarios and options give the same results.json to the byte on the same machine. "
-        "aquanav-eval replay flies one episode again and checks that it repeats to the bit."
+        "aquanav-eval replay runs one episode again and checks that it repeats to the bit."
     )
 
 
@@ -345,7 +345,7 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
             rows.append((f"vehicle in {scenario['name']}", vehicle_text(scenario["vehicle"])))
     rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
-    rows.append(("episodes flown", str(len(journal))))
+    rows.append(("episodes run", str(len(journal))))
     return Table("What was evaluated", ("", ""), tuple(rows))
 
 

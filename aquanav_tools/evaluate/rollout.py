@@ -22,7 +22,7 @@ import numpy as np
 import aquanav_tools
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.places import PlaceEnv
-from aquanav_tools.evaluate.policies import Adapting, Boarding, Policy
+from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.track import FAILED, Track
 
@@ -48,7 +48,7 @@ class _HangError(BaseException):
     """A policy took too long. Not an Exception, so that a policy that catches these does not catch it."""
 
 
-class Watch:
+class CallTimeout:
     """Ends calls of a policy that take too long.
 
     A timer interrupts them on the main thread of Unix systems. It cannot interrupt compiled code; for that, another
@@ -116,25 +116,25 @@ def _line_of(error: BaseException) -> str:
 
 
 def run_episode(
-    env: PlaceEnv, policy: Policy, plan: EpisodePlan, watch: Watch | None = None, reason: str = ""
+    env: PlaceEnv, policy: Policy, plan: EpisodePlan, timeout: CallTimeout | None = None, reason: str = ""
 ) -> Track:
     """Return the track of one episode, from the planned start to its end.
 
     A policy that raises an error, gives no action of its form, or takes too long for one ends its episode with the
     outcome FAILED and the reason. A `reason` that is given ends it like this before the policy is asked.
     """
-    watch = watch or Watch()
+    timeout = timeout or CallTimeout()
     observation, info = env.reset(seed=plan.seed, options=_start(plan))
     if isinstance(policy, Adapting):
         policy.adapt(env.action_space)
-    if isinstance(policy, Boarding):
-        policy.board(env)
+    if isinstance(policy, PrivilegedPolicy):
+        policy.bind(env)
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
-    with watch.kept():
-        reason = reason or watch.outcome(lambda: begin_episode(policy, plan.seed))[1]
+    with timeout.kept():
+        reason = reason or timeout.outcome(lambda: begin_episode(policy, plan.seed))[1]
         while not is_over and not reason:
-            chosen, reason = watch.outcome(lambda seen=observation: choose(policy.act, env.action_model, seen))
+            chosen, reason = timeout.outcome(lambda seen=observation: choose(policy.act, env.action_model, seen))
             if reason:
                 break
             action, command = chosen

@@ -27,7 +27,7 @@ DONE_AFTER = 2
 NUM_OFFERS = 64
 """Places drawn for a new beginning, of which the farthest from all earlier ones is taken."""
 DIGITS = 4
-"""Decimals of noise and current in a case: what the protocol's file says is what was flown."""
+"""Decimals of noise and current in a case: what the protocol's file says is what was run."""
 
 
 @dataclass(frozen=True, eq=False)

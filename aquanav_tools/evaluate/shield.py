@@ -2,7 +2,7 @@
 
 What is known is what a real vehicle has: the 28 ranges, the velocity log, the gyroscope, the tilt and its own
 software's trim and equations of motion; neither the map nor the current. Rule: before each decision the vehicle is
-flown ahead through the chosen action and then a full stop. The action is safe where on all of this the hull keeps
+run ahead through the chosen action and then a full stop. The action is safe where on all of this the hull keeps
 MARGIN from every wall that the rays have met lately, or, where it is nearer already, comes no nearer and ends farther
 away. If it is not, the safe action that differs least takes its place; if none is, the one that ends farthest away.
 
@@ -38,7 +38,7 @@ CAVEAT = (
 MARGIN = 0.15
 """Room that is kept between hull and wall, m: about the hull's radius; chosen, see test_shield."""
 STOP_DECISIONS = 30
-"""Longest full stop that is flown ahead; the ballast alone takes 2 s from full up to full down."""
+"""Longest full stop that is run ahead; the ballast alone takes 2 s from full up to full down."""
 MEMORY = 20
 """Decisions for which walls are remembered: 2 s, in which a BlueROV2 swims a few of its lengths."""
 NEAR = 2.5
@@ -69,7 +69,7 @@ class ShieldedPolicy:
         self.interventions = 0
         """Decisions of this episode in which it took another action than the policy's."""
 
-    def board(self, env: CaveEnv) -> None:
+    def bind(self, env: CaveEnv) -> None:
         """Learn the vehicle's own equations and size, and nothing of the cave."""
         self._model = Lookahead(env)
         self._vehicle = env.vehicle
@@ -77,8 +77,8 @@ class ShieldedPolicy:
         half = 0.5 * env.vehicle.capsule.axis_length
         self._axis = np.array([-half, 0.0, half])
         self._radius = env.vehicle.capsule.radius
-        if hasattr(self._inner, "board"):
-            self._inner.board(env)
+        if hasattr(self._inner, "bind"):
+            self._inner.bind(env)
 
     def reset(self, seed: int) -> None:
         """Forget the walls of the last episode."""

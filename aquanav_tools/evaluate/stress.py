@@ -10,15 +10,15 @@ from typing import Any
 
 from aquanav_tools.envs.places import cave_of
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.crew import flown
+from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal
 from aquanav_tools.evaluate.options import EvaluateOptions, StressOptions
-from aquanav_tools.evaluate.pilot import Orders, Plan, Task, make_plan
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.search import GENERATION, CaseSpace, Search, danger, load_cmaes, random_points
 from aquanav_tools.evaluate.stress_report import Stress, Trial, write_stress_report
+from aquanav_tools.evaluate.worker_pool import run_tasks
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array, Progress
@@ -42,13 +42,13 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
     """
     load_cmaes()
     load = load or partial(load_policy, is_trusted=options.trust)
-    orders = Orders(_flying_options(options), options.policy, options.output, load)
-    plan = make_plan(orders)
+    spec = EvaluationSpec(_run_options(options), options.policy, options.output, load)
+    plan = make_plan(spec)
     scenario = cave_of(plan.scenarios[0], "aquanav-eval stress")
     journal = _open_journal(options, plan)
     campaign = _Campaign(options, scenario, journal)
     progress(len(journal), 2 * options.budget)
-    for row in flown(orders, plan, campaign.tasks(), 2 * options.budget - len(journal)):
+    for row in run_tasks(spec, plan, campaign.tasks(), 2 * options.budget - len(journal)):
         journal.add(row)
         progress(len(journal), 2 * options.budget)
     drawn, searched = campaign.trials(range(options.budget)), campaign.trials(range(options.budget, 2 * options.budget))
@@ -72,7 +72,7 @@ class _Campaign:
         self._cases = {index: self._space.case(point) for index, point in enumerate(points)}
 
     def tasks(self) -> Iterator[Task | None]:
-        """Yield the episodes to fly, searched ones first; drawn ones while a generation is still in the water."""
+        """Yield the episodes to run, searched ones first; drawn ones while a generation is still in the water."""
         drawn = iter([index for index in range(self._options.budget) if index not in self._journal])
         for first, points in self._generations():
             indices = range(first, first + len(points))
@@ -95,7 +95,7 @@ class _Campaign:
         return Trial(case, metrics, danger(metrics, self._scenario.guide.length), way)
 
     def _generations(self) -> Iterator[tuple[int, list[Array]]]:
-        """Yield the first index and the points of each generation; the caller flies them before it asks for more."""
+        """Yield the first index and the points of each generation; the caller runs them before it asks for more."""
         search, end = Search(self._options.seed), 2 * self._options.budget
         for first in range(self._options.budget, end, GENERATION):
             points = search.ask()
@@ -110,7 +110,7 @@ class _Campaign:
         return Task(index, "never", case=self._cases[index])
 
 
-def _flying_options(options: StressOptions) -> EvaluateOptions:
+def _run_options(options: StressOptions) -> EvaluateOptions:
     return EvaluateOptions(
         policies=(options.policy,),
         scenario=(options.scenario,),

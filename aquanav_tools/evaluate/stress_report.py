@@ -232,7 +232,7 @@ def _repeat_table(found: Stress, options: StressOptions) -> Table:
         search += ["--" + name.replace("_", "-"), getattr(options, name)]
     search += task_words({"max_decisions": options.max_decisions, **choices_of(options)})
     rows = (
-        ("fly the worst cases again", shlex.join(map(str, again))),
+        ("run the worst cases again", shlex.join(map(str, again))),
         ("search again", shlex.join(map(str, search))),
         ("scenario, content hash", found.scenario.content_hash),
     )

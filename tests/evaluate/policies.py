@@ -21,8 +21,8 @@ TROUBLE = "AQUANAV_TEST_TROUBLE"
 """Environment variable: what happens at the fourth decision of which seeds, as "2 raises, 5 dies"."""
 ONCE = "AQUANAV_TEST_ONCE"
 """Environment variable: path of a file that says that a process was killed already."""
-FLIERS = "AQUANAV_TEST_FLIERS"
-"""Environment variable: path of a file that gets a line per episode: who flies it; none where it is not set."""
+PROCESSES = "AQUANAV_TEST_PROCESSES"
+"""Environment variable: path of a file that gets a line per episode: the process that runs it."""
 
 
 class Drifting:
@@ -35,9 +35,9 @@ class Drifting:
 
     def reset(self, seed: int) -> None:
         self._seed, self._num = seed, 0
-        if FLIERS in os.environ:
+        if PROCESSES in os.environ:
             row = {"seed": seed, "actor": os.getppid(), "node": grandparent()}
-            with Path(os.environ[FLIERS]).open("a") as stream:
+            with Path(os.environ[PROCESSES]).open("a") as stream:
                 stream.write(json.dumps(row) + "\n")
 
     def act(self, observation: Any) -> Any:

@@ -14,13 +14,13 @@ import pytest
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.cluster import check_found, clear_left
+from aquanav_tools.evaluate.episode_worker import EvaluationSpec, make_plan
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.pilot import Orders, make_plan
 from aquanav_tools.store import locked
 from tests.conftest import REPOSITORY
-from tests.evaluate.policies import FLIERS, ONCE, TROUBLE, drifting_options, load_drifting
-from tests.evaluate.test_crew import BAD, NUM_EPISODES, REASONS, assert_same_files
+from tests.evaluate.policies import ONCE, PROCESSES, TROUBLE, drifting_options, load_drifting
+from tests.evaluate.test_worker_pool import BAD, NUM_EPISODES, REASONS, assert_same_files
 
 NODE: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 80 << 20}
 """The least store that Ray takes is 75 MB."""
@@ -45,7 +45,7 @@ def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv(ONCE, str(tmp_path / "once"))
-    monkeypatch.setenv(FLIERS, str(tmp_path / "fliers"))
+    monkeypatch.setenv(PROCESSES, str(tmp_path / "processes"))
     nodes = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
     try:
         nodes.add_node(**NODE)
@@ -63,7 +63,7 @@ def troubled(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make the policies on the cluster slow, so that one flies when another ends; name it before the cluster."""
+    """Make the policies on the cluster slow, so that one runs when another ends; name it before the cluster."""
     monkeypatch.setenv(TROUBLE, ",".join(f"{seed} dawdles" for seed in range(NUM_EPISODES)))
 
 
@@ -93,16 +93,16 @@ def test_episodes_of_a_cluster_that_loses_an_actor_are_each_written_once_and_the
     def kill_an_actor(done: int) -> None:
         lines = (tmp_path / "episodes.jsonl").read_text().splitlines()[1:]
         seeds = {json.loads(line)["metrics"]["seed"] for line in lines}
-        at_work = [row for row in flying(tmp_path) if row["seed"] not in seeds] if done and not killed else []
+        at_work = [row for row in running(tmp_path) if row["seed"] not in seeds] if done and not killed else []
         if at_work:
             killed.append(at_work[-1]["actor"])
             os.kill(killed[0], signal.SIGKILL)
 
     told = run(on(cluster, folder, tmp_path), kill_an_actor)
     assert_all_once(told, tmp_path, calm)
-    fliers = flying(tmp_path)
-    assert len({row["node"] for row in fliers}) == 2
-    assert fliers[-1]["actor"] != killed[0]
+    processes = running(tmp_path)
+    assert len({row["node"] for row in processes}) == 2
+    assert processes[-1]["actor"] != killed[0]
 
 
 def test_episodes_of_a_cluster_that_loses_a_node_are_each_written_once_and_the_same(
@@ -193,14 +193,16 @@ def test_addresses_and_backends_that_do_not_go_together_are_refused(choices: dic
         EvaluateOptions(("baseline:random",), (Path("tube"),), **choices)
 
 
-def test_node_with_another_scenario_refuses_to_fly(folder: Path, tmp_path: Path) -> None:
+def test_node_with_another_scenario_is_refused(folder: Path, tmp_path: Path) -> None:
     options = drifting_options(folder, tmp_path, episodes=1)
-    orders = Orders(options, "drifting", tmp_path, load_drifting, {"policy drifting": None, "scenario tube": "0" * 64})
+    spec = EvaluationSpec(
+        options, "drifting", tmp_path, load_drifting, {"policy drifting": None, "scenario tube": "0" * 64}
+    )
     with pytest.raises(AquanavError, match="The content of scenario tube is not that with which the evaluation began"):
-        make_plan(orders)
+        make_plan(spec)
 
 
-def test_node_with_another_version_or_without_the_folder_refuses_to_fly(tmp_path: Path) -> None:
+def test_node_with_another_version_or_without_the_folder_is_refused(tmp_path: Path) -> None:
     from aquanav_tools.evaluate.cluster import HomeLoader, code_here
 
     with pytest.raises(InputError, match=r"It has numpy \S+, not 0\.1\. .*same version"):
@@ -218,9 +220,9 @@ def assert_all_once(told: list[tuple[int, int]], output: Path, calm: Path) -> No
     assert trails == [f"{index:06d}.npz" for index in range(NUM_EPISODES)]
 
 
-def flying(output: Path) -> list[dict[str, Any]]:
-    """Return which process flew for which actor, episode by episode, as the policy wrote it down."""
-    return [json.loads(line) for line in (output / "fliers").read_text().splitlines()]
+def running(output: Path) -> list[dict[str, Any]]:
+    """Return which process ran episodes for which actor, episode by episode, as the policy wrote it down."""
+    return [json.loads(line) for line in (output / "processes").read_text().splitlines()]
 
 
 @pytest.mark.parametrize(

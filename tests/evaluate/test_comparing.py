@@ -94,7 +94,7 @@ def test_rules_that_differ_and_policies_that_failed_are_told(compare: Any) -> No
         table["episodes"][3].update(outcome="failed", reason="KeyError: 'rudder'")
 
     printed = compare(edit)
-    assert "Note: They were flown under different rules: current None for first, full for second." in printed
+    assert "Note: They were run under different rules: current None for first, full for second." in printed
     assert "Note: second itself failed in 1 of 20 episodes" in printed
 
 

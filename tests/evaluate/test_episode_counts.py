@@ -13,8 +13,8 @@ import pytest
 
 from aquanav_tools.cli.evaluate import main
 from aquanav_tools.envs.places import read_place
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.episode_counts import USUAL, is_drawn, possible_episodes, usual_episodes
-from aquanav_tools.evaluate.flight import Flight, open_hangar
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Grid, ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
@@ -32,16 +32,16 @@ NUM_STARTS = 20
 """Of the tube."""
 
 
-def flown(scenario: Scenario, options: ProtocolOptions, *plans: EpisodePlan) -> list[EpisodeMetrics]:
+def finished(scenario: Scenario, options: ProtocolOptions, *plans: EpisodePlan) -> list[EpisodeMetrics]:
     (condition,) = conditions_of(Grid())
-    with open_hangar(load_policy("baseline:reactive"), options) as hangar:
-        return [hangar.fly(Flight(0, scenario, condition, plan))[1] for plan in plans]
+    with open_env_cache(load_policy("baseline:reactive"), options) as env_cache:
+        return [env_cache.run(EpisodeSpec(0, scenario, condition, plan))[1] for plan in plans]
 
 
 @pytest.fixture(scope="module")
 def template(tube: Scenario) -> EpisodeMetrics:
     """A success without a collision."""
-    (metrics,) = flown(tube, ProtocolOptions(), EpisodePlan(0, NUM_STARTS - 1))
+    (metrics,) = finished(tube, ProtocolOptions(), EpisodePlan(0, NUM_STARTS - 1))
     assert metrics.is_collision_free_success
     return metrics
 
@@ -68,7 +68,7 @@ def test_episodes_from_a_start_repeat_to_the_bit_just_where_nothing_is_said_to_b
 ) -> None:
     options = ProtocolOptions(max_decisions=100, **task)
     start = None if options.starts == "anywhere" else 3
-    one, two = flown(tube, options, EpisodePlan(1, start), EpisodePlan(2, start))
+    one, two = finished(tube, options, EpisodePlan(1, start), EpisodePlan(2, start))
     assert is_drawn(tube, options) == (one.digest != two.digest) == drawn
 
 

@@ -27,7 +27,7 @@ from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.results import check_results
-from aquanav_tools.evaluate.rollout import Watch, run_episode
+from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.summary_text import metres
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
@@ -224,8 +224,8 @@ class Broken:
 )
 def test_failing_policy_costs_its_episode_only(tube: Scenario, act: Callable[[], Any], reason: str) -> None:
     env, policy = CaveEnv(tube, max_decisions=5), Broken(act)
-    first = run_episode(env, policy, EpisodePlan(0, 0), Watch(0.2))
-    second = run_episode(env, policy, EpisodePlan(1, 0), Watch(5.0))
+    first = run_episode(env, policy, EpisodePlan(0, 0), CallTimeout(0.2))
+    second = run_episode(env, policy, EpisodePlan(1, 0), CallTimeout(5.0))
     env.close()
     assert first.outcome == "failed"
     assert reason in first.reason

@@ -63,7 +63,7 @@ def working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     sys.modules.pop("own_failing", None)
 
 
-def flown(folder: Path, policy: str, kind: str, episodes: int = 2) -> Any:
+def finished(folder: Path, policy: str, kind: str, episodes: int = 2) -> Any:
     flags = [word for pair in KINDS[kind].items() for word in pair]
     short = ("--episodes", episodes, "--max-decisions", 5, "--record", "none", "-o", "out")
     return aquanav_eval(f"own_failing:{policy}", "--scenario", folder, *short, *flags)
@@ -71,7 +71,7 @@ def flown(folder: Path, policy: str, kind: str, episodes: int = 2) -> Any:
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_error_in_every_episode_is_told_with_its_line_and_ends_with_a_code_of_its_own(folder: Path, kind: str) -> None:
-    result = flown(folder, "raises", kind)
+    result = finished(folder, "raises", kind)
     assert result.returncode == PolicyError.exit_code == 8
     assert "own_failing:raises itself failed in every episode (2)" in result.stderr
     assert f"KeyError: 'rudder' (own_failing.py, line {LINE})" in result.stderr
@@ -90,14 +90,14 @@ def test_error_in_every_episode_is_told_with_its_line_and_ends_with_a_code_of_it
     ],
 )
 def test_actions_of_the_wrong_form_are_told_like_errors(folder: Path, policy: str, action: str, kind: str) -> None:
-    result = flown(folder, policy, kind)
+    result = finished(folder, policy, kind)
     assert result.returncode == 8
     assert f"An action must be {action}" in result.stderr
 
 
 @pytest.mark.parametrize("kind", ["alone", "batch"])
 def test_some_failed_episodes_are_a_warning_with_their_number(folder: Path, kind: str) -> None:
-    result = flown(folder, "Sometimes", kind, episodes=5)
+    result = finished(folder, "Sometimes", kind, episodes=5)
     assert result.returncode == 0
     assert "warning: The policy own_failing:Sometimes itself failed in 3 of 5 episodes" in result.stderr
     assert "ValueError: lost the wall" in result.stderr

@@ -48,7 +48,7 @@ def test_what_acting_compiles_is_compiled_before_a_first_action_is_timed(
     env = CaveEnv(tube)
     env.reset(seed=0)
     policy = OraclePolicy()
-    policy.board(env)
+    policy.bind(env)
     assert set(called) == {"_swim", "_pursue", "hull_clearance"}
     env.close()
 
@@ -75,14 +75,14 @@ def test_oracle_finds_a_way_that_a_coarse_map_does_not_show(monkeypatch: pytest.
     env.reset(seed=0, options={"start": 0})
     monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10,))
     with pytest.raises(InputError, match="No way as wide as the vehicle"):
-        OraclePolicy().board(env)
+        OraclePolicy().bind(env)
     monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10, 300_000))
-    OraclePolicy().board(env)
+    OraclePolicy().bind(env)
     env.close()
 
 
 def test_oracle_that_has_no_map_says_so() -> None:
-    with pytest.raises(InputError, match="call its board"):
+    with pytest.raises(InputError, match="call its bind"):
         OraclePolicy().reset(0)
 
 

@@ -9,7 +9,7 @@ from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.flight import Flight, open_hangar
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import conditions_of, plan_condition
@@ -23,9 +23,9 @@ def score(scenario: Scenario, spec: str, num_episodes: int, max_decisions: int =
     options = ProtocolOptions(episodes=num_episodes, max_decisions=max_decisions, **task)
     (condition,) = conditions_of(options.grid)
     plans = plan_condition(scenario, options, condition)
-    with open_hangar(load_policy(spec), options) as hangar:
-        flights = [Flight(index, scenario, condition, plan) for index, plan in enumerate(plans)]
-        return summarise([hangar.fly(flight)[1] for flight in flights])
+    with open_env_cache(load_policy(spec), options) as env_cache:
+        episodes = [EpisodeSpec(index, scenario, condition, plan) for index, plan in enumerate(plans)]
+        return summarise([env_cache.run(episode)[1] for episode in episodes])
 
 
 def test_reactive_policy_dives_through_the_tube_without_a_collision(tube: Scenario) -> None:

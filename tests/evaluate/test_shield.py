@@ -10,7 +10,7 @@ import pytest
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.metrics import Course, measure
+from aquanav_tools.evaluate.metrics import EpisodeReference, measure
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.rollout import run_episode
@@ -35,7 +35,7 @@ class Stubborn:
         return self.action
 
 
-def fly(tube: Scenario, policy: Any, action: str = "multidiscrete", decisions: int = 120, start: int = 0) -> Track:
+def run(tube: Scenario, policy: Any, action: str = "multidiscrete", decisions: int = 120, start: int = 0) -> Track:
     env = CaveEnv(tube, action=action, max_decisions=decisions)
     track = run_episode(env, policy, EpisodePlan(0, start))
     env.close()
@@ -51,8 +51,8 @@ UP_TO_THE_ROOF = [
 
 @pytest.mark.parametrize(("form", "action"), UP_TO_THE_ROOF, ids=str)
 def test_shield_keeps_a_policy_that_rises_stubbornly_off_the_roof(form: str, action: Any, tube: Scenario) -> None:
-    bare = fly(tube, Stubborn(action), form)
-    shielded = fly(tube, ShieldedPolicy(Stubborn(action), "full", form), form)
+    bare = run(tube, Stubborn(action), form)
+    shielded = run(tube, ShieldedPolicy(Stubborn(action), "full", form), form)
     assert bare.num_collisions > 0  # the danger is real
     assert shielded.num_collisions == 0
     assert shielded.interventions is not None and shielded.interventions > 0
@@ -60,23 +60,23 @@ def test_shield_keeps_a_policy_that_rises_stubbornly_off_the_roof(form: str, act
 
 def test_shield_leaves_a_careful_policy_alone(tube: Scenario) -> None:
     careful = load_policy("baseline:reactive").policy
-    bare, shielded = fly(tube, careful), fly(tube, ShieldedPolicy(careful, "full", "multidiscrete"))
+    bare, shielded = run(tube, careful), run(tube, ShieldedPolicy(careful, "full", "multidiscrete"))
     assert (bare.interventions, shielded.interventions) == (None, 0)
     np.testing.assert_array_equal(bare.positions, shielded.positions)
 
 
 def test_policy_on_paper_observations_gets_these_through_the_shield(tube: Scenario) -> None:
     inner = Stubborn([1, 1, 2])
-    fly(tube, ShieldedPolicy(inner, "paper", "multidiscrete"), decisions=5)
+    run(tube, ShieldedPolicy(inner, "paper", "multidiscrete"), decisions=5)
     assert set(inner.seen) == {max(part.stop for part in layout("paper").values())}
 
 
 def test_interventions_are_counted_per_episode(tube: Scenario) -> None:
     policy = ShieldedPolicy(Stubborn([0, 1, 1]), "full", "multidiscrete")
-    counts = [fly(tube, policy).interventions for _ in range(2)]
+    counts = [run(tube, policy).interventions for _ in range(2)]
     assert counts[0] == counts[1] != 0
-    course = Course("tube", "as given", 0.5, tube.guide.length, 1.0, None)
-    assert measure(fly(tube, policy), 10.0, course).interventions == counts[0]
+    reference = EpisodeReference("tube", "as given", 0.5, tube.guide.length, 1.0, None)
+    assert measure(run(tube, policy), 10.0, reference).interventions == counts[0]
 
 
 def test_shield_is_named_before_any_policy(tmp_path: Path) -> None:

@@ -11,14 +11,14 @@ import pytest
 
 from aquanav_tools.cli.evaluate import main
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.evaluate.flight import Flight, numbered, open_hangar
+from aquanav_tools.evaluate.batch_runner import BatchRunner
+from aquanav_tools.evaluate.env_cache import EpisodeSpec, numbered, open_env_cache
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan, conditions_of, plan_condition
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import run_episode
-from aquanav_tools.evaluate.squadron import Squadron
 from aquanav_tools.evaluate.summary import summarise
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
@@ -41,16 +41,16 @@ def test_the_oracle_arrives_at_the_end_of_a_long_way(monkeypatch: pytest.MonkeyP
     assert track.num_decisions > 2400  # the original's limit would have cut it off
 
 
-def flights_of(tube: Scenario, options: ProtocolOptions) -> tuple[Flight, ...]:
+def episodes_of(tube: Scenario, options: ProtocolOptions) -> tuple[EpisodeSpec, ...]:
     (condition,) = conditions_of(options.grid)
-    return numbered([Flight(0, tube, condition, plan) for plan in plan_condition(tube, options, condition)])
+    return numbered([EpisodeSpec(0, tube, condition, plan) for plan in plan_condition(tube, options, condition)])
 
 
-def flown(tube: Scenario, **rules: Any) -> list[EpisodeMetrics]:
+def finished(tube: Scenario, **rules: Any) -> list[EpisodeMetrics]:
     """Return the episodes of one who goes nowhere in particular."""
     options = ProtocolOptions(**rules)
-    with open_hangar(load_policy("baseline:random"), options) as hangar:
-        return [hangar.fly(flight)[1] for flight in flights_of(tube, options)]
+    with open_env_cache(load_policy("baseline:random"), options) as env_cache:
+        return [env_cache.run(episode)[1] for episode in episodes_of(tube, options)]
 
 
 def outcomes(episodes: list[EpisodeMetrics]) -> set[str]:
@@ -59,7 +59,7 @@ def outcomes(episodes: list[EpisodeMetrics]) -> set[str]:
 
 def test_a_timeout_counts_only_where_the_way_can_be_made_in_time() -> None:
     """Starts of the tube are 11 to 17.5 m from the goal: 13.2 s at top speed bring a vehicle to it from some."""
-    episodes = flown(tube_scenario(), episodes=20, max_decisions=132)
+    episodes = finished(tube_scenario(), episodes=20, max_decisions=132)
     assert outcomes(episodes) == {INFEASIBLE, "timeout"}
     for episode in episodes:
         is_in_reach = (episode.geodesic - TOLERANCE) / TOP_SPEED <= 13.2
@@ -71,7 +71,7 @@ def test_a_timeout_counts_only_where_the_way_can_be_made_in_time() -> None:
 
 
 def test_a_contact_that_ends_an_episode_is_the_policy_s_whatever_the_limit() -> None:
-    episodes = flown(tube_scenario(), episodes=20, max_decisions=2400, on_collision="end")
+    episodes = finished(tube_scenario(), episodes=20, max_decisions=2400, on_collision="end")
     assert INFEASIBLE not in outcomes(episodes)
     assert "collision" in outcomes(episodes)
 
@@ -79,16 +79,16 @@ def test_a_contact_that_ends_an_episode_is_the_policy_s_whatever_the_limit() -> 
 def test_a_current_against_the_vehicle_is_taken_into_account() -> None:
     """20 s are enough for 17.5 m at 0.995 m/s and more, and for none of 11 m and more at 0.495 m/s."""
     tube = tube_scenario()
-    assert outcomes(flown(tube, episodes=3, max_decisions=200, current=(-0.5, 0.0, 0.0))) == {INFEASIBLE}
-    assert outcomes(flown(tube, episodes=3, max_decisions=200, current=(0.1, 0.0, 0.0))) == {"timeout"}
+    assert outcomes(finished(tube, episodes=3, max_decisions=200, current=(-0.5, 0.0, 0.0))) == {INFEASIBLE}
+    assert outcomes(finished(tube, episodes=3, max_decisions=200, current=(0.1, 0.0, 0.0))) == {"timeout"}
 
 
 def test_a_batch_tells_them_apart_as_well() -> None:
     options = ProtocolOptions(episodes=3, max_decisions=50)
-    squadron = Squadron([load_policy("baseline:random") for _ in range(3)], options)
-    flown = squadron.fly(flights_of(tube_scenario(), options))
-    squadron.close()
-    assert outcomes([metrics for _, metrics in flown]) == {INFEASIBLE}
+    runner = BatchRunner([load_policy("baseline:random") for _ in range(3)], options)
+    finished = runner.run(episodes_of(tube_scenario(), options))
+    runner.close()
+    assert outcomes([metrics for _, metrics in finished]) == {INFEASIBLE}
 
 
 def test_an_evaluation_without_a_chance_says_so_and_blames_nobody(tmp_path: Path) -> None:
@@ -106,5 +106,5 @@ def test_an_evaluation_without_a_chance_says_so_and_blames_nobody(tmp_path: Path
 
 
 def test_results_without_infeasible_episodes_do_not_name_them() -> None:
-    summary = summarise(flown(tube_scenario(), episodes=2, max_decisions=200))
+    summary = summarise(finished(tube_scenario(), episodes=2, max_decisions=200))
     assert INFEASIBLE not in json.dumps(summary.as_table())

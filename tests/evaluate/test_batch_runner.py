@@ -16,7 +16,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate import squadron
+from aquanav_tools.evaluate import batch_runner
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.journal import JOURNAL
 from aquanav_tools.evaluate.network import NetworkPolicy
@@ -73,7 +73,7 @@ def test_batch_comes_to_the_verdict_of_pybullet(run: Run, tmp_path: Path) -> Non
 def test_stopped_evaluation_goes_on_to_the_same_bytes_in_batches(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(squadron, "BATCH_SIZE", 2)
+    monkeypatch.setattr(batch_runner, "BATCH_SIZE", 2)
     options = {"episodes": 5, "grid": Grid(current=(0.0, 1.0)), "current": (0.2, 0.0, 0.0), "max_decisions": 40}
     output = tmp_path / "eval"
     run("baseline:random", output, **options)
@@ -85,7 +85,7 @@ def test_stopped_evaluation_goes_on_to_the_same_bytes_in_batches(
 
 
 def test_episode_of_a_batch_repeats_to_the_bit(run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(squadron, "BATCH_SIZE", 3)
+    monkeypatch.setattr(batch_runner, "BATCH_SIZE", 3)
     run("baseline:reactive", tmp_path / "eval", episodes=4, record="failures", max_decisions=30)
     said = replay(ReplayOptions(tmp_path / "eval", 1, tmp_path / "again.rrd"))
     assert "Episode 1 repeats to the bit: infeasible" in said  # 3 s are too few for the way
@@ -94,7 +94,7 @@ def test_episode_of_a_batch_repeats_to_the_bit(run: Run, tmp_path: Path, monkeyp
 
 
 @pytest.mark.parametrize("size", [1, 3, 5])
-def test_episodes_are_the_same_whatever_flies_beside_them(
+def test_episodes_are_the_same_whatever_runs_beside_them(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
 ) -> None:
     path = tmp_path / "policy.zip"
@@ -108,14 +108,14 @@ def test_episodes_are_the_same_whatever_flies_beside_them(
         "starts": "anywhere",
     }
     together = run(str(path), tmp_path / "together", **options)["episodes"]
-    monkeypatch.setattr(squadron, "BATCH_SIZE", size)
+    monkeypatch.setattr(batch_runner, "BATCH_SIZE", size)
     assert run(str(path), tmp_path / "apart", **options)["episodes"] == together
     digests = {(episode["start"], episode["digest"]) for episode in together}
     assert len(digests) == 5
 
 
 @pytest.mark.parametrize("kind", [PPO, RecurrentPPO])
-def test_network_thinks_of_many_as_of_each(kind: type[BaseAlgorithm], tmp_path: Path) -> None:
+def test_logits_of_many_are_those_of_each(kind: type[BaseAlgorithm], tmp_path: Path) -> None:
     path = tmp_path / "policy.zip"
     make_model(kind, net_arch=[16]).save(path)
     together, alone = NetworkPolicy(path), [NetworkPolicy(path) for _ in range(3)]
@@ -124,11 +124,11 @@ def test_network_thinks_of_many_as_of_each(kind: type[BaseAlgorithm], tmp_path: 
         policy.reset(0)
     for rows in seen:
         np.testing.assert_allclose(
-            together.think(rows), [one.think(row[None])[0] for one, row in zip(alone, rows, strict=True)], atol=1e-6
+            together.logits(rows), [one.logits(row[None])[0] for one, row in zip(alone, rows, strict=True)], atol=1e-6
         )
 
 
-def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had_happened(
+def test_network_that_failed_on_all_goes_on_with_each_as_if_nothing_had_happened(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "policy.zip"
@@ -144,14 +144,14 @@ def test_network_that_could_not_think_of_all_goes_on_with_each_as_if_nothing_had
 
     seen = np.random.default_rng(3).uniform(-1.0, 1.0, (5, 3, 44)).astype(np.float32)
     for number, rows in enumerate(seen):
-        known = smooth.think(rows)
+        known = smooth.logits(rows)
         if number % 2:  # also at the first decision, and where places joined
-            np.testing.assert_allclose(broken.think(rows), known, atol=1e-6)
+            np.testing.assert_allclose(broken.logits(rows), known, atol=1e-6)
             continue
         monkeypatch.setattr(broken, "_outputs", fail_for_many)
         with pytest.raises(MemoryError):
-            broken.think(rows)
-        alone = [broken.think(rows[[place]], np.array([place]))[0] for place in (2, 0, 1)]
+            broken.logits(rows)
+        alone = [broken.logits(rows[[place]], np.array([place]))[0] for place in (2, 0, 1)]
         monkeypatch.setattr(broken, "_outputs", outputs)
         np.testing.assert_allclose(alone, known[[2, 0, 1]], atol=1e-6)
 
@@ -162,12 +162,12 @@ class Fickle:
     def reset(self, seed: int) -> None:
         self._count = 0
 
-    def think(self, observations: Any, places: Any) -> Any:
+    def logits(self, observations: Any, places: Any) -> Any:
         self._count += 1
         return places[:, None]
 
-    def decide(self, thought: Any) -> Any:
-        if self._count == 3 and thought[0] == 1:
+    def decide(self, logits: Any) -> Any:
+        if self._count == 3 and logits[0] == 1:
             raise RuntimeError("a bad day")
         return np.array([1, 1, 2])
 
@@ -182,7 +182,7 @@ def test_failing_policy_costs_its_episode_only(run: Run, tmp_path: Path) -> None
     table = run("broken", tmp_path / "eval", load=load, episodes=3, max_decisions=6)
     outcomes = [(episode["outcome"], episode["reason"]) for episode in table["episodes"]]
     assert outcomes[1][0] == "failed"
-    assert outcomes[1][1].startswith("RuntimeError: a bad day (test_squadron.py, line ")
+    assert outcomes[1][1].startswith("RuntimeError: a bad day (test_batch_runner.py, line ")
     assert {outcomes[0], outcomes[2]} == {("infeasible", "")}
 
 
@@ -192,11 +192,11 @@ class Stumbling(Fickle):
     def __init__(self, stumble: Callable[[], Any]) -> None:
         self._stumble = stumble
 
-    def think(self, observations: Any, places: Any) -> Any:
-        thoughts = super().think(observations, places)
-        return self._stumble() if self._count >= 3 and 1 in places else thoughts
+    def logits(self, observations: Any, places: Any) -> Any:
+        logits = super().logits(observations, places)
+        return self._stumble() if self._count >= 3 and 1 in places else logits
 
-    def decide(self, thought: Any) -> Any:
+    def decide(self, logits: Any) -> Any:
         return np.array([1, 1, 2])
 
 
@@ -207,12 +207,12 @@ def _fail() -> None:
 @pytest.mark.parametrize(
     ("stumble", "reason"),
     [
-        (_fail, f"RuntimeError: a bad day (test_squadron.py, line {_fail.__code__.co_firstlineno + 1})"),
-        (lambda: np.zeros((0, 1)), "ValueError: it gave 0 thoughts about 1 vehicles"),
+        (_fail, f"RuntimeError: a bad day (test_batch_runner.py, line {_fail.__code__.co_firstlineno + 1})"),
+        (lambda: np.zeros((0, 1)), "ValueError: it gave 0 rows of logits for 1 vehicles"),
         (lambda: time.sleep(3600.0), "gave no action within 2 s"),
     ],
 )
-def test_network_that_cannot_think_costs_those_episodes_only(
+def test_network_that_fails_costs_those_episodes_only(
     run: Run, tmp_path: Path, stumble: Callable[[], Any], reason: str
 ) -> None:
     def load(name: str) -> LoadedPolicy:
@@ -231,7 +231,7 @@ def test_network_that_cannot_think_costs_those_episodes_only(
         ("baseline:random", {"workers": 2}, "Leave out --workers"),
     ],
 )
-def test_what_a_batch_cannot_fly_is_refused_before_anything_is_flown(
+def test_what_a_batch_cannot_run_is_refused_before_anything_runs(
     run: Run, tmp_path: Path, policy: str, options: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(InputError, match=message):

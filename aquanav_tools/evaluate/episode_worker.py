@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec, numbered, open_env_cache
 from aquanav_tools.evaluate.episode_counts import possible_episodes
-from aquanav_tools.evaluate.flight import Flight, Hangar, numbered, open_hangar
 from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
@@ -26,8 +26,8 @@ from aquanav_tools.evaluate.protocol import (
     task_under,
 )
 from aquanav_tools.evaluate.recording import film_track, record_track
-from aquanav_tools.evaluate.rollout import Watch
-from aquanav_tools.evaluate.venue import venue_of
+from aquanav_tools.evaluate.rollout import CallTimeout
+from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.track import Track
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
@@ -37,7 +37,7 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Orders:
+class EvaluationSpec:
     """What an evaluation is told; travels to other processes."""
 
     options: EvaluateOptions
@@ -53,12 +53,12 @@ class Orders:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """What follows from the orders: the same in every process."""
+    """What follows from the specification: the same in every process."""
 
     policy: LoadedPolicy
     scenarios: tuple[Place, ...]
     conditions: tuple[Condition, ...]
-    flights: tuple[Flight, ...]
+    episodes: tuple[EpisodeSpec, ...]
     """All episodes in their order: by scenario, then by condition."""
     num_possible: int | None
     """Episodes that differ which there are in these scenarios under these conditions; None for no end of them."""
@@ -66,19 +66,19 @@ class Plan:
 
 @dataclass(frozen=True)
 class Task:
-    """One episode to fly."""
+    """One episode to run."""
 
     index: int
     """Its place in the evaluation."""
     record: RecordRule
     """When to write its recording."""
     reason: str = ""
-    """Why it fails without being flown: it brought its process down before."""
+    """Why it fails without being run: it brought its process down before."""
     case: Case | None = None
-    """What to fly in the first scenario instead of the plan's episode."""
+    """What to run in the first scenario instead of the plan's episode."""
 
 
-def make_plan(orders: Orders) -> Plan:
+def make_plan(spec: EvaluationSpec) -> Plan:
     """Load the policy and the scenarios and plan all episodes.
 
     Raises:
@@ -86,22 +86,24 @@ def make_plan(orders: Orders) -> Plan:
             region, or the seal does not fit.
         ScenarioError: a scenario cannot be read.
     """
-    options = orders.options
-    policy = orders.load(orders.policy)
+    options = spec.options
+    policy = spec.load(spec.policy)
     scenarios = tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
-    flights = [
-        Flight(0, scenario, condition, plan)
+    episodes = [
+        EpisodeSpec(0, scenario, condition, plan)
         for scenario in scenarios
         for condition in conditions
         for plan in plan_condition(scenario, options, condition)
     ]
     if options.cases:
-        flights = [case_flight(scenario, case) for scenario in scenarios for case in options.cases]
-        conditions = tuple({flight.condition.name: flight.condition for flight in flights}.values())
-    plan = Plan(policy, scenarios, conditions, numbered(flights), _num_possible(policy, scenarios, conditions, options))
-    _check_seal(plan, orders.seal)
+        episodes = [case_spec(scenario, case) for scenario in scenarios for case in options.cases]
+        conditions = tuple({episode.condition.name: episode.condition for episode in episodes}.values())
+    plan = Plan(
+        policy, scenarios, conditions, numbered(episodes), _num_possible(policy, scenarios, conditions, options)
+    )
+    _check_seal(plan, spec.seal)
     return plan
 
 
@@ -121,7 +123,7 @@ def _num_possible(
 
 def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
     for scenario in scenarios:
-        task = venue_of(scenario).task
+        task = adapter_of(scenario).task
         if policy.task not in (None, task):
             raise InputError(
                 f"The policy {policy.name} was made for the {policy.task} task, and {scenario.name} is of the {task} "
@@ -153,49 +155,49 @@ def file_names(index: int) -> set[str]:
     return {trail_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
 
 
-def case_flight(scenario: Place, case: Case, index: int = 0) -> Flight:
+def case_spec(scenario: Place, case: Case, index: int = 0) -> EpisodeSpec:
     """Return the episode of a case in a scenario."""
-    return Flight(index, scenario, case_condition(case), plan_case(scenario, case))
+    return EpisodeSpec(index, scenario, case_condition(case), plan_case(scenario, case))
 
 
-class Scribe:
+class EpisodeWriter:
     """Leaves the trails and recordings of episodes in the evaluation's folder."""
 
     def __init__(self, output: Path, *, is_filming: bool) -> None:
         self._output, self._is_filming = output, is_filming
 
-    def keep(self, flight: Flight, record: RecordRule, track: Track, metrics: EpisodeMetrics) -> Row:
+    def keep(self, episode: EpisodeSpec, record: RecordRule, track: Track, metrics: EpisodeMetrics) -> Row:
         """Return the journal's row of an episode, when all that belongs to it is on disk."""
         name = None
         if record == "always" or (record == "failure" and not metrics.is_collision_free_success):
-            name = RECORDING.format(index=flight.index)
+            name = RECORDING.format(index=episode.index)
             path = self._output / name
-            record_track(flight.scenario, track, path)
+            record_track(episode.scenario, track, path)
             if self._is_filming:
-                film_track(flight.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
-        write_trail(self._output, flight.index, track)
+                film_track(episode.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
+        write_trail(self._output, episode.index, track)
         return journal_row(metrics, name)
 
 
-class Pilot:
-    """Flies episodes of a plan, one at a time."""
+class EpisodeWorker:
+    """Runs episodes of a plan, one at a time."""
 
-    def __init__(self, plan: Plan, hangar: Hangar, scribe: Scribe) -> None:
-        self._plan, self._hangar, self._scribe = plan, hangar, scribe
+    def __init__(self, plan: Plan, env_cache: EnvCache, writer: EpisodeWriter) -> None:
+        self._plan, self._env_cache, self._writer = plan, env_cache, writer
 
     def carry_out(self, task: Task, is_wanted: Callable[[], bool] = lambda: True) -> Row:
         """Return the journal's row of an episode; nothing is written once it is no longer wanted."""
-        flight = (
-            self._plan.flights[task.index]
+        episode = (
+            self._plan.episodes[task.index]
             if task.case is None
-            else case_flight(self._plan.scenarios[0], task.case, task.index)
+            else case_spec(self._plan.scenarios[0], task.case, task.index)
         )
-        track, metrics = self._hangar.fly(flight, task.reason)
-        return self._scribe.keep(flight, task.record, track, metrics) if is_wanted() else {}
+        track, metrics = self._env_cache.run(episode, task.reason)
+        return self._writer.keep(episode, task.record, track, metrics) if is_wanted() else {}
 
 
 @contextmanager
-def open_pilot(orders: Orders, plan: Plan, watch: Watch) -> Iterator[Pilot]:
-    """Yield a pilot whose environment is closed at the end."""
-    with open_hangar(plan.policy, orders.options, watch) as hangar:
-        yield Pilot(plan, hangar, Scribe(orders.output, is_filming=orders.options.film))
+def open_worker(spec: EvaluationSpec, plan: Plan, timeout: CallTimeout) -> Iterator[EpisodeWorker]:
+    """Yield a worker whose environment is closed at the end."""
+    with open_env_cache(plan.policy, spec.options, timeout) as env_cache:
+        yield EpisodeWorker(plan, env_cache, EpisodeWriter(spec.output, is_filming=spec.options.film))

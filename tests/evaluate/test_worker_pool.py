@@ -71,7 +71,7 @@ def test_policy_that_raises_gives_nonsense_dies_or_hangs_costs_these_episodes_on
     assert all(reason.split("<")[0] in report for reason in REASONS.values())
 
 
-def test_evaluation_killed_and_gone_on_with_in_two_processes_gives_the_files_of_one_that_flew_alone(
+def test_evaluation_killed_and_gone_on_with_in_two_processes_gives_the_files_of_one_that_ran_alone(
     run: Run, folder: Path, tmp_path: Path, calm: Path
 ) -> None:
     options = drifting_options(folder, tmp_path, episodes=NUM_EPISODES, workers=2)

@@ -19,7 +19,7 @@ from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.energy import drag_power
-from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.evaluate.metrics import EpisodeReference
 from aquanav_tools.evaluate.presets import SURFACE
 from aquanav_tools.report.recording.bay import BayScene
 from aquanav_tools.report.sea_chart import draw_chart
@@ -35,8 +35,8 @@ from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 
 
-class BayVenue:
-    """A bay, or another one in each episode; see `Venue`."""
+class BayAdapter:
+    """A bay, or another one in each episode; see `TaskAdapter`."""
 
     task = SURFACE
 
@@ -49,9 +49,9 @@ class BayVenue:
         self.ways = () if self._fixed is None else tuple(way.length for way in self._fixed.ways)
 
     @functools.cached_property
-    def course(self) -> Course:
+    def reference(self) -> EpisodeReference:
         """What episodes are held against."""
-        return Course(
+        return EpisodeReference(
             scenario=self._bay.name,
             condition="",
             width=self._width,

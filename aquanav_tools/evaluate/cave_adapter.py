@@ -12,7 +12,7 @@ import numpy as np
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.evaluate.energy import drag_power
-from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.evaluate.metrics import EpisodeReference
 from aquanav_tools.evaluate.presets import CAVE
 from aquanav_tools.report.html import Model
 from aquanav_tools.report.picture import CavePicture
@@ -29,8 +29,8 @@ from aquanav_tools.sim.water import is_constant
 from aquanav_tools.task import TaskOptions
 
 
-class CaveVenue:
-    """A cave; see `Venue`."""
+class CaveAdapter:
+    """A cave; see `TaskAdapter`."""
 
     task = CAVE
 
@@ -40,9 +40,9 @@ class CaveVenue:
         self.ways = tuple(start.geodesic_to_goal for start in cave.starts)
 
     @functools.cached_property
-    def course(self) -> Course:
+    def reference(self) -> EpisodeReference:
         """What episodes are held against."""
-        return Course(
+        return EpisodeReference(
             scenario=self._cave.name,
             condition="",
             width=2.0 * self._vehicle.capsule.radius,

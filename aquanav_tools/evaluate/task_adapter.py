@@ -1,4 +1,4 @@
-"""Where episodes are flown: a cave, or bays for boats. What an evaluation needs of either, under the same names."""
+"""Where episodes are run: a cave, or bays for boats. What an evaluation needs of either, under the same names."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Protocol
 
 from aquanav_tools.envs.pictures.film import Camera
 from aquanav_tools.envs.places import Place
-from aquanav_tools.evaluate.bay_venue import BayVenue
-from aquanav_tools.evaluate.cave_venue import CaveVenue
-from aquanav_tools.evaluate.metrics import Course
+from aquanav_tools.evaluate.bay_adapter import BayAdapter
+from aquanav_tools.evaluate.cave_adapter import CaveAdapter
+from aquanav_tools.evaluate.metrics import EpisodeReference
 from aquanav_tools.report.html import Model
 from aquanav_tools.report.recording.episode import Scene
 from aquanav_tools.report.track import Track, Trail
@@ -30,7 +30,7 @@ class Picture(Protocol):
         """Write a PNG with trails, or with where (C, 3) contacts crowd."""
 
 
-class Venue(Protocol):
+class TaskAdapter(Protocol):
     """A scenario of either task."""
 
     task: str
@@ -39,7 +39,7 @@ class Venue(Protocol):
     """Length of the shortest way to the goal from each listed start, m; none where each episode has another place."""
 
     @property
-    def course(self) -> Course:
+    def reference(self) -> EpisodeReference:
         """What episodes are held against; its condition is to be filled in."""
 
     def ideal_time(self, task: TaskOptions) -> Callable[[float], float] | None:
@@ -66,6 +66,6 @@ class Venue(Protocol):
 
 
 @functools.lru_cache(maxsize=8)
-def venue_of(place: Place) -> Venue:
-    """Return the venue of a scenario."""
-    return BayVenue(place) if isinstance(place, Bay) else CaveVenue(place)
+def adapter_of(place: Place) -> TaskAdapter:
+    """Return the adapter of a scenario."""
+    return BayAdapter(place) if isinstance(place, Bay) else CaveAdapter(place)

@@ -1,6 +1,6 @@
-"""Flying episodes in processes of their own: on all cores, and what brings a process down costs no other episode.
+"""Running episodes in processes of their own: on all cores, and what brings a process down costs no other episode.
 
-An episode whose process ends is flown once more; where that ends too, the episode has failed. Episodes come back as
+An episode whose process ends is run once more; where that ends too, the episode has failed. Episodes come back as
 they end. Each depends on its number alone, so nothing depends on how many processes there are.
 """
 
@@ -17,8 +17,8 @@ from multiprocessing import connection
 from typing import Any
 
 from aquanav_tools.errors import AquanavError, ResourceError
-from aquanav_tools.evaluate.pilot import Orders, Plan, Row, Task, make_plan, open_pilot
-from aquanav_tools.evaluate.rollout import Watch
+from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Row, Task, make_plan, open_worker
+from aquanav_tools.evaluate.rollout import CallTimeout
 
 EPISODES_PER_WORKER = 10
 """A process takes about as long to start as 20 short episodes, and works beside the others meanwhile."""
@@ -26,57 +26,57 @@ GRACE = 5.0
 """Time that a policy's call has to end by itself after its limit before its process is killed, s."""
 LOOK_EVERY = 0.5
 """Interval at which policies that hang are looked for, s."""
-MAX_FLIGHTS = 2
-"""Times that an episode is flown whose process ends."""
+MAX_TRIES = 2
+"""Times that an episode is run whose process ends."""
 END = "end"
 MAX_LOSSES = 5
-"""Processes that may end before they are ready, or over an episode that is not even flown any more."""
+"""Processes that may end before they are ready, or over an episode that is not even run any more."""
 
 
-def flown(orders: Orders, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
-    """Yield the journal's rows of `count` tasks as they end, flown in this process or in several others."""
-    num = num_workers(orders.options.workers, count, len(os.sched_getaffinity(0)))
+def run_tasks(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
+    """Yield the journal's rows of `count` tasks as they end, run in this process or in several others."""
+    num = num_workers(spec.options.workers, count, len(os.sched_getaffinity(0)))
     if num > 1:
-        yield from fly_in_processes(orders, num, tasks)
+        yield from run_in_processes(spec, num, tasks)
         return
-    with open_pilot(orders, plan, Watch(orders.options.action_time_limit)) as pilot:
+    with open_worker(spec, plan, CallTimeout(spec.options.action_time_limit)) as worker:
         for task in tasks:
             if task is not None:
-                yield pilot.carry_out(task)
+                yield worker.carry_out(task)
 
 
 def num_workers(wanted: int | None, num_episodes: int, num_cores: int) -> int:
-    """Return how many processes fly so many episodes on so many cores."""
+    """Return how many processes run so many episodes on so many cores."""
     if wanted is None:
         return min(num_cores, -(-num_episodes // EPISODES_PER_WORKER))
     return min(wanted, num_episodes)
 
 
-def fly_in_processes(orders: Orders, num: int, tasks: Iterator[Task | None]) -> Generator[Row, None, None]:
+def run_in_processes(spec: EvaluationSpec, num: int, tasks: Iterator[Task | None]) -> Generator[Row, None, None]:
     """Yield the journal's rows of episodes as they end.
 
-    The next task is asked for when a process is free for it; None stands for one that depends on episodes in flight.
+    The next task is asked for when a process is free for it; None stands for one that depends on running episodes.
     The processes begin by importing the main module again: a script that calls this needs `if __name__ == "__main__"`.
 
     Raises:
-        ResourceError: processes end again and again before they fly.
+        ResourceError: processes end again and again before they run.
     """
-    crew = _Crew(orders, tasks)
+    pool = WorkerPool(spec, tasks)
     try:
-        crew.hire(num)
-        yield from crew.rows()
+        pool.start(num)
+        yield from pool.rows()
     finally:
-        crew.dismiss()
+        pool.close()
 
 
 class _Worker:
-    """A process that flies, seen from outside."""
+    """A process that runs, seen from outside."""
 
-    def __init__(self, orders: Orders) -> None:
+    def __init__(self, spec: EvaluationSpec) -> None:
         context = multiprocessing.get_context("spawn")
-        self.watch = Watch(orders.options.action_time_limit, context.RawValue("d", 0.0))
+        self.timeout = CallTimeout(spec.options.action_time_limit, context.RawValue("d", 0.0))
         self.pipe, inner = context.Pipe()
-        self.process = context.Process(target=_work, args=(orders, inner, self.watch.began), daemon=True)
+        self.process = context.Process(target=_work, args=(spec, inner, self.timeout.began), daemon=True)
         self.process.start()
         inner.close()
         self.task: Task | None = None
@@ -97,20 +97,20 @@ class _Worker:
         return self.process.exitcode or 0
 
 
-class _Crew:
+class WorkerPool:
     """The processes and what they are at."""
 
-    def __init__(self, orders: Orders, tasks: Iterator[Task | None]) -> None:
-        self._orders, self._tasks = orders, tasks
+    def __init__(self, spec: EvaluationSpec, tasks: Iterator[Task | None]) -> None:
+        self._spec, self._tasks = spec, tasks
         self._again: deque[Task] = deque()
         self._workers: list[_Worker] = []
         self._losses: Counter[int | None] = Counter()
 
-    def hire(self, num: int) -> None:
+    def start(self, num: int) -> None:
         """Start processes."""
-        self._workers += [_Worker(self._orders) for _ in range(num)]
+        self._workers += [_Worker(self._spec) for _ in range(num)]
 
-    def dismiss(self) -> None:
+    def close(self) -> None:
         """End all processes."""
         for worker in self._workers:
             worker.end()
@@ -133,10 +133,10 @@ class _Crew:
                     yield message
                 worker.is_free, worker.task = True, None
             for worker in [worker for worker in self._workers if worker.is_free]:
-                self._employ(worker)
+                self._assign(worker)
             self._end_hanging()
 
-    def _employ(self, worker: _Worker) -> None:
+    def _assign(self, worker: _Worker) -> None:
         """Give a process its next task, let it wait where there is none yet, or let it go."""
         task = self._again.popleft() if self._again else next(self._tasks, END)
         if isinstance(task, str):
@@ -158,25 +158,25 @@ class _Crew:
         self._losses[key] += 1
         if self._losses[key] >= MAX_LOSSES:
             raise ResourceError(
-                f"A process that flies episodes {_ending(exit_code)}, {MAX_LOSSES} times in a row, before it flew. "
-                f"{_cause(exit_code)} What was flown is kept: go on with --resume."
+                f"A process that runs episodes {_ending(exit_code)}, {MAX_LOSSES} times in a row, before it ran. "
+                f"{_cause(exit_code)} What was run is kept: go on with --resume."
             )
-        if task is not None and self._losses[key] >= MAX_FLIGHTS:
+        if task is not None and self._losses[key] >= MAX_TRIES:
             task = dataclasses.replace(task, reason=task.reason or f"its process {_ending(exit_code)}, twice")
         self._replace(worker, task)
 
     def _end_hanging(self) -> None:
         """Kill processes whose policy hangs where no alarm reaches it."""
-        for worker in [worker for worker in self._workers if worker.watch.overrun > GRACE]:
+        for worker in [worker for worker in self._workers if worker.timeout.overrun > GRACE]:
             worker.end()
             task = worker.task
-            self._replace(worker, task and dataclasses.replace(task, reason=worker.watch.reason))
+            self._replace(worker, task and dataclasses.replace(task, reason=worker.timeout.reason))
 
     def _replace(self, worker: _Worker, task: Task | None) -> None:
         self._workers.remove(worker)
         if task is not None:
             self._again.append(task)
-        self.hire(1)
+        self.start(1)
 
 
 def _cause(exit_code: int) -> str:
@@ -198,8 +198,8 @@ def _ending(exit_code: int) -> str:
         return f"was ended by signal {-exit_code}"
 
 
-def _work(orders: Orders, pipe: Any, began: Any) -> None:
-    """Fly what the pipe asks for until the other end is closed."""
+def _work(spec: EvaluationSpec, pipe: Any, began: Any) -> None:
+    """Run what the pipe asks for until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; the first process ends this one
     parent = multiprocessing.parent_process()
 
@@ -207,13 +207,13 @@ def _work(orders: Orders, pipe: Any, began: Any) -> None:
         return parent is None or parent.is_alive()
 
     try:
-        with open_pilot(orders, make_plan(orders), Watch(orders.options.action_time_limit, began)) as pilot:
+        with open_worker(spec, make_plan(spec), CallTimeout(spec.options.action_time_limit, began)) as worker:
             pipe.send({})
             while is_wanted():
-                pipe.send(pilot.carry_out(pipe.recv(), is_wanted))
+                pipe.send(worker.carry_out(pipe.recv(), is_wanted))
     except (EOFError, BrokenPipeError, ConnectionResetError):
         return
     except AquanavError as error:
         pipe.send(error)
     except Exception:
-        pipe.send(RuntimeError(f"A process that flies episodes failed.\n{traceback.format_exc()}"))
+        pipe.send(RuntimeError(f"A process that runs episodes failed.\n{traceback.format_exc()}"))

@@ -1,0 +1,97 @@
+"""Running the episodes of an evaluation: each scenario under each condition in an environment of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+from aquanav_tools.envs.places import Place, PlaceEnv, make_env
+from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
+from aquanav_tools.evaluate.options import ProtocolOptions
+from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
+from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
+from aquanav_tools.evaluate.task_adapter import adapter_of
+from aquanav_tools.report.track import Track
+from aquanav_tools.task import TaskOptions, choices_of
+
+LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
+"""Options that an environment reads anew whenever they count, so that it is kept when only these change."""
+
+
+@dataclass(frozen=True, slots=True)
+class EpisodeSpec:
+    """One planned episode with its circumstances."""
+
+    index: int
+    """Place in the evaluation, from 0."""
+    scenario: Place
+    condition: Condition
+    plan: EpisodePlan
+
+
+class EnvCache:
+    """Keeps what episodes share, one environment at a time, as episodes come sorted by scenario and condition."""
+
+    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None) -> None:
+        self._policy, self._options, self._timeout = policy, options, timeout or CallTimeout()
+        self._env: PlaceEnv | None = None
+        self._place: tuple[Place, TaskOptions] | None = None
+
+    def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Track, EpisodeMetrics]:
+        """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
+        env, reference = self._prepare(episode)
+        track = run_episode(env, self._policy.policy, episode.plan, self._timeout, reason)
+        return track, measure(track, env.way, reference, episode.index)
+
+    def close(self) -> None:
+        """Free the environment."""
+        if self._env is not None:
+            self._env.close()
+        self._env = self._place = None
+
+    def _prepare(self, episode: EpisodeSpec) -> tuple[PlaceEnv, EpisodeReference]:
+        task = task_of(episode, self._options)
+        place = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
+        is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
+        if self._env is None or not is_here:
+            self.close()
+            self._env = make_env(
+                episode.scenario,
+                observation=self._policy.observation,
+                action=self._policy.action,
+                max_decisions=self._options.max_decisions,
+                **choices_of(task),
+            )
+            self._place = place
+        self._env.task = task
+        return self._env, reference_of(episode, task)
+
+
+@contextmanager
+def open_env_cache(
+    policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None
+) -> Iterator[EnvCache]:
+    """Yield a cache that is closed at the end."""
+    env_cache = EnvCache(policy, options, timeout)
+    try:
+        yield env_cache
+    finally:
+        env_cache.close()
+
+
+def numbered(episodes: Sequence[EpisodeSpec]) -> tuple[EpisodeSpec, ...]:
+    """Return the episodes with their places in the sequence."""
+    return tuple(replace(episode, index=index) for index, episode in enumerate(episodes))
+
+
+def reference_of(episode: EpisodeSpec, task: TaskOptions) -> EpisodeReference:
+    """Return what an episode under some rules is held against."""
+    adapter = adapter_of(episode.scenario)
+    return replace(adapter.reference, condition=episode.condition.name, ideal=adapter.ideal_time(task))
+
+
+def task_of(episode: EpisodeSpec, options: ProtocolOptions) -> TaskOptions:
+    """Return the task's options under an episode's condition."""
+    return task_under(episode.condition, options)
