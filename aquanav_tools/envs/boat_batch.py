@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numba
 import numpy as np
@@ -15,6 +15,7 @@ from aquanav_tools.envs.action import AFLOAT, DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
@@ -29,8 +30,11 @@ from aquanav_tools.sim.sea_fleet import SeaFleet
 from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.sim.sensors import boat_pattern
-from aquanav_tools.task import task_options
+from aquanav_tools.task import TaskOptions, task_options
 from aquanav_tools.types import Array
+
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.disturbance import RayErrors
 
 AHEAD = 128
 """Decisions for which gusts are drawn at once: chosen; drawing takes as long for one as for all of them."""
@@ -42,7 +46,7 @@ class BoatBatch:
 
     A boat given a seed of its own has the very episode that `SurfaceEnv` has of it: bay, sea and gusts are drawn in the
     same order from the same generator, on the host when the episode begins. Its later episodes are drawn from that seed
-    and their number. Not batched yet, and refused: what `envs.batch.check_batched` says.
+    and their number. Not batched yet, and refused: the observation "original".
     """
 
     def __init__(
@@ -81,7 +85,7 @@ class BoatBatch:
         """
         check_choice("device for boats", device, ("cpu",))
         options = task_options(task)
-        check_batched(options, observation)
+        check_batched(observation)
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths
         self._weights = boat_weights(options.reward)
@@ -100,6 +104,25 @@ class BoatBatch:
         self._waters: list[SeaWater | None] = [None] * num
         self._currents_ahead, self._winds_ahead = np.zeros((num, AHEAD, 3)), np.zeros((num, AHEAD, 2))
         self._is_resting = np.zeros(num, dtype=np.bool_)
+        self._disturb(options, size)
+
+    def _disturb(self, options: TaskOptions, size: int) -> None:
+        """Prepare what errs and what comes late."""
+        self._errors: RayErrors | None = None
+        if options.sensor_noise > 0.0 or options.sensor_dropout > 0.0:
+            from aquanav_tools.sim.batch.disturbance import RayErrors
+
+            self._errors = RayErrors(self.num, self.ray_lengths, options.sensor_noise, options.sensor_dropout)
+        for name, width in (("commands", 3 * options.action_delay), ("observations", size * options.observation_delay)):
+            self._arrays[f"waiting_{name}"] = np.zeros((self.num, width), dtype=np.float32)
+
+    def _delay(self, name: str, values: Floats, turns: npt.NDArray[np.int64], chosen: Flags) -> None:
+        """Let the chosen boats' values wait in the queue of a name, where there is one, and take the oldest."""
+        waiting = self._arrays[f"waiting_{name}"]
+        if waiting.shape[1] > 0:
+            from aquanav_tools.sim.batch.disturbance import delay
+
+            delay(values, waiting, turns, chosen)
 
     @property
     def route_lengths(self) -> Array:
@@ -206,6 +229,8 @@ class BoatBatch:
             asked = int(arrays["asked"][i]) if episode == 0 else -1
             sea, berth, way, number = self._bays.choose(rng, {} if asked < 0 else {"start": asked})
             water, self._arrays["shares"][i] = self._seas.draw(rng, sea.depth, self._shares)
+            if self._errors is not None:
+                arrays["ray_seeds"][i] = draw_ray_seed(rng)
             self.fleet.begin(int(i), sea, berth, water)
             self._waters[i] = water
             self._draw_ahead(int(i))
@@ -213,7 +238,17 @@ class BoatBatch:
             arrays["tolerances"][i], arrays["ways"][i] = sea.goal.tolerance, way.length
             arrays["start_indices"][i] = number
         arrays["episodes"][chosen] += 1
-        for name in ("commands", "decisions", "ages", "is_touching", "collisions", "outcomes", "returns", "currents"):
+        for name in (
+            "commands",
+            "waiting_commands",
+            "decisions",
+            "ages",
+            "is_touching",
+            "collisions",
+            "outcomes",
+            "returns",
+            "currents",
+        ):
             arrays[name][chosen] = 0
         _measure(self.fleet.states, arrays["goals"], chosen, arrays["lengths"])
         arrays["remaining"][chosen] = arrays["lengths"][chosen]
@@ -231,7 +266,9 @@ class BoatBatch:
             self._draw_ahead(int(i))
         now = np.arange(self.num), place
         arrays["currents"][:] = self._currents_ahead[now]
-        steer, thrust = (arrays["commands"][:, DIVING.index(name)].astype(np.float64) for name in AFLOAT)
+        acting = arrays["commands"].copy()
+        self._delay("commands", acting, arrays["decisions"], is_moving)
+        steer, thrust = (acting[:, DIVING.index(name)].astype(np.float64) for name in AFLOAT)
         self.fleet.step(steer, thrust, (arrays["currents"], self._winds_ahead[now]), is_moving)
         arrays["decisions"][is_moving] += 1
 
@@ -239,8 +276,13 @@ class BoatBatch:
         arrays, fleet = self._arrays, self.fleet
         fleet.sense()
         _measure(fleet.states, arrays["goals"], chosen, arrays["remaining"])
-        _observe(fleet.states, fleet.rays, self.ray_lengths, arrays["centres"], arrays["commands"],
-                 arrays["observations"])  # fmt: skip
+        rays, decisions = fleet.rays, arrays["decisions"]
+        if self._errors is not None:
+            rays, _ = self._errors.disturb(rays, arrays["ray_seeds"], decisions)
+        seen = np.empty_like(arrays["observations"])
+        _observe(fleet.states, rays, self.ray_lengths, arrays["centres"], arrays["commands"], seen)
+        self._delay("observations", seen, np.where(decisions == 0, -1, decisions), chosen)
+        arrays["observations"][chosen] = seen[chosen]
 
     def _score(self, is_moving: Flags, before: Array) -> None:
         """Count the decision of those that moved; the others began an episode, and get nothing."""
@@ -272,8 +314,8 @@ _ENDS = ("collision", "success", "timeout")
 
 def _blank_arrays(num: int, num_corners: int, size: int) -> dict[str, npt.NDArray[Any]]:
     """Return what is known of each boat beside its motion, by name."""
-    integers = ("seeds", "episodes", "asked", "decisions", "ages", "collisions", "outcomes", "start_indices",
-                "last_outcomes", "last_lengths", "last_collisions")  # fmt: skip
+    integers = ("seeds", "ray_seeds", "episodes", "asked", "decisions", "ages", "collisions", "outcomes",
+                "start_indices", "last_outcomes", "last_lengths", "last_collisions")  # fmt: skip
     numbers = ("remaining", "lengths", "ways", "tolerances", "shares", "rewards", "returns", "last_returns")
     tables = {"goals": (num_corners, 2), "centres": (2,), "currents": (3,), "terms": (len(TERMS),)}
     singles = {"commands": 3, "observations": size, "final_observations": size}

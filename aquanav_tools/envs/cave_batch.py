@@ -17,12 +17,13 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
+from aquanav_tools.envs.starting import Starts
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.task import task_options
-from aquanav_tools.types import Array
+from aquanav_tools.task import MEASURES, TaskOptions, task_options
+from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
@@ -33,7 +34,7 @@ RAY_SOURCES = ("field", "mesh")
 class CaveBatch:
     """N vehicles at the task of `CaveEnv`, with the same options and definitions.
 
-    Not batched yet, and refused: what `envs.batch.check_batched` says.
+    Not batched yet, and refused: the observation "original".
     """
 
     def __init__(
@@ -76,7 +77,8 @@ class CaveBatch:
         self.scenario, craft = prepared(scenario, vehicle)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
-        check_batched(options, observation)
+        check_batched(observation)
+        check_choice("measure of progress", options.progress, MEASURES)
         water = _water_of(self.scenario, options.current)
         settings = self.scenario.settings
         weights = cave_weights(options.reward, craft)
@@ -88,12 +90,12 @@ class CaveBatch:
         self.ray_lengths = original_pattern().lengths
         self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
         self.max_decisions = rules.max_decisions
-        self._ways = np.array([start.geodesic_to_goal for start in self.scenario.starts])
+        self._starts = Starts(self.scenario, craft.capsule, options.starts)
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
             self.scenario,
             craft,
-            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space),
+            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space, options),
             num,
             water=water,
             current_range=options.current_range,
@@ -101,7 +103,11 @@ class CaveBatch:
             next_step=next_step,
             device=device,
             num_threads=num_threads,
+            draw_start=self._draw_start if options.starts == "anywhere" else None,
         )
+
+    def _draw_start(self, seed: int) -> Pose:
+        return self._starts.draw(np.random.default_rng(seed))
 
     @property
     def route_lengths(self) -> Array:
@@ -111,7 +117,8 @@ class CaveBatch:
     @property
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        return self._ways[self.view_of("start_indices")]
+        beginnings = zip(self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
+        return np.array([self._starts.way_to_goal(position, index) for position, index in beginnings])
 
     def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
         """Begin all episodes, each from a seed of its own."""
@@ -131,7 +138,8 @@ class CaveBatch:
         self.world.fleet.commands.assign(commands)
 
     def rest(self, places: Sequence[int]) -> None:
-        """Do nothing: the kernels move all vehicles."""
+        """Draw no further starts at these places until the next reset; the kernels move all vehicles."""
+        self.world.rest(places)
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
@@ -164,6 +172,7 @@ def _numbers(
     rules: EpisodeRules,
     weights: RewardWeights,
     observations: spaces.Space[Any],
+    options: TaskOptions,
 ) -> TaskNumbers:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
@@ -176,4 +185,9 @@ def _numbers(
         scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
         entrance_height=entrance_height,
         size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
+        progress=options.progress,
+        sensor_noise=options.sensor_noise,
+        sensor_dropout=options.sensor_dropout,
+        action_delay=options.action_delay,
+        observation_delay=options.observation_delay,
     )

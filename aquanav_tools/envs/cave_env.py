@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.action import IDLE, ActionModel, Command
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.disturbance import Delay, disturb_rays
+from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
@@ -165,7 +165,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._observation_model = ObservationModel(observation, pattern.lengths, goal, entrance)
         self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
-        self._lengths = pattern.lengths
+        self._ray_errors = RaySensorErrors(pattern.lengths)
         self._actions: Delay[Command] = Delay(self.task.action_delay)
         self._observations: Delay[Observation] = Delay(self.task.observation_delay)
         self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
@@ -189,6 +189,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self._actions.fill(IDLE)
         state = self._world.state
         self._water.reset(self.np_random)
+        self._ray_errors.reset(self.np_random, self.task.sensor_noise, self.task.sensor_dropout)
         self._current = self._current_share * self._water.velocity(state)
         self._gate = self._first_gate(state)
         self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
@@ -309,9 +310,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return self._measure.gained(state, self._remaining)
 
     def _observe(self, rays: Observation, before: Array, command: Command) -> Observation:
-        tags, trim, task = self._sensor.tags, self._actuators.trim, self.task
-        if task.sensor_noise > 0.0 or task.sensor_dropout > 0.0:
-            rays, tags = disturb_rays(rays, tags, self._lengths, task.sensor_noise, task.sensor_dropout, self.np_random)
+        trim = self._actuators.trim
+        rays, tags = self._ray_errors.disturb(rays, self._sensor.tags, self._episode.num_decisions)
         return self._observation_model.observe(Reading(self._world.state, before, rays, tags, trim, command))
 
     def _info(self, rays: Observation, is_touched: bool, terms: dict[str, float]) -> Info:

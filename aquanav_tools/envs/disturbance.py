@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Generic, TypeVar
+from typing import TYPE_CHECKING, Generic, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -11,30 +11,45 @@ import numpy.typing as npt
 from aquanav_tools.sim.spheres import NOTHING
 from aquanav_tools.types import Array
 
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.disturbance import RayErrors
+
 T = TypeVar("T")
 Rays = npt.NDArray[np.float32]
 Tags = npt.NDArray[np.int64]
 
 
-def disturb_rays(
-    rays: Rays, tags: Tags, lengths: Array, noise: float, dropout: float, rng: np.random.Generator
-) -> tuple[Rays, Tags]:
-    """Return distances and tags as a real sensor would give them.
+class RaySensorErrors:
+    """The errors of one vehicle's rays, which follow from the episode's seed as those of a batch do."""
 
-    Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
+    def __init__(self, lengths: Array) -> None:
+        """Prepare for (R,) rays of these lengths, m; `reset` next."""
+        self._lengths, self._seed = lengths, 0
+        self._errors: RayErrors | None = None
+        self._sizes = (0.0, 0.0)
 
-    Args:
-        rays: (R,) distances, m.
-        tags: (R,) what the rays met.
-        lengths: (R,) of the rays, m.
-        noise: Standard deviation of an echo's distance, m.
-        dropout: Probability that a ray gets no echo.
-        rng: Always draws as many numbers, whatever is measured.
-    """
-    errors, chances = rng.standard_normal(len(rays)), rng.random(len(rays))
-    is_lost = (rays >= lengths.astype(np.float32)) | (chances < dropout)
-    measured = np.where(is_lost, lengths, np.clip(rays + noise * errors, 0.0, lengths))
-    return measured.astype(np.float32), np.where(chances < dropout, NOTHING, tags)
+    def reset(self, rng: np.random.Generator, noise: float, dropout: float) -> None:
+        """Begin an episode with `noise` (m) and `dropout` as in `TaskOptions`; where there are any, draw their seed."""
+        if self._sizes != (noise, dropout):
+            self._sizes, self._errors = (noise, dropout), None
+            if noise > 0.0 or dropout > 0.0:
+                from aquanav_tools.sim.batch.disturbance import RayErrors
+
+                self._errors = RayErrors(1, self._lengths, noise, dropout)
+        if self._errors is not None:
+            self._seed = draw_ray_seed(rng)
+
+    def disturb(self, rays: Rays, tags: Tags, decision: int) -> tuple[Rays, Tags]:
+        """Return (R,) distances, m, and tags as a real sensor would give them after a number of decisions."""
+        if self._errors is None:
+            return rays, tags
+        (measured,), (is_dropped,) = self._errors.disturb(rays[None], [self._seed], [decision])
+        return measured, np.where(is_dropped, NOTHING, tags)
+
+
+def draw_ray_seed(rng: np.random.Generator) -> int:
+    """Return the seed of an episode's ray errors."""
+    return int(rng.integers(1 << 32))
 
 
 class Delay(Generic[T]):

@@ -56,7 +56,7 @@ class Starts:
         if "start" in options:
             index = check_start(options["start"], len(starts))
         elif self._ways is not None:
-            return self._draw(rng, self._ways), NOWHERE_LISTED
+            return self.draw(rng), NOWHERE_LISTED
         else:
             index = int(rng.integers(len(starts)))
         return starts[index].pose, index
@@ -67,9 +67,14 @@ class Starts:
             return self._scenario.starts[index].geodesic_to_goal
         return self._ways.remaining(position)
 
-    def _draw(self, rng: np.random.Generator, ways: ShortestWays) -> Pose:
-        """Return a level pose, drawn evenly from the water, that heads down the way to the goal more or less."""
-        field, capsule = self._scenario.field, self._capsule
+    def draw(self, rng: np.random.Generator) -> Pose:
+        """Return a level pose, drawn evenly from the water, that heads down the way to the goal more or less.
+
+        Raises:
+            ScenarioError: there is hardly any water for the vehicle to begin in.
+        """
+        field, capsule, ways = self._scenario.field, self._capsule, self._ways
+        assert ways is not None, "starts are listed"
         for _ in range(MAX_TRIES if len(self._places) else 0):
             jitter, turn = rng.uniform(-self._half_cell, self._half_cell, 3), rng.uniform(-MAX_YAW_ERROR, MAX_YAW_ERROR)
             position = self._places[rng.integers(len(self._places))] + jitter

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import AFLOAT, IDLE, ActionModel, Command
 from aquanav_tools.envs.bays import Bays, distance_to
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.disturbance import Delay, disturb_rays
+from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
@@ -127,7 +127,6 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             InputError: an option is unknown or senseless.
         """
         self.task = task_options(task)
-        check_choice("measure of progress on the surface", self.task.progress, ("panels",))
         self.vehicle = boat_of(vehicle)
         self._weights = boat_weights(self.task.reward)
         self._rules = episode_rules(self.task, self._weights, max_decisions)
@@ -147,8 +146,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self.action_space = self.action_model.space
         self.observation_space = self._observation_model.space
         self._sensor = SeaSensor(pattern, sees_goal=self._observation_model.is_original)
-        self._lengths = pattern.lengths
         self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
+        self._ray_errors = RaySensorErrors(pattern.lengths)
         self._actions: Delay[Command] = Delay(self.task.action_delay)
         self._observations: Delay[Observation] = Delay(self.task.observation_delay)
 
@@ -173,6 +172,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed)
         self.sea_map, berth, self.route, self._start_index = self.bays.choose(self.np_random, options or {})
         self._begin_water()
+        self._ray_errors.reset(self.np_random, self.task.sensor_noise, self.task.sensor_dropout)
         self._episode = Episode(replace(self._rules, tolerance=self.sea_map.goal.tolerance))
         self._world.begin(self.sea_map, berth, self._water)
         self._sensor.look_at(self.sea_map)
@@ -234,9 +234,8 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         self._current = self._current_share * self._water.current
 
     def _observe(self, rays: Observation, command: Command) -> Observation:
-        tags, task, world = self._sensor.tags, self.task, self._world
-        if task.sensor_noise > 0.0 or task.sensor_dropout > 0.0:
-            rays, tags = disturb_rays(rays, tags, self._lengths, task.sensor_noise, task.sensor_dropout, self.np_random)
+        world = self._world
+        rays, tags = self._ray_errors.disturb(rays, self._sensor.tags, self._episode.num_decisions)
         reading = Reading(world.state, world.before, rays, tags, 0.0, command)
         return self._observation_model.observe(reading, self.sea_map.goal.centre)
 
@@ -284,8 +283,9 @@ def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int 
     """Return the rules of a task's episodes but for the goal's tolerance, which is the bay's.
 
     Raises:
-        InputError: there is no such rule for collisions, or no decision is allowed.
+        InputError: there is no such rule for collisions or measure of progress, or no decision is allowed.
     """
+    check_choice("measure of progress on the surface", task.progress, ("panels",))
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if max_decisions is None else max_decisions
     if limit < 1:

@@ -142,7 +142,7 @@ def _flyer(plan: Plan, options: EvaluateOptions) -> Flyer:
         return flown
     from aquanav_tools.evaluate.squadron import check_plan, run_batched  # Warp takes a second to import
 
-    check_plan(plan, options)
+    check_plan(plan)
     return run_batched
 
 

@@ -121,7 +121,7 @@ class EvaluateOptions(ProtocolOptions):
     backend: Literal["pybullet", "batch"] = "pybullet"
     """pybullet flies each episode by itself. batch flies up to 256 side by side, several times as fast; an episode is
     the same whatever flies beside it. In caves it draws other gusts than PyBullet from the same seeds. It takes neither
-    the original's policies, sensor noise, delays nor policies that look at the map."""
+    the original's policies nor policies that look at the map."""
     workers: int | None = None
     """Processes that fly episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process flies."""

@@ -79,6 +79,17 @@ def test_boats_fly_as_alone(vehicle: str, rule: str, rng: np.random.Generator) -
     assert all(alone == batched != "running" for alone, batched in found)
 
 
+@pytest.mark.parametrize(
+    "errors", [{"sensor_noise": 0.3}, {"sensor_dropout": 0.2}, {"sensor_noise": 0.3, "sensor_dropout": 0.2}]
+)
+@pytest.mark.parametrize(("action_delay", "observation_delay"), [(0, 2), (3, 0), (1, 1)])
+def test_boats_err_and_are_late_as_alone(
+    errors: dict[str, float], action_delay: int, observation_delay: int, rng: np.random.Generator
+) -> None:
+    delays = {"action_delay": action_delay, "observation_delay": observation_delay}
+    fly_both(SMALL, 30, rng, SEEDS[:2], **HARD, **errors, **delays)
+
+
 def test_boats_fly_as_alone_past_a_sunken_rock_that_beams_do_not_see(rng: np.random.Generator) -> None:
     deep = Rock(block(10.0, -3.0).outline, -3.0)
     fly_both(bay_with(deep, block(25.0, 1.0)), 60, rng, SEEDS[:2], observation="paper")
@@ -156,8 +167,8 @@ def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
 
 
 def test_what_no_batch_does_is_refused() -> None:
-    with pytest.raises(InputError, match=r"no sensor_noise = 0\.1"):
-        BoatBatch(SMALL, 2, next_step=True, sensor_noise=0.1)
+    with pytest.raises(InputError, match="no measure of progress on the surface 'geodesic'"):
+        BoatBatch(SMALL, 2, next_step=True, progress="geodesic")
     with pytest.raises(InputError, match="device for boats"):
         BoatBatch(SMALL, 2, next_step=True, device="cuda")
     batch = BoatBatch(SMALL, 2, next_step=True)

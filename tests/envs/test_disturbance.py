@@ -1,51 +1,89 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.disturbance import Delay, disturb_rays
+from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
+from aquanav_tools.sim.batch.disturbance import RayErrors, delay
 from aquanav_tools.sim.spheres import NOTHING, WALL
 
 LENGTHS = np.full(2000, 4.0)
 HIT = np.full(2000, 2.0, dtype=np.float32)
-TAGS = np.full(2000, WALL)
 
 
-def test_noise_has_its_standard_deviation_and_no_bias(rng: np.random.Generator) -> None:
-    measured, tags = disturb_rays(HIT, TAGS, LENGTHS, 0.1, 0.0, rng)
+def measure(rays: np.ndarray, noise: float, dropout: float, seed: int = 5, decision: int = 0) -> tuple[Any, Any]:
+    """Return what one vehicle measures, and which of its rays got no echo."""
+    measured, dropped = RayErrors(1, LENGTHS, noise, dropout).disturb(rays[None], [seed], [decision])
+    return measured[0], dropped[0]
+
+
+def test_noise_has_its_standard_deviation_and_no_bias() -> None:
+    measured, dropped = measure(HIT, 0.1, 0.0)
     # 2000 draws: the mean errs by 0.1 / sqrt(2000) = 0.0022 m, the deviation by 0.1 / sqrt(4000); four sigma
     assert measured.mean() == pytest.approx(2.0, abs=0.009)
     assert measured.std() == pytest.approx(0.1, abs=0.0064)
-    assert (tags == WALL).all()
+    assert not dropped.any()
 
 
-def test_measured_distances_stay_on_the_ray(rng: np.random.Generator) -> None:
-    measured, _ = disturb_rays(np.linspace(0, 4, 2000).astype(np.float32), TAGS, LENGTHS, 3.0, 0.0, rng)
+def test_errors_of_neighbouring_rays_and_of_following_decisions_do_not_depend_on_each_other() -> None:
+    now, later = ((measure(HIT, 0.1, 0.0, decision=n)[0] - 2.0) / 0.1 for n in (0, 1))
+    for first, second in ((now[:-1], now[1:]), (now, later)):  # four sigma of a correlation of 2000 pairs
+        assert abs(np.corrcoef(first, second)[0, 1]) < 4.0 / np.sqrt(2000)
+
+
+def test_measured_distances_stay_on_the_ray() -> None:
+    measured, _ = measure(np.linspace(0, 4, 2000).astype(np.float32), 3.0, 0.0)
     assert measured.min() >= 0.0
     assert measured.max() <= 4.0
 
 
-def test_a_ray_that_meets_nothing_has_no_error(rng: np.random.Generator) -> None:
+def test_a_ray_that_meets_nothing_has_no_error() -> None:
     free = LENGTHS.astype(np.float32)
-    measured, _ = disturb_rays(free, np.full(2000, NOTHING), LENGTHS, 0.5, 0.0, rng)
-    np.testing.assert_array_equal(measured, free)
+    np.testing.assert_array_equal(measure(free, 0.5, 0.0)[0], free)
 
 
-def test_dropout_takes_the_echo_of_its_share_of_rays(rng: np.random.Generator) -> None:
-    measured, tags = disturb_rays(HIT, TAGS, LENGTHS, 0.0, 0.25, rng)
+def test_dropout_takes_the_echo_of_its_share_of_rays() -> None:
+    measured, dropped = measure(HIT, 0.0, 0.25)
     is_lost = measured == 4.0
     assert is_lost.mean() == pytest.approx(0.25, abs=4 * np.sqrt(0.25 * 0.75 / 2000))
-    np.testing.assert_array_equal(is_lost, tags == NOTHING)
+    np.testing.assert_array_equal(is_lost, dropped)
     np.testing.assert_array_equal(measured[~is_lost], 2.0)
 
 
-def test_as_many_numbers_are_drawn_whatever_is_measured() -> None:
-    after = []
-    for noise, dropout, rays in ((0.0, 0.0, HIT), (1.0, 0.5, LENGTHS.astype(np.float32))):
-        rng = np.random.default_rng(0)
-        disturb_rays(rays, TAGS, LENGTHS, noise, dropout, rng)
-        after.append(rng.random())
-    assert after[0] == after[1]
+def test_vehicle_errs_beside_others_as_alone() -> None:
+    rays = np.tile(HIT, (3, 1))
+    together, _ = RayErrors(3, LENGTHS, 0.1, 0.2).disturb(rays, [7, 5, 4_000_000_000], [3, 8, 2])
+    for row, (seed, decision) in zip(together, [(7, 3), (5, 8), (4_000_000_000, 2)], strict=True):
+        np.testing.assert_array_equal(row, measure(HIT, 0.1, 0.2, seed, decision)[0])
+    assert len(np.unique(together[:, 0])) == 3
+
+
+def test_environment_with_one_vehicle_takes_the_tag_from_rays_without_echo(rng: np.random.Generator) -> None:
+    errors = RaySensorErrors(LENGTHS)
+    errors.reset(rng, 0.1, 0.3)
+    measured, tags = errors.disturb(HIT, np.full(2000, WALL), 4)
+    np.testing.assert_array_equal(tags == NOTHING, measured == 4.0)
+    assert 0 < (tags == NOTHING).sum() < 2000
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_rows_wait_as_single_values_do(turns: int, rng: np.random.Generator) -> None:
+    """Rows begin at different times, and some take no part in a turn."""
+    waiting, counts = np.zeros((4, 2 * turns), dtype=np.float32), np.full(4, -1)
+    lines: list[Delay[Any]] = [Delay(turns) for _ in range(4)]
+    for _ in range(12):
+        values, chosen = rng.random((4, 2), dtype=np.float32), rng.random(4) < 0.8
+        late = values.copy()
+        delay(late, waiting, counts, chosen)
+        for n in np.flatnonzero(chosen):
+            if counts[n] < 0:
+                lines[n].fill(values[n])
+                np.testing.assert_array_equal(late[n], values[n])
+            else:
+                np.testing.assert_array_equal(late[n], lines[n].through(values[n]))
+        counts[chosen] += 1
 
 
 @pytest.mark.parametrize("turns", [0, 1, 3])
@@ -55,3 +93,13 @@ def test_a_value_comes_out_after_its_turns(turns: int) -> None:
     assert [delay.through(n) for n in range(6)] == ([-1] * turns + list(range(6)))[:6]
     delay.fill(-2)
     assert delay.through(0) == (-2 if turns else 0)
+
+
+def test_errors_change_from_episode_to_episode_with_what_is_asked_for(rng: np.random.Generator) -> None:
+    errors, tags = RaySensorErrors(LENGTHS), np.full(2000, WALL)
+    seen = []
+    for noise in (0.0, 0.1, 0.1, 0.4, 0.0):
+        errors.reset(rng, noise, 0.0)
+        seen.append(errors.disturb(HIT, tags, 0)[0])
+    assert [round(float(rays.std()), 1) for rays in seen] == [0.0, 0.1, 0.1, 0.4, 0.0]
+    assert not np.array_equal(seen[1], seen[2])

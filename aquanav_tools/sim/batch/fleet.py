@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
@@ -23,7 +24,10 @@ from aquanav_tools.sim.batch.fleet_arrays import (
     make_starts,
 )
 from aquanav_tools.sim.batch.guide import make_panels
+from aquanav_tools.sim.batch.progress import make_measure
+from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.starts import DrawStart, UnlistedStarts
 from aquanav_tools.sim.batch.water import make_water
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
@@ -60,6 +64,7 @@ class BatchWorld:
         next_step: bool = True,
         device: str = "cpu",
         num_threads: int | None = None,
+        draw_start: DrawStart | None = None,
     ) -> None:
         """Upload a scenario and make room for `num` vehicles; call `reset` next.
 
@@ -75,6 +80,7 @@ class BatchWorld:
                 in the same one.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
+            draw_start: Returns the start of the episode with a seed; None draws from the scenario's list.
 
         Raises:
             InputError: no such device, or a senseless number.
@@ -89,17 +95,28 @@ class BatchWorld:
         self._ray_mesh = _upload(scenario.cavity.mesh, middle, self.device) if rays == "mesh" else None
         self._wall = _upload(scenario.collision, middle, self.device)
         self._craft = make_craft(scenario, vehicle, self.device)
-        self._starts = make_starts(scenario, vehicle, self.device)
+        states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
+        self._starts = make_starts(states, scenario, self.device)
+        self._unlisted = UnlistedStarts(scenario, vehicle, draw_start, num, self._starts, self.device)
         self._rules = make_rules(task, scenario, next_step, self.device)
         self._grid, self._panels = make_grid(scenario.field, self.device), make_panels(scenario.guide, self.device)
         self._fans, self._middle = _make_fans(rays, self.device), wp.vec3d(*middle)
         limits = scenario.settings.limits
         self._water = make_water(water, current_range, limits.dt * limits.substeps, self.device)
-        widths = {"extra": self._starts.extra.shape[1], "eddies": self._water.kept.shape[0]}
-        self.fleet = _make_fleet(num, task.size, widths, self.device)
+        widths = {
+            "extra": self._starts.extra.shape[1],
+            "eddies": self._water.kept.shape[0],
+            "waiting_commands": 3 * task.action_delay,
+            "waiting_observations": task.size * task.observation_delay,
+            "touched_panels": len(scenario.guide.panels) if task.progress == "original" else 0,
+        }
+        self.fleet = fleet = _make_fleet(num, task.size, widths, self.device)
+        self._measure = make_measure(
+            task.progress, scenario, vehicle.capsule, fleet.panels_crossed, fleet.touched_panels, self.device
+        )
         self._num_slices = _num_slices(num, num_threads) if self.device.is_cpu else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
-        self._decision, self._beginning = self._record()
+        self._decision, self._succession, self._beginning = self._record()
         self._steps_in_order = 0
 
     def reset(self, seeds: npt.NDArray[np.integer], starts: npt.NDArray[np.int32] | None = None) -> None:
@@ -116,6 +133,8 @@ class BatchWorld:
         self.fleet.seeds.assign(np.asarray(seeds).astype(np.uint32).view(np.int32))
         self.fleet.wanted_starts.assign(first.astype(np.int32))
         self.fleet.episodes.zero_()
+        self._unlisted.reset()
+        self._unlisted.draw(self.fleet, first < 0, np.asarray(seeds).astype(np.uint32))
         self._run(self._beginning)
         self._sort()
 
@@ -123,12 +142,27 @@ class BatchWorld:
         """Let time run out (N,) decisions earlier in the episodes that have just begun."""
         self.fleet.ages.assign(decisions.astype(np.int32))
 
+    def rest(self, vehicles: Sequence[int]) -> None:
+        """Draw no unlisted starts for these vehicles until the next reset."""
+        self._unlisted.rest(vehicles)
+
     def step(self) -> None:
         """Carry out `fleet.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+        if self._next_step:
+            self._draw_starts()
         self._run(self._decision)
+        if not self._next_step:
+            self._draw_starts()
+            self._run(self._succession)
         self._steps_in_order += 1
         if self._steps_in_order == SORT_EVERY:
             self._sort()
+
+    def _draw_starts(self) -> None:
+        """Draw the starts of the episodes that follow those that have ended, where they are in no list."""
+        if self._unlisted.is_used:
+            has_ended = self.as_numpy("outcomes") > 0
+            self._unlisted.draw(self.fleet, has_ended, draw_many(self.as_numpy("seeds").view(np.uint32), NEXT))
 
     def _sort(self) -> None:
         """Put vehicles that are near each other one after the other: they read the same parts of the field."""
@@ -166,27 +200,33 @@ class BatchWorld:
         else:
             list(self._threads.map(_launch, slices))
 
-    def _record(self) -> tuple[list[list[Any]], list[list[Any]]]:
-        """Return the launches of a decision, and of the beginning of all episodes, for each slice of the vehicles."""
+    def _record(self) -> tuple[list[list[Any]], list[list[Any]], list[list[Any]]]:
+        """Return the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
         bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
-        decision, beginning = [], []
+        decision, succession, beginning = [], [], []
         wall, rays = self._wall.id, self._wall.id if self._ray_mesh is None else self._ray_mesh.id
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         fleet, craft, rules, grid = self.fleet, self._craft, self._rules, self._grid
 
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             num = last - first
-            where = [first, fleet, self._starts, craft, self._water, rules, grid, self._panels, wall, self._middle]
+            births, follow = [self._starts, self._unlisted.starts], [self._panels, self._measure]
+            where = [first, fleet, *births, craft, self._water, rules, grid, *follow, wall, self._middle]
             view = [fleet, craft, rules, grid, self._fans, rays, self._middle]
             move = self._launch_of(kernels.move, num, where)
             sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
-            score = self._launch_of(kernels.score, num, [first, fleet, rules])
-            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, self._starts, craft, self._water])
-            again = self._launch_of(kernels.restart, num, [first, 0, fleet, self._starts, craft, self._water])
+            score = self._launch_of(kernels.score, num, [first, fleet, rules, self._fans])
+            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, *births, craft, self._water, *follow])
+            again = self._launch_of(kernels.restart, num, [first, 0, fleet, *births, craft, self._water, *follow])
             look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
-            decision.append([move, sense, score] if self._next_step else [move, sense, score, again, look_again])
-            beginning.append([anew, sense, score])
-        return decision, beginning
+            seen, seen_again = ([look] for look in (sense, look_again))
+            if rules.disturbance.observation_delay > 0:
+                seen.append(self._launch_of(kernels.deliver, num, [first, 0, fleet]))
+                seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, fleet]))
+            decision.append([move, *seen, score])
+            succession.append([again, *seen_again])
+            beginning.append([anew, *seen, score])
+        return decision, succession, beginning
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
@@ -221,7 +261,8 @@ def _make_fans(rays: RaySource, device: Any) -> Fans:
 def _make_fleet(num: int, size: int, widths: dict[str, int], device: Any) -> Fleet:
     """Return the arrays of N vehicles; `widths` are those of what depends on the vehicle's model and the water."""
     fleet = Fleet()
-    shapes = {"commands": (num, 3), "terms": (num, 7)} | {name: (num, n) for name, n in widths.items()}
+    fixed = {"commands": 3, "acting": 3, "rays": 28, "terms": 7}
+    shapes = {name: (num, n) for name, n in (fixed | widths).items()}
     shapes |= {"observations": (num, size), "final_observations": (num, size)}
     for name, field in Fleet.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
         array = wp.zeros(shapes.get(name, (num,)), dtype=field.type.dtype, device=device)

@@ -10,12 +10,14 @@ import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.contact import Hull
+from aquanav_tools.sim.batch.disturbance import Disturbance
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.fossen import FossenVehicle
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.task import ProgressMeasure
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -112,10 +114,13 @@ class Starts:
     remaining: wp.array(dtype=f64)
 
 
-def make_starts(scenario: Scenario, vehicle: Vehicle, device: Any) -> Starts:
-    """Return a scenario's starts."""
+DRAWN, UNLISTED = wp.constant(-1), wp.constant(-2)
+"""In place of a start's index: it is to be drawn from the list; it is the vehicle's own, in a list of its own."""
+
+
+def make_starts(states: Array, scenario: Scenario, device: Any) -> Starts:
+    """Return starts at (S, 13) states or more; the vehicle's model says what it adds."""
     starts, guide = Starts(), scenario.guide
-    states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
     gates = [guide.locate(position, scenario.field) for position in states[:, :3]]
     remaining = [guide.remaining(position, gate) for position, gate in zip(states[:, :3], gates, strict=True)]
     starts.positions = wp.array(states[:, :3], dtype=wp.vec3d, device=device)
@@ -144,6 +149,16 @@ class TaskNumbers:
     """Height from which depth is measured, m."""
     size: int
     """Values of an observation: its first 31, or all 44."""
+    progress: ProgressMeasure = "panels"
+    """What the reward's progress is measured by."""
+    sensor_noise: float = 0.0
+    """Standard deviation of the error of each ray's distance, m."""
+    sensor_dropout: float = 0.0
+    """Probability that a ray gets no echo."""
+    action_delay: int = 0
+    """Decisions between choosing an action and its effect."""
+    observation_delay: int = 0
+    """Decisions by which observations are late."""
 
 
 @wp.struct
@@ -161,6 +176,7 @@ class Rules:
     substeps: wp.int32
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
+    disturbance: Disturbance
 
 
 def make_rules(task: TaskNumbers, scenario: Scenario, next_step: bool, device: Any) -> Rules:
@@ -171,6 +187,8 @@ def make_rules(task: TaskNumbers, scenario: Scenario, next_step: bool, device: A
     rules.weights = wp.array(task.weights, dtype=wp.float64, device=device)
     rules.scales, rules.entrance_height = wp.vec3d(*task.scales), task.entrance_height
     rules.dt, rules.substeps = limits.dt, limits.substeps
+    rules.disturbance.noise, rules.disturbance.dropout = task.sensor_noise, task.sensor_dropout
+    rules.disturbance.action_delay, rules.disturbance.observation_delay = task.action_delay, task.observation_delay
     return rules
 
 
@@ -196,6 +214,12 @@ class Fleet:
     """(N,) vehicles in the order in which they are computed."""
     commands: wp.array2d(dtype=wp.float32)
     """(N, 3) ballast, steer and thrust."""
+    acting: wp.array2d(dtype=wp.float32)
+    """(N, 3) the command that takes effect: an earlier one where actions are delayed."""
+    waiting_commands: wp.array2d(dtype=wp.float32)
+    """(N, 3 D) commands of the last D decisions, without effect so far."""
+    waiting_observations: wp.array2d(dtype=wp.float32)
+    """(N, V D) observations of the last D decisions, not seen so far."""
     positions: wp.array(dtype=wp.vec3d)
     orientations: wp.array(dtype=wp.vec4d)
     velocities: wp.array(dtype=vec6)
@@ -212,14 +236,24 @@ class Fleet:
     """(N, C) coefficients of the gusts and eddies around each vehicle."""
     gates: wp.array(dtype=wp.int32)
     remaining: wp.array(dtype=f64)
+    """Along the guide, m."""
+    to_go: wp.array(dtype=f64)
+    """By the measure that the reward goes by, m."""
+    panels_crossed: wp.array(dtype=wp.int32)
+    touched_panels: wp.array2d(dtype=wp.bool)
+    """(N, P) of the original's measure of progress; else P is 0."""
     gained: wp.array(dtype=f64)
+    """What that became shorter by in the last decision, m."""
     decisions: wp.array(dtype=wp.int32)
     ages: wp.array(dtype=wp.int32)
     """Decisions by which this episode's time runs out earlier."""
     episodes: wp.array(dtype=wp.int32)
     start_indices: wp.array(dtype=wp.int32)
+    """In the scenario's list; -1 where the start is in none."""
+    beginnings: wp.array(dtype=wp.vec3d)
+    """Where the episodes began, m."""
     wanted_starts: wp.array(dtype=wp.int32)
-    """Start of the next episode; -1 to draw one."""
+    """Index of the next episode's start, or DRAWN or UNLISTED."""
     touched: wp.array(dtype=wp.int32)
     """Physics steps of the last decision in contact."""
     is_touching: wp.array(dtype=wp.int32)
@@ -229,6 +263,8 @@ class Fleet:
     """0 running, 1 success, 2 collision, 3 timeout."""
     restarted: wp.array(dtype=wp.int32)
     """Whether this step began an episode."""
+    rays: wp.array2d(dtype=wp.float32)
+    """(N, 28) true distances, m."""
     clearances: wp.array(dtype=wp.float32)
     """Of the hull, m."""
     observations: wp.array2d(dtype=wp.float32)

@@ -5,11 +5,13 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
+from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, measured
 from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
-from aquanav_tools.sim.batch.fleet_arrays import Controls, Craft, Fans, Fleet, Rules, Starts
+from aquanav_tools.sim.batch.fleet_arrays import DRAWN, UNLISTED, Controls, Craft, Fans, Fleet, Rules, Starts
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
+from aquanav_tools.sim.batch.progress import Measure, begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
@@ -23,25 +25,54 @@ NUM_RAYS = wp.constant(28)
 
 
 @wp.func
-def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
+def axis_of(orientation: wp.vec4d):
+    """Return the unit vector along the vehicle's axis, world frame."""
+    rotation = rotation_of(orientation)
+    return wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0])
+
+
+@wp.func
+def put_at(i: int, start: int, fleet: Fleet, starts: Starts):
+    """Put vehicle `i` at a start."""
+    fleet.positions[i] = starts.positions[start]
+    fleet.orientations[i] = starts.orientations[start]
+    for n in range(starts.extra.shape[1]):
+        fleet.extra[i, n] = starts.extra[start, n]
+    fleet.gates[i] = starts.gates[start]
+    fleet.remaining[i] = starts.remaining[start]
+
+
+@wp.func
+def begin(
+    i: int,
+    fleet: Fleet,
+    starts: Starts,
+    unlisted: Starts,
+    craft: Craft,
+    water: Water,
+    panels: Panels,
+    measure: Measure,
+):
     """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
     if fleet.episodes[i] > 0:
         fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
     seed = fleet.seeds[i]
     start = fleet.wanted_starts[i]
-    if start < 0:
+    if start == DRAWN:
         start = choice(words(seed, START, 0)[0], starts.gates.shape[0])
-    fleet.wanted_starts[i] = -1
-    fleet.start_indices[i] = start
+    fleet.wanted_starts[i] = DRAWN
     fleet.episodes[i] = fleet.episodes[i] + 1
-    fleet.positions[i] = starts.positions[start]
-    fleet.orientations[i] = starts.orientations[start]
+    if start == UNLISTED:
+        put_at(i, i, fleet, unlisted)
+    else:
+        put_at(i, start, fleet, starts)
+    fleet.start_indices[i] = wp.max(start, -1)
+    fleet.beginnings[i] = fleet.positions[i]
+    begin_measure(i, measure)
+    ahead = axis_of(fleet.orientations[i])
+    fleet.to_go[i] = to_go(i, fleet.positions[i], ahead, fleet.remaining[i], craft.hull, panels, measure)
     fleet.velocities[i] = vec6()
-    for n in range(starts.extra.shape[1]):
-        fleet.extra[i, n] = starts.extra[start, n]
     fleet.levels[i] = craft.controls.neutral
-    fleet.gates[i] = starts.gates[start]
-    fleet.remaining[i] = starts.remaining[start]
     fleet.gained[i] = f64(0.0)
     fleet.decisions[i] = 0
     fleet.ages[i] = 0
@@ -57,6 +88,8 @@ def begin(i: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
         stir(fleet.eddies, water, seed, i, 0)
     for n in range(3):
         fleet.commands[i, n] = 0.0
+        fleet.acting[i, n] = 0.0
+    fill_queue(fleet.acting, fleet.waiting_commands, i)
 
 
 @wp.func
@@ -84,7 +117,11 @@ def glide(
         share, phase = fleet.shares[i], fleet.phases[i]
         current = current_at(water, grid, fleet.eddies, share, phase, i, state.position)
     fleet.currents[i] = current
-    ballast, steer, ahead = f64(fleet.commands[i, 0]), f64(fleet.commands[i, 1]), f64(fleet.commands[i, 2])
+    for n in range(3):
+        fleet.acting[i, n] = fleet.commands[i, n]
+    if rules.disturbance.action_delay > 0:
+        exchange(fleet.acting, fleet.waiting_commands, i, fleet.decisions[i])
+    ballast, steer, ahead = f64(fleet.acting[i, 0]), f64(fleet.acting[i, 1]), f64(fleet.acting[i, 2])
     controls = craft.controls
     surge, yaw = controls.surge * ahead, controls.yaw * steer
     if ahead < f64(0.0):
@@ -119,18 +156,20 @@ def move(
     first: int,
     fleet: Fleet,
     starts: Starts,
+    unlisted: Starts,
     craft: Craft,
     water: Water,
     rules: Rules,
     grid: Grid,
     panels: Panels,
+    measure: Measure,
     mesh: wp.uint64,
     middle: wp.vec3d,
 ):
     """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
     i = fleet.order[first + wp.tid()]
     if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
         return
     state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
     fleet.positions[i] = state.position
@@ -139,7 +178,9 @@ def move(
     gate = tracked(state.position, panels, fleet.gates[i])
     remaining = remaining_at(state.position, panels, gate)
     fleet.gates[i] = gate
-    fleet.gained[i] = fleet.remaining[i] - remaining
+    still = to_go(i, state.position, axis_of(state.orientation), remaining, craft.hull, panels, measure)
+    fleet.gained[i] = fleet.to_go[i] - still
+    fleet.to_go[i] = still
     fleet.remaining[i] = remaining
     fleet.restarted[i] = 0
     fleet.touched[i] = touched
@@ -235,6 +276,7 @@ def sense(
     per_spacing = float(grid.spacing)
     per_metre = 1.0 / per_spacing
     centre = wp.vec3(position - middle)
+    is_disturbed = rules.disturbance.noise > 0.0 or rules.disturbance.dropout > 0.0
     for ray in range(part, 28, num_parts):
         length, way = fans.lengths[ray], turn * fans.directions[ray]
         distance = length
@@ -244,6 +286,9 @@ def sense(
                 distance = hit.t
         else:
             distance = per_spacing * traced(grid, place, way, length * per_metre, room)
+        fleet.rays[i, ray] = distance
+        if is_disturbed:
+            distance = measured(distance, length, rules.disturbance, fleet.seeds[i], ray, fleet.decisions[i])
         fleet.observations[i, ray] = distance / length
     if part == 0:
         show_goal(i, fleet, rules, rotation)
@@ -255,7 +300,17 @@ def sense(
 
 
 @wp.kernel
-def score(first: int, fleet: Fleet, rules: Rules):
+def deliver(first: int, only_restarted: int, fleet: Fleet):
+    """Let observations wait their turn; those of an episode's beginning fill the queue and are seen at once."""
+    i = fleet.order[first + wp.tid()]
+    if fleet.restarted[i] == 1:
+        fill_queue(fleet.observations, fleet.waiting_observations, i)
+    elif only_restarted == 0:
+        exchange(fleet.observations, fleet.waiting_observations, i, fleet.decisions[i])
+
+
+@wp.kernel
+def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
     """Write the reward's terms and the episode's end."""
     i = fleet.order[first + wp.tid()]
     outcome = fleet.outcomes[i]
@@ -266,7 +321,7 @@ def score(first: int, fleet: Fleet, rules: Rules):
     else:
         cut_off = f64(0.0)
         for ray in range(28):
-            cut_off += f64(1.0) - f64(fleet.observations[i, ray])
+            cut_off += f64(1.0) - f64(fleet.rays[i, ray] / fans.lengths[ray])
         steps = f64(rules.substeps)
         for n in range(7):
             amount = f64(outcome == n - 3)  # goal, collision and timeout, in the order of the outcomes
@@ -292,12 +347,22 @@ def score(first: int, fleet: Fleet, rules: Rules):
 
 
 @wp.kernel
-def restart(first: int, anew: int, fleet: Fleet, starts: Starts, craft: Craft, water: Water):
+def restart(
+    first: int,
+    anew: int,
+    fleet: Fleet,
+    starts: Starts,
+    unlisted: Starts,
+    craft: Craft,
+    water: Water,
+    panels: Panels,
+    measure: Measure,
+):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = fleet.order[first + wp.tid()]
     if anew == 1:
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
     elif fleet.outcomes[i] > 0:
         for n in range(fleet.observations.shape[1]):
             fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, starts, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
