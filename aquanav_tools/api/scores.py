@@ -9,6 +9,7 @@ from typing import Any
 
 from aquanav_tools.api.bars import bar
 from aquanav_tools.api.policies import PolicySpec, load_policy
+from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import comparing, evaluation, replaying
 from aquanav_tools.evaluate.comparing import Compared
 from aquanav_tools.evaluate.evaluation import Evaluation
@@ -54,13 +55,12 @@ def evaluate(
         ScenarioError: a scenario cannot be read.
         ResourceError: processes do not start.
     """
-    is_named = isinstance(policy, str | Path)
-    loaded = load_policy(policy, trust=trust)
-    if not is_named and options.get("backend") != "batch":
-        options.setdefault("workers", 1)  # what is in memory does not travel to other processes
+    loaded = None if isinstance(policy, str | Path) else load_policy(policy, trust=trust)
+    if loaded is not None:
+        options = _in_this_process(options)
     table = {
         **options,
-        "policies": (str(policy) if is_named else loaded.name,),
+        "policies": (str(policy) if loaded is None else loaded.name,),
         "scenario": [Path(one) for one in _listed(scenario)],
         "output": Path(output),
         "trust": trust,
@@ -70,7 +70,7 @@ def evaluate(
         rules = {name: value for name, value in read_protocol(str(protocol)).items() if name not in options}
         chosen = replace(chosen, **rules, protocol=str(protocol))
     with bar("", "episode", shown=progress) as show:
-        return evaluation.evaluate(chosen, show, load=None if is_named else lambda _: loaded)
+        return evaluation.evaluate(chosen, show, load=None if loaded is None else lambda _: loaded)
 
 
 def compare(evaluations: Folders, *others: str | Path, output: str | Path = "out/compare") -> Compared:
@@ -132,6 +132,16 @@ def replay(
     loaded = None if policy is None else load_policy(policy, trust=trust)
     with bar("", "frame", shown=progress and film is not None) as show:
         return replaying.replay(options, show, None if loaded is None else lambda _: loaded)
+
+
+def _in_this_process(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the options with which a policy in memory is flown; it does not travel to other processes."""
+    if options.get("workers", 1) != 1 or options.get("ray") is not None:
+        raise InputError(
+            "A policy in memory flies in this process. Leave out workers and ray, or name the policy by its path or as "
+            "module:Name."
+        )
+    return options if options.get("backend") == "batch" else {**options, "workers": 1}
 
 
 def _listed(folders: Folders) -> Sequence[str | Path]:

@@ -85,6 +85,8 @@ WRONG: list[tuple[str, dict[str, Any], type[AquanavError], str]] = [
     ("evaluate", {"policy": "baseline:oracle", "scenario": "x", "episode": 5}, InputError, "Did you mean 'episodes'"),
     ("evaluate", {"policy": "baseline:oracle", "scenario": "x", "episodes": 0}, InputError, "--episodes is 0;"),
     ("evaluate", {"policy": "baseline:oracle", "scenario": "x", "protocol": "papr"}, InputError, "mean 'paper'"),
+    ("evaluate", {"policy": max, "scenario": "x", "workers": 2}, InputError, "flies in this process"),
+    ("make_vec_env", {"scenario": "x", "num_envs": 2, "kind": "sb4"}, InputError, "Did you mean 'sb3'"),
     ("build_cave", {"input": "none.stl", "output": "out"}, InputError, "There is no file or folder none.stl"),
     ("build_cave", {"input": "none.stl", "output": "out", "unti": "cm"}, InputError, "Did you mean 'unit'"),
     ("build_cave", {"input": "none.stl", "output": "out", "unit": "inch"}, InputError, "Did you mean 'in'"),
