@@ -1,3 +1,62 @@
-"""Real caves as navigation benchmarks: build them, dive them, score policies in them."""
+"""Real caves as navigation benchmarks: build them, dive them, score policies in them.
+
+The functions below are the whole of the public interface; `import aquanav` has the same. Each is loaded when it is
+first asked for, so that importing this package takes no time.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from aquanav_tools.api.caves import build_cave as build_cave
+    from aquanav_tools.api.caves import load_scenario as load_scenario
+    from aquanav_tools.api.environments import make_env as make_env
+    from aquanav_tools.api.environments import make_vec_env as make_vec_env
+    from aquanav_tools.api.policies import load_policy as load_policy
+    from aquanav_tools.api.scores import compare as compare
+    from aquanav_tools.api.scores import evaluate as evaluate
+    from aquanav_tools.api.scores import replay as replay
+    from aquanav_tools.api.training import train as train
 
 __version__ = "0.1.0"
+
+_MODULES = {
+    "build_cave": "caves",
+    "load_scenario": "caves",
+    "make_env": "environments",
+    "make_vec_env": "environments",
+    "load_policy": "policies",
+    "compare": "scores",
+    "evaluate": "scores",
+    "replay": "scores",
+    "train": "training",
+}
+"""Each public function's module in aquanav_tools.api."""
+__all__ = [  # in words, for readers that run no code
+    "build_cave", "compare", "evaluate", "load_policy", "load_scenario", "make_env", "make_vec_env", "replay", "train",
+]  # fmt: skip
+
+
+class _Package(ModuleType):
+    """This package. Python sets an imported room as its attribute; the functions `train` and `evaluate` go first."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _MODULES and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"aquanav_tools.api.{_MODULES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_MODULES})

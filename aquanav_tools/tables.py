@@ -90,7 +90,7 @@ def _convert(hint: Any, value: object, where: str, error: type[AquanavError]) ->
         return _convert_union([a for a in arguments if a is not type(None)], value, where, error)
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return _to_float(value, where, error)
-    if hint is Path and isinstance(value, str):
+    if hint is Path and isinstance(value, str | Path):
         return Path(value)
     if type(value) is not hint:
         raise error(

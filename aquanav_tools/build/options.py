@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from aquanav_tools.cave.options import (
     ClosingOptions,
@@ -17,6 +17,7 @@ from aquanav_tools.cave.options import (
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
+from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
@@ -102,3 +103,27 @@ class BuildOptions:
         if self.input.is_dir() or self.input.suffix.lower() in VIDEO_SUFFIXES:
             return "photos"
         return "survey" if self.input.suffix.lower() in SURVEY_SUFFIXES else "scan"
+
+
+@dataclass(frozen=True)
+class RecipeStages:
+    """What a recipe file may hold apart from [photos], which the photo stages read."""
+
+    quality: Quality = "standard"
+    scan: ScanOptions = field(default_factory=ScanOptions)
+    closing: ClosingOptions = field(default_factory=ClosingOptions)
+    route: RouteOptions = field(default_factory=RouteOptions)
+    panels: PanelOptions = field(default_factory=PanelOptions)
+    starts: StartOptions = field(default_factory=StartOptions)
+    intake: IntakeOptions = field(default_factory=IntakeOptions)
+    water: WaterOptions = field(default_factory=WaterOptions)
+
+
+def read_recipe(path: Path) -> RecipeStages:
+    """Return the settings of the stages in a recipe file.
+
+    Raises:
+        InputError: there is no such file, or it has an unknown key or a senseless value.
+    """
+    tables: dict[str, Any] = {name: table for name, table in read_toml(path).items() if name != "photos"}
+    return from_table(RecipeStages, tables, path.name)

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.options import (
-    ClosingOptions,
-    PanelOptions,
-    RouteOptions,
-    ScanOptions,
-    StartOptions,
-    WaterOptions,
-)
+from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions, read_recipe
+from aquanav_tools.cave.options import ClosingOptions, RouteOptions, ScanOptions
 from aquanav_tools.cli.command import file_after, run_command, stage_bar
-from aquanav_tools.reconstruct.intake.options import IntakeOptions, Quality
-from aquanav_tools.tables import from_table, read_toml
+from aquanav_tools.reconstruct.intake.options import IntakeOptions
+
+if TYPE_CHECKING:
+    from aquanav_tools.build.built import BuiltScenario
 
 DESCRIPTION = """Build a scenario from a real cave.
 
@@ -72,54 +66,31 @@ def _read_defaults(arguments: Sequence[str]) -> Options | None:
     path = file_after("--recipe", arguments)
     if path is None:
         return None
-    tables: dict[str, Any] = {name: table for name, table in read_toml(path).items() if name != "photos"}
-    stages = from_table(_Stages, tables, path.name)
-    return Options(input=tyro.MISSING, output=tyro.MISSING, **vars(stages))
-
-
-@dataclass(frozen=True)
-class _Stages:
-    """What a recipe file may hold apart from [photos], which the photo stages read."""
-
-    quality: Quality = "standard"
-    scan: ScanOptions = field(default_factory=ScanOptions)
-    closing: ClosingOptions = field(default_factory=ClosingOptions)
-    route: RouteOptions = field(default_factory=RouteOptions)
-    panels: PanelOptions = field(default_factory=PanelOptions)
-    starts: StartOptions = field(default_factory=StartOptions)
-    intake: IntakeOptions = field(default_factory=IntakeOptions)
-    water: WaterOptions = field(default_factory=WaterOptions)
+    return Options(input=tyro.MISSING, output=tyro.MISSING, **vars(read_recipe(path)))
 
 
 def _run(options: Options) -> None:
-    from aquanav_tools.build.output_folder import is_finished
+    from aquanav_tools.build.built import build_scenario
 
     began = time.perf_counter()
     plain = BuildOptions(**{field.name: getattr(options, field.name) for field in dataclasses.fields(BuildOptions)})
-    if is_finished(plain):
+    built = build_scenario(plain, stage_bar, lambda sentence: print(sentence, file=sys.stderr))
+    for code, sentence in built.warnings:
+        print(f"warning ({code}): {sentence}", file=sys.stderr)
+    if built.was_finished:
         deed = f"{plain.output} is already what these photos and options lead to; nothing was done"
     else:
-        _build(plain)
         deed = f"Built {plain.output}"
-    print(f"{deed} ({time.perf_counter() - began:.0f} s).\n{_summary(plain.output)}")
+    print(f"{deed} ({time.perf_counter() - began:.0f} s).\n{_summary(built)}")
 
 
-def _build(options: BuildOptions) -> None:
-    from aquanav_tools.build.recipe import build_cave
-
-    result = build_cave(options, stage_bar, lambda sentence: print(sentence, file=sys.stderr))
-    for code, sentence in result.journal.notices:
-        print(f"warning ({code}): {sentence}", file=sys.stderr)
-
-
-def _summary(folder: Path) -> str:
-    """Return the size of a built cave, and where to look, from its report.json."""
-    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    numbers = report["statistics"]
+def _summary(built: BuiltScenario) -> str:
+    """Return the size of a built cave, and where to look."""
+    folder = built.folder
     return (
-        f"A passage of {numbers['route_length']:.1f} m, {numbers['volume']:.1f} m3, {numbers['num_triangles']} "
-        f"triangles, watertight; {numbers['num_portals']} portals, {numbers['num_panels']} panels, "
-        f"{report['num_starts']} starts.\n{report['passability']['text']}\n"
+        f"A passage of {built.route_length:.1f} m, {built.volume:.1f} m3, {built.num_triangles} "
+        f"triangles, watertight; {built.num_portals} portals, {built.num_panels} panels, "
+        f"{built.num_starts} starts.\n{built.passability}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
         f"Recording: rerun {folder / 'build.rrd'}\n"
         f"Next: aquanav-eval baseline:reactive --scenario {folder}"

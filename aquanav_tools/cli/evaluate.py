@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import tyro
 
 from aquanav_tools.cli.command import NO_TERMINAL, run_command
+from aquanav_tools.cli.evaluate_options import CompareCommand, EvaluateCommand, ReplayCommand, StressCommand
 from aquanav_tools.errors import PolicyError
-from aquanav_tools.evaluate.options import CompareOptions, EvaluateOptions, ReplayOptions, StressOptions
+from aquanav_tools.evaluate.options import EvaluateOptions, ReplayOptions, StressOptions
 
 if TYPE_CHECKING:
     from aquanav_tools.evaluate.evaluation import Evaluation
     from aquanav_tools.types import Progress
 
+Options = TypeVar("Options")
 DESCRIPTION = (
     "Score a policy in scenarios on fixed seeded starts. Writes results.json, episodes.parquet, report.html and rerun "
     "recordings. Policy files are read without running any code from them, unless --trust is given. Ends with exit "
@@ -39,15 +42,24 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     if arguments[:1] == ["compare"]:
-        run_command(CompareOptions, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
+        run_command(CompareCommand, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
     elif arguments[:1] == ["replay"]:
-        run_command(ReplayOptions, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
+        run_command(ReplayCommand, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
     elif arguments[:1] == ["stress"]:
-        run_command(StressOptions, _stress, "aquanav-eval stress", STRESS, arguments=arguments[1:])
+        run_command(StressCommand, _stress, "aquanav-eval stress", STRESS, arguments=arguments[1:])
     else:
         run_command(
-            EvaluateOptions, evaluate_policies, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments
+            EvaluateCommand, _evaluate_all, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments
         )
+
+
+def _evaluate_all(command: EvaluateCommand) -> None:
+    evaluate_policies(_plain(EvaluateOptions, command))
+
+
+def _plain(kind: type[Options], command: Any) -> Options:
+    """Return the options of a command line as the class that the rooms below know."""
+    return kind(**{field.name: getattr(command, field.name) for field in dataclasses.fields(kind)})  # type: ignore[arg-type]
 
 
 def evaluate_policies(options: EvaluateOptions) -> None:
@@ -63,7 +75,7 @@ def evaluate_policies(options: EvaluateOptions) -> None:
 
         folders = run_folders(options.policies, options.output)
         failures = [_evaluate_one(options, *pair) for pair in zip(options.policies, folders, strict=True)]
-        _compare(CompareOptions((options.output,), options.output))
+        _compare(CompareCommand((options.output,), options.output))
     if any(failures):
         raise PolicyError(f"{' '.join(filter(None, failures))} Nothing was measured. {CORRECT}")
 
@@ -84,7 +96,7 @@ def _evaluate_one(options: EvaluateOptions, policy: str, folder: Path) -> str:
     return ""
 
 
-def _defaults(arguments: Sequence[str]) -> EvaluateOptions | None:
+def _defaults(arguments: Sequence[str]) -> EvaluateCommand | None:
     """Return the options with those of the protocol named after --protocol; None without one."""
     from aquanav_tools.cli.command import file_after
 
@@ -93,7 +105,7 @@ def _defaults(arguments: Sequence[str]) -> EvaluateOptions | None:
         return None
     from aquanav_tools.evaluate.protocol import read_protocol
 
-    return EvaluateOptions(policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name)))
+    return EvaluateCommand(policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name)))
 
 
 def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation:
@@ -128,11 +140,12 @@ def _episode_bar() -> Iterator[Progress]:
         yield show
 
 
-def _stress(options: StressOptions) -> None:
+def _stress(command: StressCommand) -> None:
     from aquanav_tools.evaluate.failures import failure_text, is_failed_throughout
     from aquanav_tools.evaluate.stress import WORST, stress
     from aquanav_tools.evaluate.stress_report import verdict
 
+    options = _plain(StressOptions, command)
     _tell_choice(options.policy)
     with _episode_bar() as show:
         found = stress(options, show)
@@ -148,25 +161,34 @@ def _stress(options: StressOptions) -> None:
         print(f"warning: {text} They count as failures.", file=sys.stderr)
 
 
-def _compare(options: CompareOptions) -> None:
+def _compare(options: CompareCommand) -> None:
     from aquanav_tools.evaluate.comparing import compare
+    from aquanav_tools.evaluate.comparison_report import summary_text
 
-    print(compare(options))
+    found = compare(options.evaluations, options.output)
+    text = summary_text(found.methods, found.comparisons)
+    print(f"\n{text}\n\nReport:      {found.report}\nNumbers:     {found.numbers}")
 
 
-def _replay(options: ReplayOptions) -> None:
+def _replay(command: ReplayCommand) -> None:
     from tqdm import tqdm
 
     from aquanav_tools.evaluate.replaying import replay
 
+    options = _plain(ReplayOptions, command)
     with tqdm(unit="frame", file=sys.stderr, delay=0.5, disable=True if options.film is None else NO_TERMINAL) as bar:
 
         def show(done: int, total: int) -> None:
             bar.total = total
             bar.update(done - bar.n)
 
-        told = replay(options, show)
-    print(told)
+        found = replay(options, show)
+    episode, filmed = found.episode, "" if found.film is None else f"\nFilm: {found.film}"
+    print(
+        f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
+        f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\n"
+        f"Look at it with: rerun {found.recording}{filmed}"
+    )
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.comparison_report import SIGNIFICANT, summary_text, write_comparison
+from aquanav_tools.evaluate.comparison_report import SIGNIFICANT, write_comparison
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
-from aquanav_tools.evaluate.options import CompareOptions
 from aquanav_tools.evaluate.paired import (
     PairedRates,
     RunRates,
@@ -89,21 +88,33 @@ class Comparison:
     """What the reader must know: rules that differ, policies that failed by themselves."""
 
 
-def compare(options: CompareOptions) -> str:
-    """Write comparison.json and report.html and return what to tell: a verdict on each pair, and where the files lie.
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What comparing evaluations found and where it lies."""
+
+    methods: tuple[Method, ...]
+    """In the order of the evaluations."""
+    comparisons: tuple[Comparison, ...]
+    """The first method against each other one; none where there is one method."""
+    numbers: Path
+    """comparison.json."""
+    report: Path
+
+
+def compare(evaluations: Sequence[Path], output: Path) -> Compared:
+    """Compare the evaluations in some folders, the first with each other one; write comparison.json and report.html.
 
     Raises:
         InputError: a folder holds no finished evaluation, or the evaluations have no scenario and condition in common.
     """
-    methods = tuple(_read_method(folder) for folder in options.evaluations)
+    methods = tuple(_read_method(folder) for folder in evaluations)
     _check_vehicles(methods)
     methods = _same_tasks(methods)
     comparisons = tuple(_compare(methods[0], other) for other in methods[1:])
-    options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / "comparison.json"
+    output.mkdir(parents=True, exist_ok=True)
+    path = output / "comparison.json"
     path.write_text(json.dumps(_table(methods, comparisons), indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    report = write_comparison(methods, comparisons, options.output)
-    return "\n".join(["", summary_text(methods, comparisons), "", f"Report:      {report}", f"Numbers:     {path}"])
+    return Compared(methods, comparisons, path, write_comparison(methods, comparisons, output))
 
 
 def run_folders(policies: Sequence[str], output: Path) -> list[Path]:

@@ -6,9 +6,7 @@ import math
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
-
-import tyro
+from typing import Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.task import TaskOptions
@@ -68,7 +66,7 @@ class ProtocolOptions(TaskOptions):
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
     grid: Grid = field(default_factory=Grid)
-    cases: tyro.conf.Suppress[tuple[Case, ...]] = ()
+    cases: tuple[Case, ...] = ()
     """Episodes named one by one, instead of by number, seed and grid: what aquanav-eval stress saves. In a protocol's
     file only."""
 
@@ -94,16 +92,11 @@ class ProtocolOptions(TaskOptions):
 class EvaluateOptions(ProtocolOptions):
     """How a policy is evaluated. Each field is an option of aquanav-eval."""
 
-    policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
-    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), the folder of a training run (its best.zip, or
-    policy.zip where it was not validated), an ONNX file of ML-Agents, TorchScript (.pt, with --trust), module:function
-    for code of your own in the working directory, or a baseline: baseline:random, baseline:reactive,
-    baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before any of them puts a
-    safety shield around it: it takes nine in ten collisions off random actions, but a good policy in strong current may
-    collide more with it than without, at ten times the cost. Several are taken for training runs of one method."""
+    policies: tuple[str, ...]
+    """Each as `policies.load_policy` takes it. Several are taken for training runs of one method."""
     scenario: tuple[Path, ...]
     """Scenario folders."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = field(default=Path("out/eval"))
+    output: Path = Path("out/eval")
     """Folder for results.json, episodes.parquet, report.html, pictures and recordings; an earlier evaluation in it is
     replaced. Several policies get a folder each in it."""
     vehicle: str | None = None
@@ -132,7 +125,7 @@ class EvaluateOptions(ProtocolOptions):
     workers: int | None = None
     """Processes that run episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process runs."""
-    ray: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    ray: str | None = None
     """Run on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same results; --workers then counts
     its processes. This machine must be one of its nodes, and the working directory, the policy and the scenarios must
     lie at the same paths on all. Needs pip install 'aquanav[cluster]'."""
@@ -164,11 +157,11 @@ class EvaluateOptions(ProtocolOptions):
 class StressOptions(TaskOptions):
     """How a policy is searched for failures. Each field is an option of aquanav-eval stress."""
 
-    policy: Annotated[str, tyro.conf.Positional]
+    policy: str
     """As aquanav-eval takes it."""
     scenario: Path
     """Scenario folder."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/stress")
+    output: Path = Path("out/stress")
     """Folder for worst.toml, stress.json and report.html."""
     budget: int = 200
     """Episodes of the search; as many are drawn at random beside it, to compare."""
@@ -213,24 +206,14 @@ class StressOptions(TaskOptions):
 
 
 @dataclass(frozen=True)
-class CompareOptions:
-    """What is compared. Each field is an option of aquanav-eval compare."""
-
-    evaluations: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER...")]
-    """Output folders of aquanav-eval; one of several policies counts as training runs of one method."""
-    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/compare")
-    """Folder for comparison.json and report.html."""
-
-
-@dataclass(frozen=True)
 class ReplayOptions:
     """What is run again. Each field is an option of aquanav-eval replay."""
 
-    results: Annotated[Path, tyro.conf.Positional]
+    results: Path
     """results.json of an evaluation, or its folder."""
     episode: int
     """Number of the episode, from 0."""
-    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    output: Path | None = None
     """The recording; without it, replay-00017.rrd beside the results."""
     policy: str | None = None
     """The policy, where it is no longer at its path."""

@@ -20,12 +20,43 @@ from aquanav_tools.errors import InputError, did_you_mean
 SPEC = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 
 
-class OwnPolicy:
-    """Calls the user's code. Naming a module of one's own is asking to run it, as `python -m` does: no --trust.
+class CallablePolicy:
+    """Calls the user's code, which is any callable.
 
-    What is named is a function, or a class that is made without arguments and whose instances are called. Three
-    attributes of it may say more: `observation` (a preset, "full" if absent), `action` (a form, "multidiscrete" if
-    absent) and `reset`, called with the episode's seed before each episode.
+    Three attributes of it may say more: `observation` (a preset, "full" if absent), `action` (a form, "multidiscrete"
+    if absent) and `reset`, called with the episode's seed before each episode.
+    """
+
+    def __init__(self, call: Callable[[Any], Any], name: str = "The policy") -> None:
+        """Look at what it asks for.
+
+        Raises:
+            InputError: it is no callable, or asks for an unknown preset or form.
+        """
+        if not callable(call):
+            raise InputError(f"{name} is a {type(call).__name__}, which cannot be called with an observation.")
+        self._call = call
+        self.observation = str(getattr(call, "observation", "full"))
+        self.action = str(getattr(call, "action", "multidiscrete"))
+        check_choice("observation preset", self.observation, PRESETS)
+        check_choice("action form", self.action, ACTIONS)
+        self.path: Path | None = None
+        """File whose content stands for the policy."""
+
+    def reset(self, seed: int) -> None:
+        """Call the policy's own reset, where it has one."""
+        if hasattr(self._call, "reset"):
+            self._call.reset(seed)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> Any:
+        """Return the action for one observation."""
+        return self._call(observation)
+
+
+class OwnPolicy(CallablePolicy):
+    """Code named as module:function. Naming a module of one's own is asking to run it, as `python -m` does: no --trust.
+
+    What is named is a function, or a class that is made without arguments and whose instances are called.
     """
 
     def __init__(self, spec: str) -> None:
@@ -39,24 +70,9 @@ class OwnPolicy:
         if not hasattr(module, name):
             raise InputError(f"The module {module_name} has no {name}.{did_you_mean(name, _callables(module))}")
         found = getattr(module, name)
-        self._call: Callable[[Any], Any] = _made(found, spec) if isinstance(found, type) else found
-        if not callable(self._call):
-            raise InputError(f"{spec} is a {type(self._call).__name__}, which cannot be called with an observation.")
-        self.observation = str(getattr(self._call, "observation", "full"))
-        self.action = str(getattr(self._call, "action", "multidiscrete"))
-        check_choice("observation preset", self.observation, PRESETS)
-        check_choice("action form", self.action, ACTIONS)
+        super().__init__(_made(found, spec) if isinstance(found, type) else found, spec)
         self.path = Path(module.__file__) if getattr(module, "__file__", None) else None
         """Of the module, whose content stands for the policy; what it imports is not looked at."""
-
-    def reset(self, seed: int) -> None:
-        """Call the policy's own reset, where it has one."""
-        if hasattr(self._call, "reset"):
-            self._call.reset(seed)
-
-    def act(self, observation: npt.NDArray[np.float32]) -> Any:
-        """Return the action for one observation."""
-        return self._call(observation)
 
 
 def _import(name: str) -> Any:

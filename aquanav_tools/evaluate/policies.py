@@ -17,7 +17,7 @@ from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
-from aquanav_tools.evaluate.own_code import SPEC, OwnPolicy
+from aquanav_tools.evaluate.own_code import SPEC, CallablePolicy, OwnPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
@@ -91,6 +91,14 @@ class LoadedPolicy:
     draws: bool = False
     """Whether it may draw at random, which of code that is not ours nobody knows."""
 
+    def reset(self, seed: int) -> None:
+        """Begin an episode; random numbers, if any, are drawn from `seed`."""
+        self.policy.reset(seed)
+
+    def act(self, observation: npt.NDArray[np.float32]) -> Any:
+        """Return the action, in the form `action`, for one (O,) observation of the preset `observation`."""
+        return self.policy.act(observation)
+
 
 class RandomPolicy:
     """Draws each choice evenly: the floor that any policy must beat."""
@@ -162,9 +170,7 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     if spec.startswith(PREFIX):
         return _baseline(spec)
     if SPEC.fullmatch(spec):
-        own = OwnPolicy(spec)
-        sha256 = file_hash(own.path) if own.path else None
-        return LoadedPolicy(own, spec, sha256, own.observation, own.action, draws=True)
+        return own_policy(OwnPolicy(spec), spec)
     path, name = Path(spec), Path(spec).name
     if path.is_dir():
         path = best_policy(path)
@@ -173,6 +179,12 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
     fit = fitting_presets(found.observation_space, found.action_space, spec)
     draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
     return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws)
+
+
+def own_policy(own: CallablePolicy, name: str) -> LoadedPolicy:
+    """Return the user's own code as a policy of some name."""
+    sha256 = file_hash(own.path) if own.path else None
+    return LoadedPolicy(own, name, sha256, own.observation, own.action, draws=True)
 
 
 def choice_text(spec: str) -> str:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -28,12 +31,27 @@ class ReplayError(AquanavError):
     """An episode did not repeat."""
 
 
-def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
-    """Run the episode, write its recording and its film where asked for, and return what to tell.
+@dataclass(frozen=True)
+class Replayed:
+    """An episode that came out as before, to the bit."""
+
+    episode: EpisodeMetrics
+    recording: Path
+    film: Path | None
+    """None where none was asked for."""
+
+
+def replay(
+    options: ReplayOptions,
+    progress: Progress = ignore_progress,
+    load: Callable[[str], LoadedPolicy] | None = None,
+) -> Replayed:
+    """Run an episode again; write its recording, and its film where asked for.
 
     Args:
         options: Which episode.
         progress: Called with (frames of the film written, frames in all).
+        load: Loads the policy by its name; None takes `load_policy`.
 
     Raises:
         InputError: no such results or episode, the policy or the scenario is missing or another one, or no film of
@@ -46,7 +64,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
     path = options.results / "results.json" if options.results.is_dir() else options.results
     table = read_results(path)
     episode = _find(episodes_of(table), options.episode, path)
-    policy = _policy(table, options)
+    policy = _policy(table, options, load or partial(load_policy, is_trusted=options.trust))
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
     start = None if episode.start == NOWHERE_LISTED else episode.start
@@ -59,11 +77,7 @@ def replay(options: ReplayOptions, progress: Progress = ignore_progress) -> str:
         film_track(scenario, track, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
-    filmed = "" if options.film is None else f"\nFilm: {options.film}"
-    return (
-        f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
-        f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\nLook at it with: rerun {output}{filmed}"
-    )
+    return Replayed(metrics, output, options.film)
 
 
 def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
@@ -88,9 +102,9 @@ def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetr
     return episodes[index]
 
 
-def _policy(table: dict[str, Any], options: ReplayOptions) -> LoadedPolicy:
+def _policy(table: dict[str, Any], options: ReplayOptions, load: Callable[[str], LoadedPolicy]) -> LoadedPolicy:
     expected = table["policy"]
-    policy = load_policy(options.policy or expected["path"], options.trust)
+    policy = load(options.policy or expected["path"])
     if policy.sha256 != expected["sha256"]:
         raise InputError(
             f"The policy {policy.name} is another one than was evaluated ({policy.sha256} instead of "

@@ -8,6 +8,7 @@ lessons counts above all that the file it extends says, and the command line abo
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -108,7 +109,7 @@ def _chain(name: str | Path | None) -> list[tuple[Path, dict[str, Any]]]:
     while name is not None:
         path = _path_of(name, folder)
         table = read_toml(path)
-        _check_keys(table, path)
+        _check_keys(table, path.name, RUN_KEYS | LESSON_KEYS | {"extends", "lessons"})
         found.insert(0, (path, table))
         if len(found) > MAX_CHAIN:
             raise InputError(
@@ -130,11 +131,19 @@ def _path_of(name: str | Path, folder: Path) -> Path:
     return shipped_path(FOLDER, str(name))
 
 
-def _check_keys(table: dict[str, Any], path: Path) -> None:
-    known = RUN_KEYS | LESSON_KEYS | {"extends", "lessons"}
-    for key in table:
+def check_settings(names: Iterable[str], where: str) -> None:
+    """Check that there are settings of some names.
+
+    Raises:
+        InputError: there is none of a name; the message has the nearest, and `where` it was found.
+    """
+    _check_keys(names, where, RUN_KEYS | LESSON_KEYS)
+
+
+def _check_keys(names: Iterable[str], where: str, known: Set[str]) -> None:
+    for key in names:
         if key not in known:
-            raise InputError(f"{path.name} has the unknown key '{key}'.{did_you_mean(key, known)}")
+            raise InputError(f"{where} has the unknown key '{key}'.{did_you_mean(key, known)}")
 
 
 def _lesson_tables(lessons: object, where: str) -> list[dict[str, Any]]:

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.options import BuildOptions, RecipeStages
 from aquanav_tools.build.recipe import _photo_settings
-from aquanav_tools.cli.build_cave import _Stages
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions
 from aquanav_tools.shipped import shipped_path
@@ -16,7 +15,7 @@ from aquanav_tools.tables import from_table, parse_toml, read_toml
 
 
 def test_the_shipped_scan_recipe_explains_the_defaults() -> None:
-    stages = vars(from_table(_Stages, read_toml(shipped_path("pipelines/build", "scan")), "scan.toml"))
+    stages = vars(from_table(RecipeStages, read_toml(shipped_path("pipelines/build", "scan")), "scan.toml"))
     assert stages.pop("quality") == BuildOptions.quality
     for name, value in stages.items():
         assert value == BuildOptions.__dataclass_fields__[name].default_factory()  # type: ignore[misc]

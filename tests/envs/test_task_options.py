@@ -219,7 +219,7 @@ def test_episode_has_conditions_of_its_own_and_the_next_has_the_tasks_again(tube
         np.testing.assert_array_equal(noise, deaf.reset(seed=3, options={"start": 1})[0])
         assert not np.array_equal(calm, noise)
         np.testing.assert_array_equal(env.reset(seed=3, options={"start": 1})[0], calm)
-        with pytest.raises(InputError, match="no option 'sensor_drop'. Did you mean 'sensor_dropout'"):
+        with pytest.raises(InputError, match=r"no option 'sensor_drop'\. Did you mean 'sensor_dropout'"):
             env.reset(options={"sensor_drop": 0.5})
         with pytest.raises(InputError, match="sensor_dropout is 2"):
             env.reset(options={"sensor_dropout": 2})

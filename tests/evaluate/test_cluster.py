@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
+from aquanav_tools.evaluate import cluster as cluster_module
 from aquanav_tools.evaluate.cluster import check_found, clear_left
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, make_plan
 from aquanav_tools.evaluate.evaluation import evaluate
@@ -147,7 +148,7 @@ def test_cluster_without_a_free_core_is_said_to_have_none(
 ) -> None:
     import ray
 
-    monkeypatch.setattr("aquanav_tools.evaluate.cluster.START_LIMIT", 3.0)
+    monkeypatch.setattr(cluster_module, "START_LIMIT", 3.0)
     ray.init(cluster.address)
     try:
         holders = [ray.remote(num_cpus=1)(Idler).remote() for _ in range(2)]
@@ -166,7 +167,7 @@ def test_address_at_which_nothing_answers_is_named_with_the_time_waited(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt 'aquanav[cluster]'.")
-    monkeypatch.setattr("aquanav_tools.evaluate.cluster.ANSWER_LIMIT", 6.0)
+    monkeypatch.setattr(cluster_module, "ANSWER_LIMIT", 6.0)
     options = drifting_options(folder, tmp_path, ray="127.0.0.1:9")  # the port of "discard", which nobody serves
     with pytest.raises(ResourceError, match=r"No Ray cluster answered at 127\.0\.0\.1:9 within 6 s\. .*ray status"):
         run(options)

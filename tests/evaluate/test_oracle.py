@@ -8,6 +8,7 @@ import pytest
 from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate import oracle
 from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
@@ -65,7 +66,7 @@ def test_oracle_finds_a_goal_that_is_out_of_sight_without_a_collision() -> None:
 
 
 def test_oracle_goes_on_where_there_is_less_room_than_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aquanav_tools.evaluate.oracle.MARGIN", 2.0)  # a passage of 1.1 m leaves 0.93 m beside the hull
+    monkeypatch.setattr(oracle, "MARGIN", 2.0)  # a passage of 1.1 m leaves 0.93 m beside the hull
     summary = score(winding_scenario(), "baseline:oracle", 2)
     assert summary.success.rate == 1.0
 
@@ -73,10 +74,10 @@ def test_oracle_goes_on_where_there_is_less_room_than_it_asks_for(monkeypatch: p
 def test_oracle_finds_a_way_that_a_coarse_map_does_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
     env = CaveEnv(winding_scenario())
     env.reset(seed=0, options={"start": 0})
-    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10,))
+    monkeypatch.setattr(oracle, "NUM_NODES", (10,))
     with pytest.raises(InputError, match="No way as wide as the vehicle"):
         OraclePolicy().bind(env)
-    monkeypatch.setattr("aquanav_tools.evaluate.oracle.NUM_NODES", (10, 300_000))
+    monkeypatch.setattr(oracle, "NUM_NODES", (10, 300_000))
     OraclePolicy().bind(env)
     env.close()
 

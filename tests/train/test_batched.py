@@ -11,6 +11,7 @@ import pytest
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
+from aquanav_tools.train import training
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.episodes import SUMMARY
 from aquanav_tools.train.pipeline import read_pipeline
@@ -40,7 +41,7 @@ def still_tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 @pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1)])

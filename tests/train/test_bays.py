@@ -12,6 +12,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline, read_pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
@@ -63,7 +64,7 @@ def test_a_boats_policy_is_one_for_bays(backend: Backend, bay: Path, tmp_path: P
 def test_a_stopped_run_on_the_batch_ends_as_one_that_never_stopped(
     bay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
     pipeline = pipeline_in(str(bay), backend="batch", current=0.2, current_range=(0.5, 1.0), steps=384)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):

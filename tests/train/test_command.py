@@ -10,6 +10,7 @@ from aquanav_tools.cli.train import main
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
+from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline
 from tests.caves import tube_scenario
 from tests.vehicles import write_vehicle
@@ -54,7 +55,7 @@ def test_what_the_command_line_says_counts_above_the_pipeline(monkeypatch: pytes
         pipelines.append(pipeline)
         raise InputError("enough")
 
-    monkeypatch.setattr("aquanav_tools.train.training.train", keep)
+    monkeypatch.setattr(training, "train", keep)
     # 0.2 is the default, and said all the same; 0.1 is what lessons 2 and 3 of the file have.
     assert exit_code("--pipeline", "paper", "--clip", "0.2", "--workers=2", "--no-normalise") == 2
     assert exit_code("--pipeline", "paper", "--backend", "batch") == 2

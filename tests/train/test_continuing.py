@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
@@ -27,7 +28,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:

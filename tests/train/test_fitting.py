@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aquanav_tools.train import training
 from aquanav_tools.train.fitting import MIN_UPDATES, decisions_of, described, fitted, num_updates
 from aquanav_tools.train.pipeline import read_pipeline
 from aquanav_tools.train.settings import TrainSettings
@@ -21,7 +22,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 def rates(folder: Path) -> list[float]:

@@ -17,6 +17,7 @@ import torch
 from stable_baselines3 import PPO
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
@@ -34,7 +35,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 @pytest.fixture(scope="module")

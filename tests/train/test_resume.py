@@ -16,6 +16,7 @@ from aquanav_tools.cli.train import main
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
+from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, read_checkpoint
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.record import RunRecord
@@ -34,7 +35,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 def after_checkpoint(monkeypatch: pytest.MonkeyPatch, number: int, act: Callable[[], None]) -> None:

@@ -17,6 +17,7 @@ from aquanav_tools.errors import TrainingError
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.pipeline import Pipeline
@@ -45,7 +46,7 @@ def run(tube_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr("aquanav_tools.train.training.present", lambda *_: None)
+    monkeypatch.setattr(training, "present", lambda *_: None)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:

@@ -1,0 +1,112 @@
+"""Environments with one vehicle and with many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, overload
+
+from aquanav_tools.envs import places
+from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.places import Place, PlaceEnv, read_place, with_vehicle
+from aquanav_tools.envs.vector_env import BatchVectorEnv
+
+if TYPE_CHECKING:
+    from aquanav_tools.envs.sb3_env import PlaceVecEnv
+
+KINDS = ("gymnasium", "sb3")
+
+
+def make_env(
+    scenario: str | Path | Place,
+    *,
+    observation: str = "full",
+    action: str = "multidiscrete",
+    vehicle: str | None = None,
+    max_decisions: int | None = None,
+    **task: Any,
+) -> PlaceEnv:
+    """Return a Gymnasium environment with one vehicle: `CaveEnv` in a cave, `SurfaceEnv` in a bay.
+
+    Observations are float32, (44,) for "full" in a cave and (31,) for "paper"; a decision takes 0.1 s. The docstrings
+    of the two classes have the tables of observations, actions, rewards and infos.
+
+    Args:
+        scenario: Folder, shipped name, or what `load_scenario` returned.
+        observation: "full", "paper" or "original".
+        action: "multidiscrete", "discrete" or "continuous".
+        vehicle: Name or TOML file of another vehicle than the scenario's.
+        max_decisions: Episode limit; None takes the scenario's.
+        task: Options of the task (`aquanav_tools.task.TaskOptions`): reward="careful", current="full" or m/s,
+            sensor_noise in m, action_delay in decisions and others; and render_mode and view.
+
+    Raises:
+        ScenarioError: the scenario cannot be read, or has no start.
+        InputError: an option is unknown (with the nearest name) or senseless, or the vehicle does not fit.
+    """
+    place = with_vehicle(_place(scenario), vehicle)
+    return places.make_env(place, max_decisions=max_decisions, observation=observation, action=action, **task)
+
+
+@overload
+def make_vec_env(
+    scenario: str | Path | Place | Sequence[str | Path | Place],
+    num_envs: int,
+    *,
+    kind: Literal["gymnasium"] = ...,
+    autoreset_mode: str = ...,
+    seed: int = ...,
+    vehicle: str | None = ...,
+    **options: Any,
+) -> BatchVectorEnv: ...
+@overload
+def make_vec_env(
+    scenario: str | Path | Place | Sequence[str | Path | Place],
+    num_envs: int,
+    *,
+    kind: Literal["sb3"],
+    autoreset_mode: str = ...,
+    seed: int = ...,
+    vehicle: str | None = ...,
+    **options: Any,
+) -> PlaceVecEnv: ...
+def make_vec_env(
+    scenario: str | Path | Place | Sequence[str | Path | Place],
+    num_envs: int,
+    *,
+    kind: Literal["gymnasium", "sb3"] = "gymnasium",
+    autoreset_mode: str = "NextStep",
+    seed: int = 0,
+    vehicle: str | None = None,
+    **options: Any,
+) -> BatchVectorEnv | PlaceVecEnv:
+    """Return `num_envs` vehicles in one process as one vector environment, in one scenario or shared out over several.
+
+    Observations are (num_envs, O) float32, rewards (num_envs,), infos arrays with a row per vehicle.
+
+    Args:
+        scenario: Folder, shipped name, loaded scenario, or a list of these, over which the vehicles are shared out.
+        num_envs: Vehicles.
+        kind: "gymnasium" for a `gymnasium.vector.VectorEnv`, "sb3" for a `VecEnv` of Stable-Baselines3.
+        autoreset_mode: Of Gymnasium's: "NextStep" or "SameStep". SB3's begin the next episode in the same step.
+        seed: From which SB3's kind draws its episodes; Gymnasium's takes it at `reset(seed=...)`.
+        vehicle: Name or TOML file of another vehicle than the scenarios'.
+        options: As in `make_env`: observation, action, max_decisions and the task's.
+
+    Raises:
+        ScenarioError: a scenario cannot be read, or has no start.
+        InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than scenarios.
+    """
+    check_choice("kind of vector environment", kind, KINDS)
+    several = [scenario] if isinstance(scenario, str | Path | Place) else list(scenario)
+    loaded = [with_vehicle(_place(one), vehicle) for one in several]
+    if kind == "sb3":
+        from aquanav_tools.envs.sb3_env import PlaceVecEnv  # loads torch
+
+        return PlaceVecEnv(loaded, num_envs, seed=seed, **options)
+    return BatchVectorEnv(num_envs, autoreset_mode, partial(places.make_batch, loaded, **options))
+
+
+def _place(scenario: str | Path | Place) -> Place:
+    return read_place(scenario) if isinstance(scenario, str | Path) else scenario
