@@ -24,7 +24,7 @@ from typing import Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Row, Task, file_names, seal_of
-from aquanav_tools.evaluate.journal import TRAILS
+from aquanav_tools.evaluate.journal import TRAJECTORIES
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.worker_pool import LOOK_EVERY, MAX_LOSSES, num_workers, run_in_processes
@@ -160,7 +160,7 @@ class RayWorker:
         self._held = contextlib.ExitStack()
         self._folder = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix=SCRATCH)))
         self._held.enter_context(locked(self._folder))
-        (self._folder / TRAILS).mkdir()
+        (self._folder / TRAJECTORIES).mkdir()
         self._asked: deque[Task] = deque()
         self._rows = run_in_processes(replace(spec, output=self._folder), 1, iter(self._asked.popleft, None))
 

@@ -13,7 +13,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.task import TaskOptions, choices_of
 
 LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
@@ -39,11 +39,11 @@ class EnvCache:
         self._env: PlaceEnv | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
-    def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Track, EpisodeMetrics]:
-        """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
+    def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
+        """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
         env, reference = self._prepare(episode)
-        track = run_episode(env, self._policy.policy, episode.plan, self._timeout, reason)
-        return track, measure(track, env.way, reference, episode.index)
+        trajectory = run_episode(env, self._policy.policy, episode.plan, self._timeout, reason)
+        return trajectory, measure(trajectory, env.way, reference, episode.index)
 
     def close(self) -> None:
         """Free the environment."""
