@@ -8,6 +8,7 @@ a line stands for a whole episode.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import dataclasses
 import json
 import os
@@ -22,6 +23,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.report.trajectory import TrajectorySummary
+from aquanav_tools.store import LOCK_FILE, locked
 
 JOURNAL = "episodes.jsonl"
 TRAJECTORIES = "trails"
@@ -125,6 +127,22 @@ class Journal:
         self._places.extend([NOWHERE] * (index + 1 - len(self._places)))
         self._places[index] = len(self._table)
         self._table.append(metrics)
+
+
+@contextlib.contextmanager
+def held_results(folder: Path) -> Iterator[None]:
+    """Hold the folder of an evaluation (made when absent) for this process alone.
+
+    Raises:
+        InputError: another process holds it, or it cannot be made or written to.
+    """
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(folder))
+        except OSError as cause:
+            raise InputError(f"Cannot write to the output folder {folder}: {cause}. Choose another with -o.") from cause
+        held.callback((folder / LOCK_FILE).unlink, missing_ok=True)
+        yield
 
 
 def journal_row(metrics: EpisodeMetrics, recording: str | None) -> dict[str, Any]:
