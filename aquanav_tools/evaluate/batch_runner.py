@@ -115,7 +115,7 @@ class BatchRunner:
             EpisodeSlot(loaded.policy, plan)
             for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
         ]
-        with self._timeout.kept():
+        with self._timeout.armed():
             states = self._run(task, slots)
         reference = reference_of(batch[0], task_of(batch[0], self._options))
         finished = []

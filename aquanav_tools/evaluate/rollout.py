@@ -62,8 +62,8 @@ class CallTimeout:
         """Its `value` is the monotonic clock when the call that runs began, s; 0 while none runs."""
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Watch the calls in the body. One timer for all of them: setting one for each takes longer than most calls."""
+    def armed(self) -> Iterator[None]:
+        """Limit the calls in the body. One timer for all of them: setting one for each takes longer than most calls."""
         if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
             yield
             return
@@ -131,7 +131,7 @@ def run_episode(
         policy.bind(env)
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
-    with timeout.kept():
+    with timeout.armed():
         reason = reason or timeout.outcome(lambda: begin_episode(policy, plan.seed))[1]
         while not is_over and not reason:
             chosen, reason = timeout.outcome(lambda seen=observation: choose(policy.act, env.action_model, seen))
