@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from aquanav_tools.errors import InputError, did_you_mean
 
+ProgressMeasure = Literal["panels", "geodesic", "original"]
+MEASURES = get_args(ProgressMeasure)
+"""Of the way to go."""
 ORIGINAL_DECISIONS = 2400
 """Episode limit of the original benchmark, in decisions of 0.1 s."""
 MAX_DECISIONS = 1_000_000
@@ -24,7 +27,7 @@ class TaskOptions:
     """What is paid for: progress (dense); progress away from walls (safe); progress with a price on contacts that
     counts (careful); the outcome alone (sparse). dense is the original benchmark's. No rate of success depends on it,
     but that sparse ends an episode at its first contact."""
-    progress: Literal["panels", "geodesic", "original"] = "panels"
+    progress: ProgressMeasure = "panels"
     """How the reward measures the way to go: along the guide's panels, by the shortest way through the water, or by the
     original's chain of panel centres."""
     on_collision: Literal["continue", "end"] = "continue"

@@ -12,12 +12,10 @@ from gymnasium import spaces
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError
-from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
 BATCHED_OBSERVATIONS = ("paper", "full")
-UNBATCHED_OPTIONS = ("progress",)
 DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
 """What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
 
@@ -124,18 +122,10 @@ class BatchActions:
         return levels
 
 
-def check_batched(options: TaskOptions, observation: str) -> None:
-    """Refuse what only an environment with one vehicle does, rather than leave it out in silence.
+def check_batched(observation: str) -> None:
+    """Refuse an observation preset that only an environment with one vehicle has: "original".
 
     Raises:
-        InputError: an option, or the observation, is not batched; the message names it.
+        InputError: the preset is not batched; the message names it.
     """
     check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
-    for name in UNBATCHED_OPTIONS:
-        value, default = getattr(options, name), getattr(TaskOptions(), name)
-        if value != default:
-            raise InputError(
-                f"The batched environment has no {name} = {value!r}, only {default!r}. Leave it out, or take PyBullet: "
-                "the environment without vectorization_mode='vector_entry_point', or --backend pybullet of the "
-                "commands."
-            )

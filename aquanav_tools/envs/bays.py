@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.starting import NOWHERE_LISTED, START_RULES, check_reset_options, check_start
+from aquanav_tools.envs.starting import NOWHERE_LISTED, START_RULES, check_start
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.sea.generate import MAX_START_TURN, MapSettings, draw_map, generate_map
 from aquanav_tools.sea.original import SUFFIX, read_original_map
@@ -49,12 +49,11 @@ class Bays:
 
         Args:
             rng: What is drawn from.
-            options: Of reset: {"start": number of one of a fixed bay's berths} or nothing.
+            options: Of reset: {"start": number of one of a fixed bay's berths} or none; others are not looked at.
 
         Raises:
-            InputError: there is no such option or berth.
+            InputError: there is no such berth.
         """
-        check_reset_options(options)
         if self.fixed is None:
             if "start" in options:
                 raise InputError("Each episode has another bay, so that no start has a number. Choose a fixed bay.")

@@ -46,7 +46,7 @@ class BoatBatch:
 
     A boat given a seed of its own has the very episode that `SurfaceEnv` has of it: bay, sea and gusts are drawn in the
     same order from the same generator, on the host when the episode begins. Its later episodes are drawn from that seed
-    and their number. Not batched yet, and refused: what `envs.batch.check_batched` says.
+    and their number. Not batched yet, and refused: the observation "original".
     """
 
     def __init__(
@@ -85,7 +85,7 @@ class BoatBatch:
         """
         check_choice("device for boats", device, ("cpu",))
         options = task_options(task)
-        check_batched(options, observation)
+        check_batched(observation)
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths
         self._weights = boat_weights(options.reward)

@@ -22,7 +22,7 @@ from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.task import TaskOptions, task_options
+from aquanav_tools.task import MEASURES, TaskOptions, task_options
 from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ RAY_SOURCES = ("field", "mesh")
 class CaveBatch:
     """N vehicles at the task of `CaveEnv`, with the same options and definitions.
 
-    Not batched yet, and refused: what `envs.batch.check_batched` says.
+    Not batched yet, and refused: the observation "original".
     """
 
     def __init__(
@@ -77,7 +77,8 @@ class CaveBatch:
         self.scenario, craft = prepared(scenario, vehicle)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
-        check_batched(options, observation)
+        check_batched(observation)
+        check_choice("measure of progress", options.progress, MEASURES)
         water = _water_of(self.scenario, options.current)
         settings = self.scenario.settings
         weights = cave_weights(options.reward, craft)
@@ -184,6 +185,7 @@ def _numbers(
         scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
         entrance_height=entrance_height,
         size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
+        progress=options.progress,
         sensor_noise=options.sensor_noise,
         sensor_dropout=options.sensor_dropout,
         action_delay=options.action_delay,

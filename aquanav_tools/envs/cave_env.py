@@ -17,7 +17,7 @@ from aquanav_tools.envs.observation import ObservationModel, Reading
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.progress import progress_measure
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
-from aquanav_tools.envs.starting import Starts
+from aquanav_tools.envs.starting import Starts, episode_task
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.report.recording.live import LiveDive
@@ -136,7 +136,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             ResourceError: no viewer can be started.
         """
         self.scenario, self.vehicle = prepared(scenario, vehicle)
-        self.task = task_options(task)
+        self.task = self._own_task = task_options(task)
         settings = self.scenario.settings
         self._weights = cave_weights(self.task.reward, self.vehicle)
         self._rules = _episode_rules(self.scenario, self.vehicle, self.task, self._weights, max_decisions)
@@ -176,8 +176,13 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         )
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; options: {"start": index of one of the scenario's starts}."""
+        """Begin an episode.
+
+        Options: {"start": index of one of the scenario's starts}; and, for this episode alone, sensor_noise,
+        sensor_dropout and current_range of the task.
+        """
         super().reset(seed=seed)
+        self.task = episode_task(self._own_task, options or {})
         pose, self._start_index = self.starts.choose(self.np_random, options or {})
         self._current_share = self._draw_current_share()
         self._episode = Episode(self._rules)

@@ -6,14 +6,12 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from aquanav_tools.cave.route.chain import PanelChain
 from aquanav_tools.cave.route.shortest import shortest_ways
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.task import MEASURES
 from aquanav_tools.types import Array, Capsule
-
-MEASURES = ("panels", "geodesic", "original")
 
 
 class ProgressMeasure(ABC):
@@ -75,6 +73,8 @@ class OriginalProgress(ProgressMeasure):
     """The original's chain of panel centres, with its jumps. Panels are looked at once per decision."""
 
     def __init__(self, scenario: Scenario, capsule: Capsule) -> None:
+        from aquanav_tools.sim.batch.chain import PanelChain
+
         self._chain = PanelChain(scenario.guide, capsule)
 
     def begin(self, state: Array, remaining: float) -> None:

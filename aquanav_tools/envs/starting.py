@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +12,12 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
 
-RESET_OPTIONS = ("start",)
+CONDITIONS = ("sensor_noise", "sensor_dropout", "current_range")
+"""Options of the task that an episode may have of its own: `reset(options={"sensor_noise": 0.1})`."""
+RESET_OPTIONS = ("start", *CONDITIONS)
 START_RULES = ("listed", "anywhere")
 NOWHERE_LISTED = -1
 """Index of a start that is not in the scenario's list."""
@@ -46,12 +50,11 @@ class Starts:
 
         Args:
             rng: What is drawn from, unless the options name a start.
-            options: Of reset: {"start": index of one of the scenario's starts} or nothing.
+            options: Of reset: {"start": index of one of the scenario's starts} or none; others are not looked at.
 
         Raises:
-            InputError: there is no such option or start.
+            InputError: there is no such start.
         """
-        check_reset_options(options)
         starts = self._scenario.starts
         if "start" in options:
             index = check_start(options["start"], len(starts))
@@ -99,11 +102,16 @@ def _heading(ways: ShortestWays, position: Array, step: float) -> float | None:
     return float(np.arctan2(north, east)) if np.hypot(east, north) > 0.1 * abs(up) else None
 
 
-def check_reset_options(options: dict[str, Any]) -> None:
-    """Raise an InputError for an option that reset does not have."""
+def episode_task(task: TaskOptions, options: dict[str, Any]) -> TaskOptions:
+    """Return the task's options for one episode, with what the options of reset change for it.
+
+    Raises:
+        InputError: reset has no option of a name, or a value makes no sense.
+    """
     for name in options:
         if name not in RESET_OPTIONS:
             raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+    return replace(task, **{name: options[name] for name in CONDITIONS if name in options})
 
 
 def check_start(start: Any, num_starts: int) -> int:

@@ -19,6 +19,7 @@ from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, boat_weights, reward_terms
 from aquanav_tools.envs.seas import Seas
+from aquanav_tools.envs.starting import episode_task
 from aquanav_tools.envs.surface_observation import SurfaceObservation
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
@@ -126,8 +127,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
-        self.task = task_options(task)
-        check_choice("measure of progress on the surface", self.task.progress, ("panels",))
+        self.task = self._own_task = task_options(task)
         self.vehicle = boat_of(vehicle)
         self._weights = boat_weights(self.task.reward)
         self._rules = episode_rules(self.task, self._weights, max_decisions)
@@ -169,8 +169,13 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return self._camera.picture(self._world.state, self._water, self._rays, time)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode; options: {"start": number of one of a fixed bay's starts}."""
+        """Begin an episode.
+
+        Options: {"start": number of one of a fixed bay's starts}; and, for this episode alone, sensor_noise,
+        sensor_dropout and current_range of the task.
+        """
         super().reset(seed=seed)
+        self.task = episode_task(self._own_task, options or {})
         self.sea_map, berth, self.route, self._start_index = self.bays.choose(self.np_random, options or {})
         self._begin_water()
         self._ray_errors.reset(self.np_random, self.task.sensor_noise, self.task.sensor_dropout)
@@ -284,8 +289,9 @@ def episode_rules(task: TaskOptions, weights: RewardWeights, max_decisions: int 
     """Return the rules of a task's episodes but for the goal's tolerance, which is the bay's.
 
     Raises:
-        InputError: there is no such rule for collisions, or no decision is allowed.
+        InputError: there is no such rule for collisions or measure of progress, or no decision is allowed.
     """
+    check_choice("measure of progress on the surface", task.progress, ("panels",))
     check_choice("collision rule", task.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if max_decisions is None else max_decisions
     if limit < 1:

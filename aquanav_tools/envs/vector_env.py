@@ -18,7 +18,6 @@ from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.joint_batch import JointBatch
 from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.starting import RESET_OPTIONS
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
@@ -70,8 +69,8 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
             raise InputError(f"A batch of {self.num_envs} vehicles takes as many seeds, or one; got {len(seed)}.")
         super().reset(seed=None if isinstance(seed, list) else seed)
         for name in options or {}:
-            if name not in RESET_OPTIONS:
-                raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+            if name != "start":
+                raise InputError(f"reset has no option '{name}' here.{did_you_mean(str(name), ['start'])}")
         starts = (options or {}).get("start")
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()

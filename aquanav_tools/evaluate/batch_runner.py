@@ -41,19 +41,18 @@ KEPT = (
 """Arrays of the fleet that a trajectory is made of."""
 
 
-def check_plan(plan: Plan, options: ProtocolOptions) -> None:
+def check_plan(plan: Plan) -> None:
     """Refuse what only PyBullet's backend can run, before anything is run.
 
     Raises:
-        InputError: the policy looks at PyBullet's world, or a condition is not batched.
+        InputError: the policy looks at PyBullet's world, or at the original's observation.
     """
     if isinstance(plan.policy.policy, PrivilegedPolicy):
         raise InputError(
             f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
             "have. Leave out --backend batch."
         )
-    for episode in {(episode.scenario.name, episode.condition.name): episode for episode in plan.episodes}.values():
-        check_batched(task_of(episode, options), plan.policy.observation)
+    check_batched(plan.policy.observation)
 
 
 def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:

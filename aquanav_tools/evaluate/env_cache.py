@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 from aquanav_tools.envs.places import Place, PlaceEnv, make_env
+from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
@@ -15,9 +16,6 @@ from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.task import TaskOptions, choices_of
-
-LIGHT = ("sensor_noise", "sensor_dropout", "current_range")
-"""Options that an environment reads anew whenever they count, so that it is kept when only these change."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,9 +39,11 @@ class EnvCache:
 
     def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
         """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
-        env, reference = self._prepare(episode)
-        trajectory = run_episode(env, self._policy.policy, episode.plan, self._timeout, reason)
-        return trajectory, measure(trajectory, env.way, reference, episode.index)
+        task = task_of(episode, self._options)
+        env, policy = self._env_of(episode, task), self._policy.policy
+        conditions = {name: getattr(task, name) for name in CONDITIONS}
+        trajectory = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
+        return trajectory, measure(trajectory, env.way, reference_of(episode, task), episode.index)
 
     def close(self) -> None:
         """Free the environment."""
@@ -51,9 +51,9 @@ class EnvCache:
             self._env.close()
         self._env = self._place = None
 
-    def _prepare(self, episode: EpisodeSpec) -> tuple[PlaceEnv, EpisodeReference]:
-        task = task_of(episode, self._options)
-        place = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in LIGHT}))
+    def _env_of(self, episode: EpisodeSpec, task: TaskOptions) -> PlaceEnv:
+        """Return the environment of an episode; it is kept when only what episodes may change themselves does."""
+        place = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in CONDITIONS}))
         is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
         if self._env is None or not is_here:
             self.close()
@@ -65,8 +65,7 @@ class EnvCache:
                 **choices_of(task),
             )
             self._place = place
-        self._env.task = task
-        return self._env, reference_of(episode, task)
+        return self._env
 
 
 @contextmanager

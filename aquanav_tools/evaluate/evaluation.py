@@ -148,7 +148,7 @@ def _runner(plan: Plan, options: EvaluateOptions) -> Runner:
         return run_tasks
     from aquanav_tools.evaluate.batch_runner import check_plan, run_batched  # Warp takes a second to import
 
-    check_plan(plan, options)
+    check_plan(plan)
     return run_batched
 
 

@@ -116,15 +116,21 @@ def _line_of(error: BaseException) -> str:
 
 
 def run_episode(
-    env: PlaceEnv, policy: Policy, plan: EpisodePlan, timeout: CallTimeout | None = None, reason: str = ""
+    env: PlaceEnv,
+    policy: Policy,
+    plan: EpisodePlan,
+    timeout: CallTimeout | None = None,
+    reason: str = "",
+    conditions: dict[str, Any] | None = None,
 ) -> Trajectory:
     """Return the trajectory of one episode, from the planned start to its end.
 
     A policy that raises an error, gives no action of its form, or takes too long for one ends its episode with the
     outcome FAILED and the reason. A `reason` that is given ends it like this before the policy is asked.
+    `conditions` are options of reset: what this episode has of its own.
     """
     timeout = timeout or CallTimeout()
-    observation, info = env.reset(seed=plan.seed, options=_start(plan))
+    observation, info = env.reset(seed=plan.seed, options={**_start(plan), **(conditions or {})})
     if isinstance(policy, Adapting):
         policy.adapt(env.action_space)
     if isinstance(policy, PrivilegedPolicy):

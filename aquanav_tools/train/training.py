@@ -90,7 +90,7 @@ def train(
     """
     if pipeline.run.backend == "batch":
         for lesson in pipeline.lessons:
-            check_batched(lesson, lesson.observation)
+            check_batched(lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [

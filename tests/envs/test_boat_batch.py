@@ -167,7 +167,7 @@ def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
 
 
 def test_what_no_batch_does_is_refused() -> None:
-    with pytest.raises(InputError, match="no progress = 'geodesic'"):
+    with pytest.raises(InputError, match="no measure of progress on the surface 'geodesic'"):
         BoatBatch(SMALL, 2, next_step=True, progress="geodesic")
     with pytest.raises(InputError, match="device for boats"):
         BoatBatch(SMALL, 2, next_step=True, device="cuda")

@@ -211,3 +211,15 @@ def test_unknown_names_get_the_closest(tube: Scenario, choice: dict[str, Any], m
     with pytest.raises(InputError) as error:
         CaveEnv(tube, **choice)
     assert message in str(error.value)
+
+
+def test_episode_has_conditions_of_its_own_and_the_next_has_the_tasks_again(tube: Scenario) -> None:
+    with opened(tube) as env, opened(tube, sensor_dropout=1.0) as deaf:
+        calm, noise = (env.reset(seed=3, options={"start": 1, "sensor_dropout": share})[0] for share in (0.0, 1.0))
+        np.testing.assert_array_equal(noise, deaf.reset(seed=3, options={"start": 1})[0])
+        assert not np.array_equal(calm, noise)
+        np.testing.assert_array_equal(env.reset(seed=3, options={"start": 1})[0], calm)
+        with pytest.raises(InputError, match="no option 'sensor_drop'. Did you mean 'sensor_dropout'"):
+            env.reset(options={"sensor_drop": 0.5})
+        with pytest.raises(InputError, match="sensor_dropout is 2"):
+            env.reset(options={"sensor_dropout": 2})

@@ -88,13 +88,19 @@ def test_a_policy_fares_as_in_pybullet_in_98_of_100_episodes(on_collision: str, 
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "delays"), [("bluerov2", (0, 0)), ("bluerov2-heavy", (2, 1)), ("original-auv", (1, 3))]
+    ("vehicle", "delays", "progress"),
+    [
+        ("bluerov2", (0, 0), "geodesic"),
+        ("bluerov2-heavy", (2, 1), "panels"),
+        ("original-auv", (1, 3), "original"),
+    ],
 )
 def test_a_free_swim_of_200_decisions_is_pybullets(
-    vehicle: str, delays: tuple[int, int], tube: Scenario, rng: np.random.Generator
+    vehicle: str, delays: tuple[int, int], progress: str, tube: Scenario, rng: np.random.Generator
 ) -> None:
     options: dict[str, Any] = {"vehicle": vehicle, "action": "continuous", "reward": "safe", "current": (0.01, 0, 0)}
-    options |= {"action_delay": delays[0], "observation_delay": delays[1]}
+    options |= {"action_delay": delays[0], "observation_delay": delays[1], "progress": progress}
+    rounding = 1e-4 if progress == "geodesic" else 1e-5  # its map is in float32: 20 m to go are known within 2e-6 m
     alone, together = CaveEnv(tube, **options), CaveVectorEnv(2, tube, rays="mesh", **options)
     seen, _ = alone.reset(options={"start": 1})
     obs, _ = together.reset(options={"start": 1})
@@ -106,8 +112,8 @@ def test_a_free_swim_of_200_decisions_is_pybullets(
         assert not info["collision"]
         assert np.abs(infos["position"] - info["position"]).max() < 1e-4 * WIDTH
         for name in TERMS:
-            assert np.abs(infos[f"reward/{name}"] - info[f"reward/{name}"]).max() < 1e-5
-        assert rewards[0] == pytest.approx(sum(info[f"reward/{name}"] for name in TERMS), abs=1e-5)
+            assert np.abs(infos[f"reward/{name}"] - info[f"reward/{name}"]).max() < rounding
+        assert rewards[0] == pytest.approx(sum(info[f"reward/{name}"] for name in TERMS), abs=rounding)
         assert infos["clearance"][0] == pytest.approx(info["clearance"], abs=1e-5)
     alone.close()
     together.close()
@@ -214,12 +220,13 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
     assert not np.array_equal(runs[0], runs[2])
 
 
-@pytest.mark.parametrize("num", [1, 7, 1024])
+@pytest.mark.parametrize("num", [1, 7, 1024, 16384])
 def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Generator) -> None:
     """To the bit, over several episodes: all that is drawn comes from its seed alone."""
     seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
     options: dict[str, Any] = {"current": "full", "current_range": (0.2, 1.0), "max_decisions": 9}
     options |= {"sensor_noise": 0.1, "sensor_dropout": 0.1, "action_delay": 2, "observation_delay": 1}
+    options |= {"progress": "original"}
     together = CaveVectorEnv(num, flowing(), num_threads=2, **options)
     alone = [CaveVectorEnv(1, flowing(), num_threads=1, **options) for _ in chosen]
     seen = together.reset(seed=seeds)[0][chosen]
@@ -353,7 +360,7 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
     ("options", "message"),
     [
         ({"observation": "original"}, "no batched observation preset 'original'"),
-        ({"progress": "original"}, "has no progress = 'original'"),
+        ({"progress": "geodesi"}, "no measure of progress 'geodesi'. Did you mean 'geodesic'"),
         ({"rays": "bvh"}, "no source of rays 'bvh'"),
         ({"reward": "dens"}, "Did you mean 'dense'"),
         ({"autoreset_mode": AutoresetMode.DISABLED}, "Choose NEXT_STEP or SAME_STEP"),

@@ -228,7 +228,6 @@ def test_network_that_fails_costs_those_episodes_only(
     ("policy", "options", "message"),
     [
         ("baseline:oracle", {}, "looks at its own vehicle or at the map"),
-        ("baseline:random", {"progress": "geodesic"}, "has no progress = 'geodesic'"),
         ("baseline:random", {"workers": 2}, "Leave out --workers"),
     ],
 )

@@ -139,13 +139,23 @@ def test_stopped_run_in_two_caves_ends_as_one_that_never_stopped(
 
 
 def test_what_the_batch_cannot_do_is_refused_before_the_first_lesson(tube: Path, tmp_path: Path) -> None:
-    pipeline = tiny_pipeline(tube, 2, ON_BATCH)
-    lessons = (pipeline.lessons[0], dataclasses.replace(pipeline.lessons[1], progress="geodesic"))
-    with pytest.raises(InputError, match=r"no progress = 'geodesic'.*--backend pybullet"):
-        train(dataclasses.replace(pipeline, lessons=lessons), 0, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
     with pytest.raises(InputError, match=r"no batched observation preset 'original'"):
         train(tiny_pipeline(tube, 1, ON_BATCH, observation="original"), 0, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("progress", ["geodesic", "original"])
+def test_stopped_run_with_all_that_errs_and_is_late_ends_as_one_that_never_stopped(
+    progress: str, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"progress": progress, "starts": "anywhere", "sensor_noise": 0.1, "sensor_dropout": 0.1}
+    pipeline = tiny_pipeline(tube, 1, ON_BATCH, action_delay=2, observation_delay=2, steps=256, **options)
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, 1)
+        train(pipeline, 3, tmp_path / "stopped")
+    train(pipeline, 3, tmp_path / "stopped")
+    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
 
 
 def test_workers_are_refused_beside_the_batch() -> None:

@@ -24,6 +24,7 @@ from aquanav_tools.sim.batch.fleet_arrays import (
     make_starts,
 )
 from aquanav_tools.sim.batch.guide import make_panels
+from aquanav_tools.sim.batch.progress import make_measure
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
 from aquanav_tools.sim.batch.starts import DrawStart, UnlistedStarts
@@ -107,8 +108,12 @@ class BatchWorld:
             "eddies": self._water.kept.shape[0],
             "waiting_commands": 3 * task.action_delay,
             "waiting_observations": task.size * task.observation_delay,
+            "touched_panels": len(scenario.guide.panels) if task.progress == "original" else 0,
         }
-        self.fleet = _make_fleet(num, task.size, widths, self.device)
+        self.fleet = fleet = _make_fleet(num, task.size, widths, self.device)
+        self._measure = make_measure(
+            task.progress, scenario, vehicle.capsule, fleet.panels_crossed, fleet.touched_panels, self.device
+        )
         self._num_slices = _num_slices(num, num_threads) if self.device.is_cpu else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         self._decision, self._succession, self._beginning = self._record()
@@ -205,14 +210,14 @@ class BatchWorld:
 
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             num = last - first
-            births = [self._starts, self._unlisted.starts]
-            where = [first, fleet, *births, craft, self._water, rules, grid, self._panels, wall, self._middle]
+            births, follow = [self._starts, self._unlisted.starts], [self._panels, self._measure]
+            where = [first, fleet, *births, craft, self._water, rules, grid, *follow, wall, self._middle]
             view = [fleet, craft, rules, grid, self._fans, rays, self._middle]
             move = self._launch_of(kernels.move, num, where)
             sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
             score = self._launch_of(kernels.score, num, [first, fleet, rules, self._fans])
-            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, *births, craft, self._water])
-            again = self._launch_of(kernels.restart, num, [first, 0, fleet, *births, craft, self._water])
+            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, *births, craft, self._water, *follow])
+            again = self._launch_of(kernels.restart, num, [first, 0, fleet, *births, craft, self._water, *follow])
             look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
             seen, seen_again = ([look] for look in (sense, look_again))
             if rules.disturbance.observation_delay > 0:

@@ -17,6 +17,7 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.fossen import FossenVehicle
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.task import ProgressMeasure
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -148,6 +149,8 @@ class TaskNumbers:
     """Height from which depth is measured, m."""
     size: int
     """Values of an observation: its first 31, or all 44."""
+    progress: ProgressMeasure = "panels"
+    """What the reward's progress is measured by."""
     sensor_noise: float = 0.0
     """Standard deviation of the error of each ray's distance, m."""
     sensor_dropout: float = 0.0
@@ -233,7 +236,14 @@ class Fleet:
     """(N, C) coefficients of the gusts and eddies around each vehicle."""
     gates: wp.array(dtype=wp.int32)
     remaining: wp.array(dtype=f64)
+    """Along the guide, m."""
+    to_go: wp.array(dtype=f64)
+    """By the measure that the reward goes by, m."""
+    panels_crossed: wp.array(dtype=wp.int32)
+    touched_panels: wp.array2d(dtype=wp.bool)
+    """(N, P) of the original's measure of progress; else P is 0."""
     gained: wp.array(dtype=f64)
+    """What that became shorter by in the last decision, m."""
     decisions: wp.array(dtype=wp.int32)
     ages: wp.array(dtype=wp.int32)
     """Decisions by which this episode's time runs out earlier."""

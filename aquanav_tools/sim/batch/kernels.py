@@ -11,6 +11,7 @@ from aquanav_tools.sim.batch.fleet_arrays import DRAWN, UNLISTED, Controls, Craf
 from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
+from aquanav_tools.sim.batch.progress import Measure, begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
@@ -21,6 +22,13 @@ f64 = wp.float64
 PI = wp.constant(wp.float64(3.141592653589793))
 SUCCESS, COLLISION, TIMEOUT = wp.constant(1), wp.constant(2), wp.constant(3)
 NUM_RAYS = wp.constant(28)
+
+
+@wp.func
+def axis_of(orientation: wp.vec4d):
+    """Return the unit vector along the vehicle's axis, world frame."""
+    rotation = rotation_of(orientation)
+    return wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0])
 
 
 @wp.func
@@ -35,7 +43,16 @@ def put_at(i: int, start: int, fleet: Fleet, starts: Starts):
 
 
 @wp.func
-def begin(i: int, fleet: Fleet, starts: Starts, unlisted: Starts, craft: Craft, water: Water):
+def begin(
+    i: int,
+    fleet: Fleet,
+    starts: Starts,
+    unlisted: Starts,
+    craft: Craft,
+    water: Water,
+    panels: Panels,
+    measure: Measure,
+):
     """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
     if fleet.episodes[i] > 0:
         fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
@@ -51,6 +68,9 @@ def begin(i: int, fleet: Fleet, starts: Starts, unlisted: Starts, craft: Craft, 
         put_at(i, start, fleet, starts)
     fleet.start_indices[i] = wp.max(start, -1)
     fleet.beginnings[i] = fleet.positions[i]
+    begin_measure(i, measure)
+    ahead = axis_of(fleet.orientations[i])
+    fleet.to_go[i] = to_go(i, fleet.positions[i], ahead, fleet.remaining[i], craft.hull, panels, measure)
     fleet.velocities[i] = vec6()
     fleet.levels[i] = craft.controls.neutral
     fleet.gained[i] = f64(0.0)
@@ -142,13 +162,14 @@ def move(
     rules: Rules,
     grid: Grid,
     panels: Panels,
+    measure: Measure,
     mesh: wp.uint64,
     middle: wp.vec3d,
 ):
     """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
     i = fleet.order[first + wp.tid()]
     if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, starts, unlisted, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
         return
     state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
     fleet.positions[i] = state.position
@@ -157,7 +178,9 @@ def move(
     gate = tracked(state.position, panels, fleet.gates[i])
     remaining = remaining_at(state.position, panels, gate)
     fleet.gates[i] = gate
-    fleet.gained[i] = fleet.remaining[i] - remaining
+    still = to_go(i, state.position, axis_of(state.orientation), remaining, craft.hull, panels, measure)
+    fleet.gained[i] = fleet.to_go[i] - still
+    fleet.to_go[i] = still
     fleet.remaining[i] = remaining
     fleet.restarted[i] = 0
     fleet.touched[i] = touched
@@ -324,12 +347,22 @@ def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
 
 
 @wp.kernel
-def restart(first: int, anew: int, fleet: Fleet, starts: Starts, unlisted: Starts, craft: Craft, water: Water):
+def restart(
+    first: int,
+    anew: int,
+    fleet: Fleet,
+    starts: Starts,
+    unlisted: Starts,
+    craft: Craft,
+    water: Water,
+    panels: Panels,
+    measure: Measure,
+):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = fleet.order[first + wp.tid()]
     if anew == 1:
-        begin(i, fleet, starts, unlisted, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
     elif fleet.outcomes[i] > 0:
         for n in range(fleet.observations.shape[1]):
             fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, starts, unlisted, craft, water)
+        begin(i, fleet, starts, unlisted, craft, water, panels, measure)

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.route.chain import PanelChain
 from aquanav_tools.cave.route.guide import Guide, Panel
+from aquanav_tools.sim.batch.chain import PanelChain
 from aquanav_tools.types import Array, Capsule
 from tests.caves import tube_guide
 
