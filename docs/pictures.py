@@ -104,10 +104,10 @@ def film_dive(cave: Scenario, options: argparse.Namespace, path: Path) -> None:
     (condition,) = conditions_of(Grid())
     rules = ProtocolOptions(episodes=1)
     with open_env_cache(load_policy(options.policy), rules) as env_cache:
-        track, metrics = env_cache.run(EpisodeSpec(0, cave, condition, EpisodePlan(0, options.start)))
+        trajectory, metrics = env_cache.run(EpisodeSpec(0, cave, condition, EpisodePlan(0, options.start)))
     print(f"The dive from start {options.start}: {metrics.outcome} after {metrics.time:.1f} s")
-    camera = adapter_of(cave).camera(track, "chase", FILM_SIZE)
-    frames = frames_of(track)
+    camera = adapter_of(cave).camera(trajectory, "chase", FILM_SIZE)
+    frames = frames_of(trajectory)
     low, high = options.seconds
     shown = [frame for frame in frames if low <= frame.time <= high]
     while True:

@@ -41,7 +41,7 @@ def episode(place: str, share: float, outcome: str, collisions: int) -> dict[str
 
 def made_up(variant: str, seed: int, share: float, collisions: float = 0.0) -> dict[str, Any]:
     """A run that did equally well everywhere."""
-    score = {"success": share, "collision_free": share, "collisions": collisions, "mean_clearance": 1.0}
+    score = {"success": share, "collision_free_success": share, "collisions": collisions, "mean_clearance": 1.0}
     scores = {place: dict.fromkeys(SMALL.currents, score) for place in SMALL.places}
     curve = [[0.0, 0.0, 0.0], [3e6, share, share]]
     return {"variant": variant, "seed": seed, "scores": scores, "curve": curve, "training_cpu_s": 1}
@@ -59,7 +59,9 @@ def test_rates_are_counted_by_place_and_current() -> None:
     ]
     found = study_run.scores(SMALL, flown)
     rates = {
-        (p, c): (s["success"], s["collision_free"], s["collisions"]) for p, at in found.items() for c, s in at.items()
+        (p, c): (s["success"], s["collision_free_success"], s["collisions"])
+        for p, at in found.items()
+        for c, s in at.items()
     }
     assert rates == {
         ("wide", "still"): (0.5, 0.25, 1.0),

@@ -1,4 +1,4 @@
-"""aquanav-eval: score policies, compare scores, fly an episode again."""
+"""aquanav-eval: score policies, compare scores, replay an episode."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class Train:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Score a policy, compare scores, fly an episode again; the same as aquanav-eval."""
+    """Score a policy, compare scores, replay an episode; the same as aquanav-eval."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.policies import Adapting, LoadedPolicy, Policy, PrivilegedPolicy, Vectorised
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
-from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of
 
 BATCH_SIZE = 256
@@ -38,7 +38,7 @@ KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
     "observations", "terms", "rewards", "outcomes",
 )  # fmt: skip
-"""Arrays of the fleet that a track is made of."""
+"""Arrays of the fleet that a trajectory is made of."""
 
 
 def check_plan(plan: Plan) -> None:
@@ -66,8 +66,8 @@ def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], 
     try:
         for batch in task_batches(plan, asked):
             episodes = [plan.episodes[task.index] for task in batch]
-            for episode, task, (track, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
-                yield writer.keep(episode, task.record, track, metrics)
+            for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
+                yield writer.keep(episode, task.record, trajectory, metrics)
     finally:
         runner.close()
 
@@ -104,8 +104,8 @@ class BatchRunner:
         self._task: Batch | None = None
         self._place: tuple[Place, TaskOptions, int] | None = None
 
-    def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Track, EpisodeMetrics]]:
-        """Return the track of each episode of a batch, and its metrics."""
+    def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Trajectory, EpisodeMetrics]]:
+        """Return the trajectory of each episode of a batch, and its metrics."""
         task = self._prepare(batch)
         plans = [episode.plan for episode in batch]
         task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
@@ -114,14 +114,14 @@ class BatchRunner:
             EpisodeSlot(loaded.policy, plan)
             for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
         ]
-        with self._timeout.kept():
+        with self._timeout.armed():
             states = self._run(task, slots)
         reference = reference_of(batch[0], task_of(batch[0], self._options))
         finished = []
         for place, (episode, slot) in enumerate(zip(batch, slots, strict=True)):
             rows = {name: values[:, place] for name, values in states.items()}
-            track = _track(task, slot, rows, int(starts[place]), float(lengths[place]))
-            finished.append((track, measure(track, float(ways[place]), reference, episode.index)))
+            trajectory = _trajectory(task, slot, rows, int(starts[place]), float(lengths[place]))
+            finished.append((trajectory, measure(trajectory, float(ways[place]), reference, episode.index)))
         return finished
 
     def close(self) -> None:
@@ -218,15 +218,17 @@ class EpisodeSlot:
     """Why it failed; empty unless it did."""
 
 
-def _track(task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float) -> Track:
-    """Return the track of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
+def _trajectory(
+    task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float
+) -> Trajectory:
+    """Return the trajectory of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
     count = len(slot.actions)
     rows = {name: values[: count + 1] for name, values in states.items()}
     rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
     touched = rows["touched"] > 0
     # The fleet keeps the current of where a decision began, with its end.
     currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
-    return Track(
+    return Trajectory(
         seed=slot.plan.seed,
         start_index=start,
         outcome=FAILED if slot.reason else OUTCOMES[int(rows["outcomes"][-1])],

@@ -23,7 +23,7 @@ from aquanav_tools.evaluate.metrics import EpisodeReference
 from aquanav_tools.evaluate.presets import SURFACE
 from aquanav_tools.report.recording.bay import BayScene
 from aquanav_tools.report.sea_chart import draw_chart
-from aquanav_tools.report.track import Track, Trail
+from aquanav_tools.report.trajectory import Trajectory, TrajectorySummary
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
@@ -72,12 +72,12 @@ class BayAdapter:
         """Return the chart of the bay, or of each episode's."""
         return BayPicture(self._bays, self._width)
 
-    def model(self, path: Path, trails: Sequence[Trail], total: int) -> None:
+    def model(self, path: Path, trajectories: Sequence[TrajectorySummary], total: int) -> None:
         """Write nothing: a bay is flat, and its chart shows it."""
 
-    def scene(self, track: Track) -> BayScene:
-        """Return the bay and the waves of the track's episode."""
-        env = self._begun(track)
+    def scene(self, trajectory: Trajectory) -> BayScene:
+        """Return the bay and the waves of the trajectory's episode."""
+        env = self._begun(trajectory)
         now = 0.0
 
         def rise(places: Array, time: float) -> Array:
@@ -89,18 +89,18 @@ class BayAdapter:
         identity = f"{self._bay.name} {self._bay.content_hash}"
         return BayScene(identity, env.sea_map, env.route, boat_mesh(env.vehicle), boat_pattern().directions, rise)
 
-    def camera(self, track: Track, view: str, size: tuple[int, int]) -> VoyageCamera:
+    def camera(self, trajectory: Trajectory, view: str, size: tuple[int, int]) -> VoyageCamera:
         """Return a camera behind the boat."""
         if view != "chase":
             raise InputError(f"A boat is filmed from behind only, not '{view}'. Leave out --view.")
-        return VoyageCamera(self._begun(track), track, size)
+        return VoyageCamera(self._begun(trajectory), trajectory, size)
 
-    def _begun(self, track: Track) -> SurfaceEnv:
+    def _begun(self, trajectory: Trajectory) -> SurfaceEnv:
         """Return an environment with the bay and the waves of an episode, as they were at its beginning."""
-        is_listed = track.start_index != NOWHERE_LISTED
+        is_listed = trajectory.start_index != NOWHERE_LISTED
         env = make_env(self._bay, starts="listed" if is_listed or self._bay.map_path is None else "anywhere")
         assert isinstance(env, SurfaceEnv)
-        env.reset(seed=track.seed, options={"start": track.start_index} if is_listed else None)
+        env.reset(seed=trajectory.seed, options={"start": trajectory.start_index} if is_listed else None)
         return env
 
 
@@ -111,13 +111,13 @@ class BayPicture:
         self._bays, self._boat_width = bays, boat_width
         self.is_shared = bays.fixed is not None
 
-    def draw(self, path: Path, tracks: Sequence[Trail] = (), contacts: Array | None = None) -> None:
-        """Write the chart of the first track's bay."""
-        draw_chart(self._bays.fixed or self._bay_of(tracks[0]), path, self._boat_width, tracks, contacts)
+    def draw(self, path: Path, trajectories: Sequence[TrajectorySummary] = (), contacts: Array | None = None) -> None:
+        """Write the chart of the first trajectory's bay."""
+        draw_chart(self._bays.fixed or self._bay_of(trajectories[0]), path, self._boat_width, trajectories, contacts)
 
-    def _bay_of(self, track: Trail) -> SeaMap:
+    def _bay_of(self, trajectory: TrajectorySummary) -> SeaMap:
         """Return the bay that an episode had: an environment draws it before all else from its seed."""
-        rng, _ = seeding.np_random(track.seed)
+        rng, _ = seeding.np_random(trajectory.seed)
         sea, *_ = self._bays.choose(rng, {})
         return sea
 
@@ -125,13 +125,13 @@ class BayPicture:
 class VoyageCamera:
     """Takes the pictures of a voyage one after the other, while the sea goes on."""
 
-    def __init__(self, env: SurfaceEnv, track: Track, size: tuple[int, int]) -> None:
-        """Prepare the camera for a track and its environment, as that was when the track began."""
+    def __init__(self, env: SurfaceEnv, trajectory: Trajectory, size: tuple[int, int]) -> None:
+        """Prepare the camera for a trajectory and its environment, as that was when the trajectory began."""
         pattern = boat_pattern()
         self._camera = SeaCamera(env.vehicle, size, pattern.directions, pattern.lengths)
         self._camera.look_at(env.sea_map)
-        self._water, self._ranges = env.water, iter(track.rays)
-        self._steps = iter(np.diff(track.times, append=track.times[-1]))
+        self._water, self._ranges = env.water, iter(trajectory.rays)
+        self._steps = iter(np.diff(trajectory.times, append=trajectory.times[-1]))
         self.size = size
 
     def picture(self, state: Array, time: float) -> npt.NDArray[np.uint8]:

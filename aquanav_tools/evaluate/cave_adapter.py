@@ -19,7 +19,7 @@ from aquanav_tools.report.picture import CavePicture
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.episode import DiveScene
 from aquanav_tools.report.scene_model import scene_caption, write_scene
-from aquanav_tools.report.track import Track, Trail
+from aquanav_tools.report.trajectory import Trajectory, TrajectorySummary
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
@@ -71,17 +71,17 @@ class CaveAdapter:
         """Return the cave, cut open."""
         return CavePicture(self._cave)
 
-    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model:
+    def model(self, path: Path, trajectories: Sequence[TrajectorySummary], total: int) -> Model:
         """Write the cave with trails, and the vehicle at the first start."""
         vehicle = (vehicle_mesh(self._vehicle), self._cave.starts[0].pose) if self._cave.starts else None
-        write_scene(self._cave, path, vehicle, trails)
-        return Model(path, scene_caption(self._cave, len(trails), total))
+        write_scene(self._cave, path, vehicle, trajectories)
+        return Model(path, scene_caption(self._cave, len(trajectories), total))
 
-    def scene(self, track: Track) -> DiveScene:
-        """Return the cave with the hull: the same for all tracks."""
+    def scene(self, trajectory: Trajectory) -> DiveScene:
+        """Return the cave with the hull: the same for all trajectories."""
         return self._scene
 
-    def camera(self, track: Track, view: str, size: tuple[int, int]) -> VehicleCamera:
+    def camera(self, trajectory: Trajectory, view: str, size: tuple[int, int]) -> VehicleCamera:
         """Return a camera behind or in the vehicle."""
         return VehicleCamera(self._cave, self._vehicle.capsule, vehicle_mesh(self._vehicle), view, size)
 

@@ -24,7 +24,7 @@ from typing import Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Row, Task, file_names, seal_of
-from aquanav_tools.evaluate.journal import TRAILS
+from aquanav_tools.evaluate.journal import TRAJECTORIES
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.worker_pool import LOOK_EVERY, MAX_LOSSES, num_workers, run_in_processes
@@ -160,7 +160,7 @@ class RayWorker:
         self._held = contextlib.ExitStack()
         self._folder = Path(self._held.enter_context(tempfile.TemporaryDirectory(prefix=SCRATCH)))
         self._held.enter_context(locked(self._folder))
-        (self._folder / TRAILS).mkdir()
+        (self._folder / TRAJECTORIES).mkdir()
         self._asked: deque[Task] = deque()
         self._rows = run_in_processes(replace(spec, output=self._folder), 1, iter(self._asked.popleft, None))
 
@@ -241,7 +241,7 @@ class RayPool:
                 try:
                     found = self._ray.get(call)
                 except self._ray.exceptions.RayTaskError as error:
-                    raise _told(error) from error
+                    raise as_own_error(error) from error
                 except self._ray.exceptions.RayError as error:
                     self._lose(pending, error)
                     continue
@@ -299,18 +299,23 @@ class RayPool:
             )
 
 
-def _told(error: Any) -> AquanavError:
+def as_own_error(error: Any) -> AquanavError:
     """Return what an actor raised as the error of this process."""
     if isinstance(error.cause, AquanavError):
         return error.cause
     return ResourceError(
-        f"An actor of the cluster failed: {str(error.cause).strip().splitlines()[-1]} The likely cause is a node "
+        f"An actor of the cluster failed: {_lines(error.cause)[-1]} The likely cause is a node "
         "without aquanav or with another version of it. --debug shows where."
     )
 
 
 def _first_line(error: Exception) -> str:
-    return (str(error).strip().splitlines() or [type(error).__name__])[0]
+    return _lines(error)[0]
+
+
+def _lines(error: BaseException) -> list[str]:
+    """Return the lines of an error's message, or its type where it has no message."""
+    return str(error).strip().splitlines() or [type(error).__name__]
 
 
 def check_found(index: int, row: Row, files: Files) -> None:

@@ -27,7 +27,7 @@ from aquanav_tools.evaluate.paired import (
 from aquanav_tools.evaluate.results import episodes_of, read_results
 from aquanav_tools.evaluate.statistics import Estimate, stratified_iqm
 from aquanav_tools.evaluate.summary import Summary, summarise
-from aquanav_tools.report.track import FAILED
+from aquanav_tools.report.trajectory import FAILED
 from aquanav_tools.types import Array
 
 RESULTS = "results.json"

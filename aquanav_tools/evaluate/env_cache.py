@@ -14,7 +14,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.task import TaskOptions, choices_of
 
 
@@ -37,13 +37,13 @@ class EnvCache:
         self._env: PlaceEnv | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
-    def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Track, EpisodeMetrics]:
-        """Return the track of an episode and its metrics; with a reason it fails before the policy is asked."""
+    def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
+        """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
         task = task_of(episode, self._options)
         env, policy = self._env_of(episode, task), self._policy.policy
         conditions = {name: getattr(task, name) for name in CONDITIONS}
-        track = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
-        return track, measure(track, env.way, reference_of(episode, task), episode.index)
+        trajectory = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
+        return trajectory, measure(trajectory, env.way, reference_of(episode, task), episode.index)
 
     def close(self) -> None:
         """Free the environment."""

@@ -12,7 +12,7 @@ from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec, numbered, open_env_cache
 from aquanav_tools.evaluate.episode_counts import possible_episodes
-from aquanav_tools.evaluate.journal import journal_row, trail_name, write_trail
+from aquanav_tools.evaluate.journal import journal_row, trajectory_name, write_trajectory
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy
@@ -25,10 +25,10 @@ from aquanav_tools.evaluate.protocol import (
     starts_in,
     task_under,
 )
-from aquanav_tools.evaluate.recording import film_track, record_track
+from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
 RecordRule = Literal["always", "failure", "never"]
@@ -152,7 +152,7 @@ def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:
 def file_names(index: int) -> set[str]:
     """Return all that an episode may leave in the folder of its evaluation."""
     recording = Path(RECORDING.format(index=index))
-    return {trail_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
+    return {trajectory_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
 
 
 def case_spec(scenario: Place, case: Case, index: int = 0) -> EpisodeSpec:
@@ -166,16 +166,16 @@ class EpisodeWriter:
     def __init__(self, output: Path, *, is_filming: bool) -> None:
         self._output, self._is_filming = output, is_filming
 
-    def keep(self, episode: EpisodeSpec, record: RecordRule, track: Track, metrics: EpisodeMetrics) -> Row:
+    def keep(self, episode: EpisodeSpec, record: RecordRule, trajectory: Trajectory, metrics: EpisodeMetrics) -> Row:
         """Return the journal's row of an episode, when all that belongs to it is on disk."""
         name = None
         if record == "always" or (record == "failure" and not metrics.is_collision_free_success):
             name = RECORDING.format(index=episode.index)
             path = self._output / name
-            record_track(episode.scenario, track, path)
+            record_trajectory(episode.scenario, trajectory, path)
             if self._is_filming:
-                film_track(episode.scenario, track, path.with_suffix(FILM_SUFFIX), "chase")
-        write_trail(self._output, episode.index, track)
+                film_trajectory(episode.scenario, trajectory, path.with_suffix(FILM_SUFFIX), "chase")
+        write_trajectory(self._output, episode.index, trajectory)
         return journal_row(metrics, name)
 
 
@@ -192,8 +192,8 @@ class EpisodeWorker:
             if task.case is None
             else case_spec(self._plan.scenarios[0], task.case, task.index)
         )
-        track, metrics = self._env_cache.run(episode, task.reason)
-        return self._writer.keep(episode, task.record, track, metrics) if is_wanted() else {}
+        trajectory, metrics = self._env_cache.run(episode, task.reason)
+        return self._writer.keep(episode, task.record, trajectory, metrics) if is_wanted() else {}
 
 
 @contextmanager

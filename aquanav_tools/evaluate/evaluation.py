@@ -15,7 +15,7 @@ from aquanav_tools.envs.places import Place, say_left_out
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Row, Task, make_plan
-from aquanav_tools.evaluate.journal import Journal, clear_journal, worst_first
+from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results, worst_first
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
@@ -72,18 +72,24 @@ def evaluate(
             `load_policy`.
 
     Raises:
-        InputError: the policy cannot be used, the output folder cannot be made, or its episodes are of another
-            evaluation.
+        InputError: the policy cannot be used, the output folder cannot be made, another process evaluates into it, or
+            its episodes are of another evaluation.
         ScenarioError: a scenario cannot be read.
         ResourceError: the processes that run do not start, or the cluster does not answer.
     """
     load = load or partial(load_policy, is_trusted=options.trust)
     spec = EvaluationSpec(options, policy_name or options.policies[0], output or options.output, load)
-    output = spec.output
     plan = make_plan(spec)
     _check_names(plan.scenarios)
     say_left_out(plan.scenarios)
     runner = _runner(plan, options)
+    with held_results(spec.output):
+        return _evaluate_into_folder(runner, spec, plan, progress)
+
+
+def _evaluate_into_folder(runner: Runner, spec: EvaluationSpec, plan: Plan, progress: Progress) -> Evaluation:
+    """Run the episodes and write everything about them into the folder, which this process holds."""
+    options, output = spec.options, spec.output
     provenance = _provenance(plan, spec)
     journal = _open_journal(output, provenance, options.resume)
     started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)

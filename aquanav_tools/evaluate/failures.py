@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.report.track import FAILED
+from aquanav_tools.report.trajectory import FAILED
 
 
 def failure_text(policy: str, episodes: Sequence[EpisodeMetrics]) -> str:

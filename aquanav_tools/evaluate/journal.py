@@ -8,6 +8,7 @@ a line stands for a whole episode.
 from __future__ import annotations
 
 import bisect
+import contextlib
 import dataclasses
 import json
 import os
@@ -21,10 +22,11 @@ import numpy as np
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trajectory import TrajectorySummary
+from aquanav_tools.store import LOCK_FILE, locked
 
 JOURNAL = "episodes.jsonl"
-TRAILS = "trails"
+TRAJECTORIES = "trails"
 COLUMNS = ("times", "positions", "clearances", "collided", "progress")
 NOWHERE = -1
 
@@ -55,8 +57,8 @@ class Journal:
         lines = _whole_lines(self._path) if is_resumed else iter(())
         first = next(lines, _line(identity) + b"\n")
         _check_identity(json.loads(first), identity, folder)
-        (folder / TRAILS).mkdir(exist_ok=True)
-        for path in (folder / TRAILS).glob("*.partial"):
+        (folder / TRAJECTORIES).mkdir(exist_ok=True)
+        for path in (folder / TRAJECTORIES).glob("*.partial"):
             path.unlink()
         partial = self._path.with_name(self._path.name + ".partial")
         with partial.open("wb") as stream:
@@ -102,11 +104,11 @@ class Journal:
         """Return how many finished episodes with a smaller number have a recording."""
         return bisect.bisect_left(self._recorded, index)
 
-    def trail(self, index: int) -> Trail:
+    def trajectory(self, index: int) -> TrajectorySummary:
         """Return where a finished episode led, in single precision."""
         metrics = self.episode(index)
-        with np.load(_trail_path(self._folder, index), allow_pickle=False) as columns:
-            return Trail(
+        with np.load(_trajectory_path(self._folder, index), allow_pickle=False) as columns:
+            return TrajectorySummary(
                 seed=metrics.seed,
                 start_index=metrics.start,
                 outcome=metrics.outcome,
@@ -127,34 +129,50 @@ class Journal:
         self._table.append(metrics)
 
 
+@contextlib.contextmanager
+def held_results(folder: Path) -> Iterator[None]:
+    """Hold the folder of an evaluation (made when absent) for this process alone.
+
+    Raises:
+        InputError: another process holds it, or it cannot be made or written to.
+    """
+    with contextlib.ExitStack() as held:
+        try:
+            held.enter_context(locked(folder))
+        except OSError as cause:
+            raise InputError(f"Cannot write to the output folder {folder}: {cause}. Choose another with -o.") from cause
+        held.callback((folder / LOCK_FILE).unlink, missing_ok=True)
+        yield
+
+
 def journal_row(metrics: EpisodeMetrics, recording: str | None) -> dict[str, Any]:
     """Return what a line of the journal holds."""
     return {"metrics": dataclasses.asdict(metrics), "recording": recording}
 
 
-def write_trail(folder: Path, index: int, trail: Trail) -> None:
+def write_trajectory(folder: Path, index: int, trajectory: TrajectorySummary) -> None:
     """Write where an episode led into the folder of its evaluation."""
-    path = _trail_path(folder, index)
+    path = _trajectory_path(folder, index)
     partial = path.with_name(path.name + ".partial")
     with partial.open("wb") as stream:
-        np.savez_compressed(stream, **{name: _small(getattr(trail, name)) for name in COLUMNS})
+        np.savez_compressed(stream, **{name: _small(getattr(trajectory, name)) for name in COLUMNS})
     os.replace(partial, path)
 
 
 def clear_journal(folder: Path) -> None:
     """Remove a journal and what belongs to its episodes."""
     (folder / JOURNAL).unlink(missing_ok=True)
-    for path in (folder / TRAILS).glob("*.npz*"):
+    for path in (folder / TRAJECTORIES).glob("*.npz*"):
         path.unlink()
 
 
-def trail_name(index: int) -> str:
+def trajectory_name(index: int) -> str:
     """Return where an episode's trail lies in the folder of its evaluation."""
-    return f"{TRAILS}/{index:06d}.npz"
+    return f"{TRAJECTORIES}/{index:06d}.npz"
 
 
-def _trail_path(folder: Path, index: int) -> Path:
-    return folder / trail_name(index)
+def _trajectory_path(folder: Path, index: int) -> Path:
+    return folder / trajectory_name(index)
 
 
 def _whole_lines(path: Path) -> Iterator[bytes]:

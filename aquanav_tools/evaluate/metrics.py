@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.evaluate.energy import to_world, water_relative
-from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.types import Array
 
 INFEASIBLE = "infeasible"
@@ -120,71 +120,77 @@ def region_of(geodesic: float, route_length: float) -> str:
     return REGIONS[int(np.clip(done * len(REGIONS), 0, len(REGIONS) - 1))]
 
 
-def measure(track: Track, geodesic: float, reference: EpisodeReference, index: int = 0) -> EpisodeMetrics:
+def measure(trajectory: Trajectory, geodesic: float, reference: EpisodeReference, index: int = 0) -> EpisodeMetrics:
     """Return the metrics of one episode whose start is `geodesic` metres from the goal."""
-    is_success = track.outcome == "success"
-    time, steps = float(track.times[-1]), np.diff(track.times)
-    commands = track.commands[:, -reference.num_controls :]
+    is_success = trajectory.outcome == "success"
+    time, steps = float(trajectory.times[-1]), np.diff(trajectory.times)
+    commands = trajectory.commands[:, -reference.num_controls :]
     return EpisodeMetrics(
         index=index,
         scenario=reference.scenario,
         condition=reference.condition,
         region=region_of(geodesic, reference.route_length or geodesic),
-        seed=track.seed,
-        start=track.start_index,
-        outcome=_outcome(track, geodesic, reference),
-        reason=track.reason,
-        collisions=track.num_collisions,
-        min_clearance=float(track.clearances.min()),
-        clearance_p5=float(np.percentile(track.clearances, 5.0)),
-        mean_clearance=float(track.clearances.mean()),
-        time_close=float(steps[track.clearances[1:] < reference.width].sum()),
+        seed=trajectory.seed,
+        start=trajectory.start_index,
+        outcome=_outcome(trajectory, geodesic, reference),
+        reason=trajectory.reason,
+        collisions=trajectory.num_collisions,
+        min_clearance=float(trajectory.clearances.min()),
+        clearance_p5=float(np.percentile(trajectory.clearances, 5.0)),
+        mean_clearance=float(trajectory.clearances.mean()),
+        time_close=float(steps[trajectory.clearances[1:] < reference.width].sum()),
         time=time,
         time_ratio=time * reference.top_speed / max(geodesic, 1e-9) if is_success else None,
-        path_length=track.path_length,
+        path_length=trajectory.path_length,
         geodesic=geodesic,
-        progress=float(track.progress[-1]),
-        spl=spl(is_success, geodesic, track.path_length),
-        reward=float(track.rewards.sum()),
-        cost=float(track.costs.sum()),
+        progress=float(trajectory.progress[-1]),
+        spl=spl(is_success, geodesic, trajectory.path_length),
+        reward=float(trajectory.rewards.sum()),
+        cost=float(trajectory.costs.sum()),
         control_effort=_mean(commands**2),
         control_change=_mean(np.abs(np.diff(commands, axis=0))),
-        energy=_energy(track, reference),
-        jerk=_jerk(track),
-        interventions=track.interventions,
-        digest=digest_of(track),
+        energy=_energy(trajectory, reference),
+        jerk=_jerk(trajectory),
+        interventions=trajectory.interventions,
+        digest=digest_of(trajectory),
     )
 
 
-def _outcome(track: Track, geodesic: float, reference: EpisodeReference) -> str:
+def _outcome(trajectory: Trajectory, geodesic: float, reference: EpisodeReference) -> str:
     """Return how an episode ended: a timeout is the limit's fault where nothing could have arrived within it."""
-    if track.outcome != "timeout" or reference.ideal is None:
-        return track.outcome
-    return INFEASIBLE if reference.ideal(geodesic) > float(track.times[-1]) else track.outcome
+    if trajectory.outcome != "timeout" or reference.ideal is None:
+        return trajectory.outcome
+    return INFEASIBLE if reference.ideal(geodesic) > float(trajectory.times[-1]) else trajectory.outcome
 
 
-def digest_of(track: Track) -> str:
-    """Return the SHA-256 of a track's numbers."""
+def digest_of(trajectory: Trajectory) -> str:
+    """Return the SHA-256 of a trajectory's numbers."""
     total = hashlib.sha256()
-    for values in (track.positions, track.orientations, track.velocities, track.actions, track.rewards):
+    for values in (
+        trajectory.positions,
+        trajectory.orientations,
+        trajectory.velocities,
+        trajectory.actions,
+        trajectory.rewards,
+    ):
         total.update(np.ascontiguousarray(values, dtype=np.float64).tobytes())
     return total.hexdigest()
 
 
-def _energy(track: Track, reference: EpisodeReference) -> float | None:
+def _energy(trajectory: Trajectory, reference: EpisodeReference) -> float | None:
     """Return the work done against drag, J: its power from state to state by the trapezoidal rule."""
     if reference.power is None:
         return None
-    power = reference.power(water_relative(track.velocities, track.currents, track.orientations))
-    return float((0.5 * (power[1:] + power[:-1]) * np.diff(track.times)).sum())
+    power = reference.power(water_relative(trajectory.velocities, trajectory.currents, trajectory.orientations))
+    return float((0.5 * (power[1:] + power[:-1]) * np.diff(trajectory.times)).sum())
 
 
-def _jerk(track: Track) -> float:
+def _jerk(trajectory: Trajectory) -> float:
     """Return the root mean square of the second difference of the velocity in the world, m/s^3."""
-    if track.num_decisions < 2:
+    if trajectory.num_decisions < 2:
         return 0.0
-    velocities = to_world(track.velocities[:, :3], track.orientations)
-    jerk = np.diff(velocities, n=2, axis=0) / (track.times[1] - track.times[0]) ** 2
+    velocities = to_world(trajectory.velocities[:, :3], trajectory.orientations)
+    jerk = np.diff(velocities, n=2, axis=0) / (trajectory.times[1] - trajectory.times[0]) ** 2
     return float(np.sqrt((jerk**2).sum(axis=1).mean()))
 
 

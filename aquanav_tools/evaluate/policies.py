@@ -125,24 +125,24 @@ class MapPolicy:
 
     def __init__(self) -> None:
         self._diving, self._afloat = OraclePolicy(), BoatOracle()
-        self._worker: OraclePolicy | BoatOracle = self._diving
+        self._active: OraclePolicy | BoatOracle = self._diving
 
     def bind(self, env: Any) -> None:
         """Look at the map of an environment."""
         if isinstance(env, SurfaceEnv):
-            self._worker = self._afloat
+            self._active = self._afloat
             self._afloat.bind(env)
         else:
-            self._worker = self._diving
+            self._active = self._diving
             self._diving.bind(env)
 
     def reset(self, seed: int) -> None:
         """Begin an episode."""
-        self._worker.reset(seed)
+        self._active.reset(seed)
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
         """Return the choices of whoever knows this kind of map."""
-        return self._worker.act(observation)
+        return self._active.act(observation)
 
 
 BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]] = {

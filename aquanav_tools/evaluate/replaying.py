@@ -18,9 +18,9 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
-from aquanav_tools.evaluate.recording import film_track, record_track
+from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
-from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -71,21 +71,21 @@ def replay(
     spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
-    track, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, _rules(table["protocol"]))
-    record_track(scenario, track, output)
+    trajectory, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, _rules(table["protocol"]))
+    record_trajectory(scenario, trajectory, output)
     if options.film is not None:
-        film_track(scenario, track, options.film, options.view, progress)
+        film_trajectory(scenario, trajectory, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
     return Replayed(metrics, output, options.film)
 
 
-def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Trajectory, EpisodeMetrics]:
     with open_env_cache(policy, rules) as env_cache:
         return env_cache.run(spec)
 
 
-def _run_batched(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Track, EpisodeMetrics]:
+def _run_batched(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Trajectory, EpisodeMetrics]:
     """Run the episode as a batch of one, which is what it was beside others."""
     from aquanav_tools.evaluate.batch_runner import BatchRunner
 

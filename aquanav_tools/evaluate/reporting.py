@@ -36,7 +36,7 @@ from aquanav_tools.evaluate.summary_text import (
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
-from aquanav_tools.report.track import FAILED, Trail
+from aquanav_tools.report.trajectory import FAILED, TrajectorySummary
 from aquanav_tools.task import TaskOptions, choices_of
 
 NUM_CHARTS = 6
@@ -47,7 +47,7 @@ NUM_FILMS = 6
 FILM_NAMES = "episode-*.webm"
 FEW_EPISODES = 30
 """Below this a rate's interval is wider than about +-17 points at 50 %."""
-MAX_TRAILS = 100
+MAX_TRAJECTORIES = 100
 """Drawn and plotted at most; a report does not grow with the number of episodes."""
 NUM_WORST = 10
 MAX_ROWS = 500
@@ -122,18 +122,18 @@ def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pi
         charts = []
         for episode in [own[place] for place in worst_first(own)[:NUM_CHARTS]]:
             path = pictures / f"{scenario.name}-{episode.index:05d}.png"
-            picture.draw(path, [journal.trail(episode.index)])
+            picture.draw(path, [journal.trajectory(episode.index)])
             charts.append(Figure(path, f"One of the worst: {_describe(episode)}."))
         return Section(f"In {scenario.name}, where each episode has another place", figures=tuple(charts))
     worst = own[worst_first(own)[0]]
     paths = {kind: pictures / f"{scenario.name}-{kind}.png" for kind in ("worst", "trails", "collisions")}
-    picture.draw(paths["worst"], [journal.trail(worst.index)])
+    picture.draw(paths["worst"], [journal.trajectory(worst.index)])
     indices = own.column("index").tolist()
-    shown = [journal.trail(index) for index in _drawn(indices)]
+    shown = [journal.trajectory(index) for index in _drawn(indices)]
     picture.draw(paths["trails"], shown)
     contacts = [
-        trail.positions[trail.contact_states]
-        for trail in (journal.trail(index) for index in compress(indices, own.column("collisions")))
+        trajectory.positions[trajectory.contact_states]
+        for trajectory in (journal.trajectory(index) for index in compress(indices, own.column("collisions")))
     ]
     figures = [Figure(paths["worst"], f"The worst episode: {_describe(worst)}.")]
     if contacts:
@@ -159,27 +159,35 @@ def _film_section(episodes: EpisodeTable, recordings: Mapping[int, str], folder:
 
 def _drawn(indices: Sequence[int]) -> list[int]:
     """Return at most MAX_TRAILS of the indices, evenly spread."""
-    count = min(len(indices), MAX_TRAILS)
+    count = min(len(indices), MAX_TRAJECTORIES)
     return [indices[n * len(indices) // count] for n in range(count)]
 
 
 def _plots(scenarios: Sequence[Place], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
-    trails: list[Trail] = [journal.trail(index) for index in _drawn(range(len(journal)))]
+    trajectories: list[TrajectorySummary] = [journal.trajectory(index) for index in _drawn(range(len(journal)))]
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
-    plot_progress(trails, _longest(scenarios, trails), pictures / "progress.png")
-    plot_clearance(trails, pictures / "clearance.png")
-    which = "episode" if len(trails) == summary.episodes else f"episode, {len(trails)} of {summary.episodes}"
+    plot_progress(trajectories, _longest(scenarios, trajectories), pictures / "progress.png")
+    plot_clearance(trajectories, pictures / "clearance.png")
+    which = (
+        "episode" if len(trajectories) == summary.episodes else f"episode, {len(trajectories)} of {summary.episodes}"
+    )
     return (
         Figure(pictures / "outcomes.png", "Share of episodes with 95 % Wilson intervals.", columns=1),
         Figure(pictures / "progress.png", f"A line per {which}; it ends where the episode ended.", columns=1),
-        Figure(pictures / "clearance.png", f"From the hull to the nearest wall, {len(trails)} episodes.", columns=1),
+        Figure(
+            pictures / "clearance.png", f"From the hull to the nearest wall, {len(trajectories)} episodes.", columns=1
+        ),
     )
 
 
-def _longest(scenarios: Sequence[Place], trails: Sequence[Trail]) -> float:
+def _longest(scenarios: Sequence[Place], trajectories: Sequence[TrajectorySummary]) -> float:
     """Return the length of the longest route, m; without routes, the most that was gained."""
     lengths = [adapter_of(scenario).reference.route_length for scenario in scenarios]
-    return max([length for length in lengths if length] or [float(trail.progress.max()) for trail in trails] or [1.0])
+    return max(
+        [length for length in lengths if length]
+        or [float(trajectory.progress.max()) for trajectory in trajectories]
+        or [1.0]
+    )
 
 
 def _describe(episode: EpisodeMetrics) -> str:

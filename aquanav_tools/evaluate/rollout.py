@@ -24,7 +24,7 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.places import PlaceEnv
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
-from aquanav_tools.report.track import FAILED, Track
+from aquanav_tools.report.trajectory import FAILED, Trajectory
 
 TERM_PREFIX = "reward/"
 ACTION_TIME_LIMIT = 30.0
@@ -62,8 +62,8 @@ class CallTimeout:
         """Its `value` is the monotonic clock when the call that runs began, s; 0 while none runs."""
 
     @contextmanager
-    def kept(self) -> Iterator[None]:
-        """Watch the calls in the body. One timer for all of them: setting one for each takes longer than most calls."""
+    def armed(self) -> Iterator[None]:
+        """Limit the calls in the body. One timer for all of them: setting one for each takes longer than most calls."""
         if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
             yield
             return
@@ -122,8 +122,8 @@ def run_episode(
     timeout: CallTimeout | None = None,
     reason: str = "",
     conditions: dict[str, Any] | None = None,
-) -> Track:
-    """Return the track of one episode, from the planned start to its end.
+) -> Trajectory:
+    """Return the trajectory of one episode, from the planned start to its end.
 
     A policy that raises an error, gives no action of its form, or takes too long for one ends its episode with the
     outcome FAILED and the reason. A `reason` that is given ends it like this before the policy is asked.
@@ -137,7 +137,7 @@ def run_episode(
         policy.bind(env)
     infos, actions, commands, rewards = [info], [], [], []
     is_over = False
-    with timeout.kept():
+    with timeout.armed():
         reason = reason or timeout.outcome(lambda: begin_episode(policy, plan.seed))[1]
         while not is_over and not reason:
             chosen, reason = timeout.outcome(lambda seen=observation: choose(policy.act, env.action_model, seen))
@@ -150,8 +150,8 @@ def run_episode(
             actions.append(action)
             commands.append(command)
             rewards.append(reward)
-    track = _collect(plan, infos, (actions, commands, rewards), env.decision_seconds, reason)
-    return dataclasses.replace(track, interventions=getattr(policy, "interventions", None))
+    trajectory = _collect(plan, infos, (actions, commands, rewards), env.decision_seconds, reason)
+    return dataclasses.replace(trajectory, interventions=getattr(policy, "interventions", None))
 
 
 def begin_episode(policy: Policy, seed: int) -> None:
@@ -179,14 +179,14 @@ def _collect(
     done: tuple[list[Any], list[Any], list[float]],
     dt: float,
     reason: str,
-) -> Track:
+) -> Trajectory:
     actions, commands, rewards = done
     terms = [name for name in infos[0] if name.startswith(TERM_PREFIX)]
 
     def column(name: str) -> Any:
         return np.array([info[name] for info in infos])
 
-    return Track(
+    return Trajectory(
         seed=plan.seed,
         start_index=infos[0]["start_index"],
         outcome=FAILED if reason else infos[-1]["outcome"],

@@ -11,7 +11,7 @@ from typing import Any
 from aquanav_tools.envs.places import cave_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
-from aquanav_tools.evaluate.journal import Journal, clear_journal
+from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results
 from aquanav_tools.evaluate.options import EvaluateOptions, StressOptions
 from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.protocol import write_cases
@@ -36,7 +36,8 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
             `load_policy`.
 
     Raises:
-        InputError: the policy cannot be used, or the episodes in the folder are of another search.
+        InputError: the policy cannot be used, another process writes to the folder, or the episodes in it
+            are of another search.
         ScenarioError: the scenario cannot be read.
         ResourceError: the optimiser is not installed, or processes do not start.
     """
@@ -44,6 +45,12 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
     load = load or partial(load_policy, is_trusted=options.trust)
     spec = EvaluationSpec(_run_options(options), options.policy, options.output, load)
     plan = make_plan(spec)
+    with held_results(options.output):
+        return _search(spec, plan, options, progress)
+
+
+def _search(spec: EvaluationSpec, plan: Plan, options: StressOptions, progress: Progress) -> Stress:
+    """Run the search and write what it found into the folder, which this process holds."""
     scenario = cave_of(plan.scenarios[0], "aquanav-eval stress")
     journal = _open_journal(options, plan)
     campaign = _Campaign(options, scenario, journal)

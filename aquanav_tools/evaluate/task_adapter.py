@@ -14,7 +14,7 @@ from aquanav_tools.evaluate.cave_adapter import CaveAdapter
 from aquanav_tools.evaluate.metrics import EpisodeReference
 from aquanav_tools.report.html import Model
 from aquanav_tools.report.recording.episode import Scene
-from aquanav_tools.report.track import Track, Trail
+from aquanav_tools.report.trajectory import Trajectory, TrajectorySummary
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
@@ -26,7 +26,7 @@ class Picture(Protocol):
     is_shared: bool
     """Whether all episodes were in one place, so that they can be drawn together."""
 
-    def draw(self, path: Path, tracks: Sequence[Trail] = (), contacts: Array | None = None) -> None:
+    def draw(self, path: Path, trajectories: Sequence[TrajectorySummary] = (), contacts: Array | None = None) -> None:
         """Write a PNG with trails, or with where (C, 3) contacts crowd."""
 
 
@@ -51,14 +51,14 @@ class TaskAdapter(Protocol):
     def picture(self) -> Picture:
         """Return what draws episodes in their place."""
 
-    def model(self, path: Path, trails: Sequence[Trail], total: int) -> Model | None:
+    def model(self, path: Path, trajectories: Sequence[TrajectorySummary], total: int) -> Model | None:
         """Write the 3D view of the place with trails of some of `total` episodes as a GLB; None where there is none."""
 
-    def scene(self, track: Track) -> Scene:
-        """Return what the recording of a track shows around the vehicle."""
+    def scene(self, trajectory: Trajectory) -> Scene:
+        """Return what the recording of a trajectory shows around the vehicle."""
 
-    def camera(self, track: Track, view: str, size: tuple[int, int]) -> Camera:
-        """Return what takes the pictures of a track in their order, once, of a width and height in px.
+    def camera(self, trajectory: Trajectory, view: str, size: tuple[int, int]) -> Camera:
+        """Return what takes the pictures of a trajectory in their order, once, of a width and height in px.
 
         Raises:
             InputError: there is no such view.

@@ -20,7 +20,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.policies import LoadedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan, plan_episodes
 from aquanav_tools.evaluate.rollout import run_episode
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.scenario.schema import PRESETS, Scenario
 from aquanav_tools.types import Array, Capsule, Progress
 
@@ -34,22 +34,22 @@ class Replay:
 
     current: str
     """Preset."""
-    track: Track
+    trajectory: Trajectory
     deviation: Array
     """(D + 1,) distance from where the ideal dive was at the same time, m."""
 
     @property
     def first_contact(self) -> float | None:
         """Time of the first contact with the wall, s; None without any."""
-        touched = np.flatnonzero(self.track.collided)
-        return float(self.track.times[touched[0]]) if len(touched) else None
+        touched = np.flatnonzero(self.trajectory.collided)
+        return float(self.trajectory.times[touched[0]]) if len(touched) else None
 
 
 @dataclass(frozen=True, eq=False)
 class WaterImpact:
     """The experiment's outcome."""
 
-    ideal: Track
+    ideal: Trajectory
     """In still water: reaches the goal and touches nothing."""
     replays: tuple[Replay, ...]
     """Every current with every seed."""
@@ -99,18 +99,20 @@ def measure_water_impact(
         try:
             for number in range(num_seeds):
                 plan = EpisodePlan(seed + number, ideal.start_index)
-                track = run_episode(env, RecordedPolicy(_as_given(ideal, env)), plan)
-                replays.append(Replay(current, track, _deviation(track, ideal)))
+                trajectory = run_episode(env, RecordedPolicy(_as_given(ideal, env)), plan)
+                replays.append(Replay(current, trajectory, _deviation(trajectory, ideal)))
                 progress(len(replays), len(currents) * num_seeds)
         finally:
             env.close()
     return WaterImpact(ideal, tuple(replays), env.vehicle.capsule)
 
 
-def by_current(impact: WaterImpact) -> list[tuple[str, list[tuple[Track, Array]]]]:
-    """Return for every current its name and its tracks with their deviation, as pictures take them."""
+def by_current(impact: WaterImpact) -> list[tuple[str, list[tuple[Trajectory, Array]]]]:
+    """Return for every current its name and its trajectories with their deviation, as pictures take them."""
     names = dict.fromkeys(replay.current for replay in impact.replays)
-    return [(name, [(one.track, one.deviation) for one in impact.replays if one.current == name]) for name in names]
+    return [
+        (name, [(one.trajectory, one.deviation) for one in impact.replays if one.current == name]) for name in names
+    ]
 
 
 def impact_table(impact: WaterImpact, scenario: Scenario, policy: LoadedPolicy) -> dict[str, Any]:
@@ -127,14 +129,14 @@ def impact_table(impact: WaterImpact, scenario: Scenario, policy: LoadedPolicy) 
         "replays": [
             {
                 "current": replay.current,
-                "seed": replay.track.seed,
-                "outcome": replay.track.outcome,
-                "collisions": replay.track.num_collisions,
+                "seed": replay.trajectory.seed,
+                "outcome": replay.trajectory.outcome,
+                "collisions": replay.trajectory.num_collisions,
                 "first_contact": replay.first_contact,
                 "mean_deviation": float(replay.deviation.mean()),
                 "max_deviation": float(replay.deviation.max()),
                 "final_deviation": float(replay.deviation[-1]),
-                "progress": float(replay.track.progress[-1]),
+                "progress": float(replay.trajectory.progress[-1]),
             }
             for replay in impact.replays
         ],
@@ -151,9 +153,9 @@ def summary_rows(impact: WaterImpact) -> list[dict[str, Any]]:
                 "current": current,
                 "strength": PRESETS[current],
                 "replays": len(chosen),
-                "reached_the_goal": sum(replay.track.outcome == "success" for replay in chosen),
-                "touched_the_wall": sum(replay.track.num_collisions > 0 for replay in chosen),
-                "mean_collisions": float(np.mean([replay.track.num_collisions for replay in chosen])),
+                "reached_the_goal": sum(replay.trajectory.outcome == "success" for replay in chosen),
+                "touched_the_wall": sum(replay.trajectory.num_collisions > 0 for replay in chosen),
+                "mean_collisions": float(np.mean([replay.trajectory.num_collisions for replay in chosen])),
                 "mean_deviation": float(np.mean([replay.deviation.mean() for replay in chosen])),
                 "max_deviation": float(max(replay.deviation.max() for replay in chosen)),
             }
@@ -161,16 +163,16 @@ def summary_rows(impact: WaterImpact) -> list[dict[str, Any]]:
     return rows
 
 
-def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Track:
+def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Trajectory:
     plans = plan_episodes(len(scenario.starts), min(MAX_TRIES, len(scenario.starts)), seed)
     env = _env(scenario, policy, "still", None)
     try:
         for plan in plans:
-            track = run_episode(env, policy.policy, plan)
-            if track.reason:
-                raise InputError(f"{policy.name} failed: {track.reason}. Mend it, or name another with --policy.")
-            if track.outcome == "success" and track.num_collisions == 0:
-                return track
+            trajectory = run_episode(env, policy.policy, plan)
+            if trajectory.reason:
+                raise InputError(f"{policy.name} failed: {trajectory.reason}. Mend it, or name another with --policy.")
+            if trajectory.outcome == "success" and trajectory.num_collisions == 0:
+                return trajectory
     finally:
         env.close()
     raise InputError(
@@ -189,13 +191,13 @@ def _env(scenario: Scenario, policy: LoadedPolicy, current: str, max_decisions: 
     )
 
 
-def _as_given(ideal: Track, env: CaveEnv) -> Array:
-    """Return the (D, ...) actions of a track in the form and type of an environment's action space."""
+def _as_given(ideal: Trajectory, env: CaveEnv) -> Array:
+    """Return the (D, ...) actions of a trajectory in the form and type of an environment's action space."""
     shape = (ideal.num_decisions, *(env.action_space.shape or ()))
     return ideal.actions.reshape(shape).astype(env.action_space.dtype)
 
 
-def _deviation(track: Track, ideal: Track) -> Array:
-    both = min(len(track.times), len(ideal.times))
-    distances: Array = np.linalg.norm(track.positions[:both] - ideal.positions[:both], axis=1)
+def _deviation(trajectory: Trajectory, ideal: Trajectory) -> Array:
+    both = min(len(trajectory.times), len(ideal.times))
+    distances: Array = np.linalg.norm(trajectory.positions[:both] - ideal.positions[:both], axis=1)
     return distances

@@ -10,7 +10,7 @@ from aquanav_tools.report.cave_map import bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import BAD, INK, MUTED, PORTAL, new_figure, save_drawing
 from aquanav_tools.report.relief import plan_and_section
 from aquanav_tools.report.survey_drawing import LID_WASH, draw_rings
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.types import Array
 
 DPI = 150
@@ -18,11 +18,11 @@ WIDTH_IN, MARGIN_IN, PLOT_IN, MAX_PLAN_IN = 11.0, 0.7, 2.6, 6.0
 CURRENT_COLOURS = ("#2a9d8f", "#1f6f8b", "#7b2cbf", "#e9a23b")
 """In the order of the currents; contacts are red."""
 
-Replays = Sequence[tuple[str, Sequence[tuple[Track, Array]]]]
-"""For every current, its name and its tracks with their (D + 1,) deviation, m."""
+Replays = Sequence[tuple[str, Sequence[tuple[Trajectory, Array]]]]
+"""For every current, its name and its trajectories with their (D + 1,) deviation, m."""
 
 
-def draw_impact(name: str, cavity: Cavity, ideal: Track, centreline: Array, replays: Replays, path: Path) -> None:
+def draw_impact(name: str, cavity: Cavity, ideal: Trajectory, centreline: Array, replays: Replays, path: Path) -> None:
     """Write the plan with all ways, and the deviation over time below it.
 
     Args:
@@ -49,14 +49,16 @@ def draw_impact(name: str, cavity: Cavity, ideal: Track, centreline: Array, repl
         draw_rings(plan_axes, lid_rings(cavity, portal.label, plan), LID_WASH, PORTAL, 2.0)
     below = figure.add_axes((MARGIN_IN / WIDTH_IN, 0.6 / height_in, 1 - 2 * MARGIN_IN / WIDTH_IN, PLOT_IN / height_in))
     for (current, runs), colour in zip(replays, CURRENT_COLOURS * len(replays), strict=False):
-        for number, (track, deviation) in enumerate(runs):
+        for number, (trajectory, deviation) in enumerate(runs):
             label = current if number == 0 else None
-            plan_axes.plot(*plan.project(track.positions).T, color=colour, linewidth=0.9, alpha=0.75, zorder=3)
-            contacts = plan.project(track.positions[track.contact_states])
+            plan_axes.plot(*plan.project(trajectory.positions).T, color=colour, linewidth=0.9, alpha=0.75, zorder=3)
+            contacts = plan.project(trajectory.positions[trajectory.contact_states])
             plan_axes.plot(*contacts.T, "x", color=BAD, markersize=5, zorder=5)
-            below.plot(track.times[: len(deviation)], deviation, color=colour, linewidth=1.0, alpha=0.75, label=label)
-            touched = track.contact_states[track.contact_states < len(deviation)]
-            below.plot(track.times[touched], deviation[touched], "x", color=BAD, markersize=4)
+            below.plot(
+                trajectory.times[: len(deviation)], deviation, color=colour, linewidth=1.0, alpha=0.75, label=label
+            )
+            touched = trajectory.contact_states[trajectory.contact_states < len(deviation)]
+            below.plot(trajectory.times[touched], deviation[touched], "x", color=BAD, markersize=4)
     plan_axes.plot(*plan.project(ideal.positions).T, color=INK, linewidth=2.0, zorder=4, label="still")
     below.axhline(0.0, color=INK, linewidth=2.0, label="still")
     below.plot([], [], "x", color=BAD, label="contact")

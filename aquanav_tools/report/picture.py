@@ -11,8 +11,8 @@ import numpy as np
 from aquanav_tools.report.figures import INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure
 from aquanav_tools.report.relief import Relief, View, cut_away, plan_and_section
 from aquanav_tools.report.survey_drawing import draw_north
-from aquanav_tools.report.track import Trail
-from aquanav_tools.report.trails import CRASH, draw_colour_bar, draw_crowds, draw_trails
+from aquanav_tools.report.trajectories import CRASH, draw_colour_bar, draw_crowds, draw_trajectories
+from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.types import Array, Mesh, rotation_matrix
 
 if TYPE_CHECKING:
@@ -47,11 +47,11 @@ class CavePicture:
         pixel = 1.0 / (SUPERSAMPLING * self._inches * DPI)
         self._reliefs = [cut_away(scenario.cavity.mesh, view, pixel) for view in self._views]
 
-    def draw(self, path: Path, tracks: Sequence[Trail] = (), contacts: Array | None = None) -> None:
+    def draw(self, path: Path, trajectories: Sequence[TrajectorySummary] = (), contacts: Array | None = None) -> None:
         """Write a PNG with the route, its panels, entrance and goal.
 
-        Without tracks it shows the starts; with them, their trails coloured by clearance and a cross wherever the hull
-        touched the wall; with (C, 3) contacts, where they crowd.
+        Without trajectories it shows the starts; with them, trails coloured by clearance and a cross at each contact;
+        with (C, 3) contacts, where they crowd.
         """
         height = 0.5 * MARGIN_IN + FOOT_IN + sum(TITLE_IN + self._inches * relief.height for relief in self._reliefs)
         figure = new_figure(WIDTH_IN, height)
@@ -62,17 +62,17 @@ class CavePicture:
             axes = _add_view(figure, (self._inches * relief.width, self._inches * relief.height), bottom, height)
             axes.set_title(name, loc="left", color=MUTED, fontsize=10, pad=5)
             _draw_relief(axes, relief)
-            _draw_route(axes, self._scenario, view, ROUTE if contacts is None and not tracks else "white")
+            _draw_route(axes, self._scenario, view, ROUTE if contacts is None and not trajectories else "white")
             if contacts is not None:
                 scale = draw_crowds(axes, view.project(contacts), 0.12 / self._inches), "collisions per spot"
-            elif tracks:
-                scale = draw_trails(axes, tracks, view), "trail: clearance, m"
+            elif trajectories:
+                scale = draw_trajectories(axes, trajectories, view), "trail: clearance, m"
             else:
                 _draw_starts(axes, self._scenario, view)
             _label_ends(axes, self._scenario, view)
         draw_scale_bar(figure, self._inches, MARGIN_IN, 0.28)
         draw_north(figure, self._has_north, self._views[0], size_in=0.5, top_in=0.06)
-        _draw_key(figure, height, tracks, contacts is None)
+        _draw_key(figure, height, trajectories, contacts is None)
         if scale is not None:
             draw_colour_bar(figure, height, *scale)
         save_figure(figure, path, DPI)
@@ -146,10 +146,10 @@ def _label_ends(axes: Any, scenario: Scenario, view: View) -> None:
         )  # fmt: skip
 
 
-def _draw_key(figure: Any, height: float, tracks: Sequence[Trail], has_starts: bool) -> None:
+def _draw_key(figure: Any, height: float, trajectories: Sequence[TrajectorySummary], has_starts: bool) -> None:
     from matplotlib.lines import Line2D
 
-    route = "#d5dee3" if tracks or not has_starts else ROUTE  # white would not show on the page
+    route = "#d5dee3" if trajectories or not has_starts else ROUTE  # white would not show on the page
     entries = [
         Line2D([], [], color=route, linewidth=2.0, label="route"),
         Line2D([], [], color="#9fb3bd", marker="|", linestyle="", markersize=11, label="panel"),
@@ -158,7 +158,7 @@ def _draw_key(figure: Any, height: float, tracks: Sequence[Trail], has_starts: b
         entries.append(
             Line2D([], [], color="white", marker="o", linestyle="", markeredgecolor=INK, markersize=6, label="start")
         )
-    if any(track.collided.any() for track in tracks):
+    if any(trajectory.collided.any() for trajectory in trajectories):
         entries.append(
             Line2D([], [], color=CRASH, marker="x", linestyle="", markeredgewidth=1.8, label="touched the wall")
         )

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.report.figures import BLUE, INK, MUTED, OUTCOME_COLOURS, new_figure, save_figure
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.types import Array
 
 DPI = 140
@@ -37,9 +37,9 @@ def plot_outcomes(rates: dict[str, tuple[float, Interval]], path: Path, title: s
     _finish(figure, axes, path)
 
 
-def plot_clearance(tracks: Sequence[Trail], path: Path) -> None:
+def plot_clearance(trajectories: Sequence[TrajectorySummary], path: Path) -> None:
     """Write the histogram of clearance over all states of all episodes."""
-    clearances = np.concatenate([track.clearances for track in tracks])
+    clearances = np.concatenate([trajectory.clearances for trajectory in trajectories])
     figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
     axes.hist(clearances, bins=40, weights=np.full(len(clearances), 100.0 / len(clearances)), color=BLUE)
@@ -52,18 +52,18 @@ def plot_clearance(tracks: Sequence[Trail], path: Path) -> None:
     _finish(figure, axes, path)
 
 
-def plot_progress(tracks: Sequence[Trail], route_length: float, path: Path) -> None:
+def plot_progress(trajectories: Sequence[TrajectorySummary], route_length: float, path: Path) -> None:
     """Write the progress along the guide over time, a line per episode, coloured by outcome; the goal is dashed."""
     figure = new_figure(*SIZE_IN)
     axes = figure.subplots()
-    for track in tracks:
-        colour = OUTCOME_COLOURS.get(track.outcome, MUTED)
-        axes.plot(track.times, track.progress, color=colour, linewidth=1.1, alpha=0.65)
-        axes.plot(track.times[-1], track.progress[-1], "o", color=colour, markersize=3.5)
+    for trajectory in trajectories:
+        colour = OUTCOME_COLOURS.get(trajectory.outcome, MUTED)
+        axes.plot(trajectory.times, trajectory.progress, color=colour, linewidth=1.1, alpha=0.65)
+        axes.plot(trajectory.times[-1], trajectory.progress[-1], "o", color=colour, markersize=3.5)
     axes.axhline(route_length, color=INK, linewidth=1.0, linestyle="--")
     axes.text(0.0, route_length, "goal", va="bottom", fontsize=9)
     for outcome, colour in OUTCOME_COLOURS.items():
-        if any(track.outcome == outcome for track in tracks):
+        if any(trajectory.outcome == outcome for trajectory in trajectories):
             axes.plot([], [], color=colour, linewidth=2.0, label=outcome)
     axes.legend(frameon=False, loc="lower right", fontsize=9)
     axes.set_xlim(left=0.0)

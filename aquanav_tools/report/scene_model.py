@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.report.glb import Part, glb
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.report.viewer_model import PORTAL_COLOUR, cave_part
 from aquanav_tools.types import Array, Mesh, Pose, rotation_matrix
 
@@ -33,7 +33,7 @@ def write_scene(
     scenario: Scenario,
     path: Path,
     vehicle: tuple[Mesh, Pose] | None = None,
-    trails: Sequence[Trail] = (),
+    trajectories: Sequence[TrajectorySummary] = (),
     colours: npt.NDArray[np.uint8] | None = None,
 ) -> None:
     """Write a cave as a GLB for `html.Model`.
@@ -42,7 +42,7 @@ def write_scene(
         scenario: The cave.
         path: Of the file.
         vehicle: How it looks, body frame, m, with colours; and where it is shown.
-        trails: Of episodes.
+        trajectories: Of episodes.
         colours: (V, 3) sRGB per vertex of the cavity; None for colours by height.
     """
     shown = by_height(scenario.cavity.mesh.vertices) if colours is None else colours
@@ -50,7 +50,10 @@ def write_scene(
     parts.append(_line("route", scenario.guide.centreline, ROUTE))
     goal = scenario.guide.panels[-1].polygon
     parts.append(_line("route", np.vstack([goal, goal[:1]]), PORTAL_COLOUR))
-    parts += [_line("trail", _some(trail.positions), TOUCHED if trail.num_collisions else CLEAN) for trail in trails]
+    parts += [
+        _line("trail", _some(trajectory.positions), TOUCHED if trajectory.num_collisions else CLEAN)
+        for trajectory in trajectories
+    ]
     if vehicle is not None:
         parts.append(_placed(*vehicle))
     path.write_bytes(glb(parts))
@@ -63,11 +66,15 @@ def by_height(vertices: Array) -> npt.NDArray[np.uint8]:
     return np.round(LOW + share[:, None] * (HIGH - LOW)).astype(np.uint8)
 
 
-def scene_caption(scenario: Scenario, num_trails: int = 0, total: int = 0) -> str:
+def scene_caption(scenario: Scenario, num_trajectories: int = 0, total: int = 0) -> str:
     """Return what the view shows and how it is turned."""
     labels = scenario.cavity.labels
     portals = "; portals are orange" if (labels != WALL).any() else ""
-    trails = f" Trails of {num_trails} of {total} episodes, red where the hull touched the wall." if num_trails else ""
+    trails = (
+        f" Trails of {num_trajectories} of {total} episodes, red where the hull touched the wall."
+        if num_trajectories
+        else ""
+    )
     return (
         f"The cave in 3D with its route in yellow{portals}, the vehicle to scale, pale wall high and blue wall low."
         f"{trails} Drag to turn, right button or Shift to move, wheel to zoom, double-click to begin again."

@@ -21,8 +21,8 @@ from aquanav_tools.report.figures import (
     save_figure,
 )
 from aquanav_tools.report.relief import View
-from aquanav_tools.report.track import Trail
-from aquanav_tools.report.trails import draw_colour_bar, draw_crowds, draw_trails
+from aquanav_tools.report.trajectories import draw_colour_bar, draw_crowds, draw_trajectories
+from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.sea.sea_map import Rock, SeaMap
 from aquanav_tools.types import Array
 
@@ -39,11 +39,15 @@ FROM_ABOVE = View(np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0]))
 
 
 def draw_chart(
-    sea: SeaMap, path: Path, boat_width: float, tracks: Sequence[Trail] = (), contacts: Array | None = None
+    sea: SeaMap,
+    path: Path,
+    boat_width: float,
+    trajectories: Sequence[TrajectorySummary] = (),
+    contacts: Array | None = None,
 ) -> None:
     """Write the chart of a bay as PNG, with a boat of a width (m) at each start.
 
-    With tracks it shows their trails coloured by clearance and a cross wherever the hull touched something; with (C, 3)
+    With trajectories it shows trails coloured by clearance and a cross wherever the hull touched something; with (C, 3)
     contacts, where they crowd.
     """
     from matplotlib.patches import Rectangle
@@ -69,8 +73,10 @@ def draw_chart(
     if contacts is not None:
         spots = draw_crowds(axes, FROM_ABOVE.project(contacts), SPOT_IN / scale)
         draw_colour_bar(figure, height_in, spots, "collisions per spot", left=0.78)
-    elif tracks:
-        draw_colour_bar(figure, height_in, draw_trails(axes, tracks, FROM_ABOVE), "trail: clearance, m", left=0.78)
+    elif trajectories:
+        draw_colour_bar(
+            figure, height_in, draw_trajectories(axes, trajectories, FROM_ABOVE), "trail: clearance, m", left=0.78
+        )
     figure.text(area[0], 1.0 - 0.6 * MARGIN_IN / height_in, _title(sea), color=INK, fontsize=11, va="center")
     legend = "brown: rock     pale, dashed: reef below the water     blue: shortest way     green: goal     red: boat"
     figure.text(area[0], 1.65 * MARGIN_IN / height_in, legend, color=MUTED, fontsize=9, va="center")

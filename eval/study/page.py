@@ -31,7 +31,7 @@ DPI = 110
 RESAMPLES = 2000
 MIN_RUNS = 3
 """Of a variant; fewer say nothing of how runs differ."""
-RATES = {"collision_free": "collision-free success", "success": "success"}
+RATES = {"collision_free_success": "collision-free success", "success": "success"}
 SAFETY = {"collisions": "collisions per episode", "mean_clearance": "mean distance to walls, m"}
 HEADER = """# {title}
 
@@ -218,7 +218,7 @@ def draw_scores(study: Study, runs: Runs, path: Path) -> None:
     figure = new_figure(13.0, 2.3 * max(len(rows), 1.6))
     for number, row in enumerate(rows):
         shares = figure.add_subplot(len(rows), 2, 2 * number + 1)
-        draw_bars(shares, runs, kept, row, lambda score: 100.0 * score["collision_free"])
+        draw_bars(shares, runs, kept, row, lambda score: 100.0 * score["collision_free_success"])
         shares.set(ylim=(0.0, 103.0), ylabel="Collision-free, %")
         counts = figure.add_subplot(len(rows), 2, 2 * number + 2)
         draw_bars(counts, runs, kept, row, lambda score: score["collisions"])

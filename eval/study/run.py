@@ -149,7 +149,7 @@ def scores(study: Study, episodes: list[dict[str, Any]]) -> dict[str, dict[str, 
             found.setdefault(place, {})[current] = {
                 "episodes": len(flown),
                 "success": len(reached) / len(flown),
-                "collision_free": len(clean) / len(flown),
+                "collision_free_success": len(clean) / len(flown),
                 **means,
             }
     return found
@@ -158,7 +158,7 @@ def scores(study: Study, episodes: list[dict[str, Any]]) -> dict[str, dict[str, 
 def told(run: dict[str, Any]) -> str:
     """Return a run in a few words."""
     rates = [score for place in run["scores"].values() for score in place.values()]
-    success, clean = (float(np.mean([rate[name] for rate in rates])) for name in ("success", "collision_free"))
+    success, clean = (float(np.mean([rate[name] for rate in rates])) for name in ("success", "collision_free_success"))
     return f"success {success:.0%}, collision-free {clean:.0%}, {run['training_cpu_s']} s of processor time to learn"
 
 

@@ -139,13 +139,13 @@ def push(env: CaveEnv, place: Array, way: Array) -> tuple[Array, bool]:
 
 def test_a_vehicle_pushed_against_every_wall_never_gets_out(env: CaveEnv) -> None:
     mesh = env.scenario.cavity.mesh
-    tracks, touches = [], []
+    trajectories, touches = [], []
     for place in places_of(env.scenario):
         for way in outward():
             positions, is_touched = push(env, place, way)
-            tracks.append(positions)
+            trajectories.append(positions)
             touches.append(is_touched)
-    places = np.concatenate(tracks)
+    places = np.concatenate(trajectories)
     if env.scenario.name == "winding":  # its distance field knows no lids, see there
         places = places[(places[:, 0] > 0.5) & (places[:, 0] < 24.5)]
     assert igl.fast_winding_number(mesh.vertices, mesh.faces, places).min() > 0.5

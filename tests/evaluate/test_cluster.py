@@ -14,7 +14,7 @@ import pytest
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.evaluate import cluster as cluster_module
-from aquanav_tools.evaluate.cluster import check_found, clear_left
+from aquanav_tools.evaluate.cluster import as_own_error, check_found, clear_left
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, make_plan
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
@@ -261,3 +261,13 @@ def test_folder_of_a_killed_actor_is_removed_by_a_later_one_and_no_other_is(tmp_
             os.utime(folder, (1e9, 1e9))
         clear_left(tmp_path)
     assert [folder.is_dir() for folder in (left, held, young, other)] == [False, True, True, True]
+
+
+@pytest.mark.parametrize(("cause", "told"), [(KeyError(), "KeyError"), (ValueError("first\nlast"), "last")])
+def test_error_of_an_actor_is_told_by_its_last_line_or_its_type(cause: Exception, told: str) -> None:
+    class TaskError(Exception):
+        pass
+
+    error = TaskError()
+    error.cause = cause  # type: ignore[attr-defined]  # as Ray's RayTaskError has it
+    assert str(as_own_error(error)).startswith(f"An actor of the cluster failed: {told} The likely cause")

@@ -326,14 +326,16 @@ def test_output_that_is_a_file_is_refused(folder: Path, tmp_path: Path) -> None:
 def test_track_holds_the_environments_own_numbers(tube: Scenario) -> None:
     loaded = load_policy("baseline:reactive")
     env = CaveEnv(tube, observation=loaded.observation, action=loaded.action, max_decisions=40)
-    track = run_episode(env, loaded.policy, EpisodePlan(seed=2, start_index=4))
+    trajectory = run_episode(env, loaded.policy, EpisodePlan(seed=2, start_index=4))
     env.close()
-    assert track.outcome == "timeout"
-    assert track.num_decisions == 40
-    assert track.times[-1] == pytest.approx(4.0)
-    np.testing.assert_allclose(track.positions[0], tube.starts[4].pose.position)
-    np.testing.assert_allclose(sum(track.reward_terms.values()), track.rewards)
-    assert np.unique(track.positions, axis=0).shape == track.positions.shape  # states are kept, not a reused buffer
+    assert trajectory.outcome == "timeout"
+    assert trajectory.num_decisions == 40
+    assert trajectory.times[-1] == pytest.approx(4.0)
+    np.testing.assert_allclose(trajectory.positions[0], tube.starts[4].pose.position)
+    np.testing.assert_allclose(sum(trajectory.reward_terms.values()), trajectory.rewards)
+    assert (
+        np.unique(trajectory.positions, axis=0).shape == trajectory.positions.shape
+    )  # states are kept, not a reused buffer
 
 
 def test_a_hull_that_overlaps_a_wall_by_less_than_the_last_digit_is_shown_as_touching_it() -> None:

@@ -10,7 +10,7 @@ from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure, region_of, spl
 from aquanav_tools.evaluate.summary import group, summarise
 from aquanav_tools.sim.vehicle import load_vehicle
-from tests.report.tracks import straight_track
+from tests.report.trajectories import straight_trajectory
 
 POWER = partial(drag_power, load_vehicle("bluerov2"))
 WIDTH = 2.0 * load_vehicle("bluerov2").capsule.radius
@@ -19,11 +19,11 @@ REFERENCE = EpisodeReference("tube", "as given", WIDTH, route_length=18.0, top_s
 
 def episode(**overrides: object) -> EpisodeMetrics:
     values = {"digest": str(overrides), **overrides}
-    return dataclasses.replace(measure(straight_track(), 18.0, REFERENCE), **values)  # type: ignore[arg-type]
+    return dataclasses.replace(measure(straight_trajectory(), 18.0, REFERENCE), **values)  # type: ignore[arg-type]
 
 
 def test_metrics_of_a_straight_episode_are_those_computed_by_hand() -> None:
-    result = measure(straight_track(100), 9.0, REFERENCE)
+    result = measure(straight_trajectory(100), 9.0, REFERENCE)
     assert result.time == pytest.approx(10.0)
     assert result.path_length == pytest.approx(18.0)
     assert result.progress == pytest.approx(18.0)
@@ -39,25 +39,25 @@ def test_metrics_of_a_straight_episode_are_those_computed_by_hand() -> None:
 def test_energy_at_constant_speed_is_drag_times_way() -> None:
     speed, way = 1.8, 18.0
     drag = 4.03 * speed + 18.18 * speed**2  # the BlueROV2's surge damping, N
-    assert measure(straight_track(), 18.0, REFERENCE).energy == pytest.approx(drag * way)
+    assert measure(straight_trajectory(), 18.0, REFERENCE).energy == pytest.approx(drag * way)
 
 
 def test_drifting_with_the_water_costs_no_energy() -> None:
-    track = straight_track()
-    drifting = dataclasses.replace(track, currents=np.tile([1.8, 0.0, 0.0], (101, 1)))
+    trajectory = straight_trajectory()
+    drifting = dataclasses.replace(trajectory, currents=np.tile([1.8, 0.0, 0.0], (101, 1)))
     assert measure(drifting, 18.0, REFERENCE).energy == pytest.approx(0.0, abs=1e-9)
 
 
 def test_velocity_that_grows_by_the_square_of_time_has_constant_jerk() -> None:
-    track = straight_track()
+    trajectory = straight_trajectory()
     velocities = np.zeros((101, 6))
-    velocities[:, 1] = 0.5 * 0.7 * track.times**2
-    assert measure(dataclasses.replace(track, velocities=velocities), 18.0, REFERENCE).jerk == pytest.approx(0.7)
+    velocities[:, 1] = 0.5 * 0.7 * trajectory.times**2
+    assert measure(dataclasses.replace(trajectory, velocities=velocities), 18.0, REFERENCE).jerk == pytest.approx(0.7)
 
 
 def test_time_below_the_vehicles_width_is_counted_in_seconds() -> None:
     clearances = np.where(np.arange(101) <= 30, 0.33, 0.35)
-    assert measure(straight_track(clearances=clearances), 18.0, REFERENCE).time_close == pytest.approx(3.0)
+    assert measure(straight_trajectory(clearances=clearances), 18.0, REFERENCE).time_close == pytest.approx(3.0)
 
 
 def test_spl_of_three_episodes_is_the_one_computed_by_hand() -> None:
@@ -98,4 +98,4 @@ def test_groups_hold_the_episodes_of_their_name() -> None:
 
 def test_a_boats_effort_is_that_of_its_two_controls() -> None:
     boat = dataclasses.replace(REFERENCE, num_controls=2)
-    assert measure(straight_track(100), 9.0, boat).control_effort == pytest.approx(1 / 2)  # full thrust, no steer
+    assert measure(straight_trajectory(100), 9.0, boat).control_effort == pytest.approx(1 / 2)  # full thrust, no steer

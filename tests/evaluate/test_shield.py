@@ -15,7 +15,7 @@ from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.rollout import run_episode
 from aquanav_tools.evaluate.shield import ShieldedPolicy
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.scenario.schema import Scenario
 from tests.evaluate.models import make_model
 
@@ -35,11 +35,11 @@ class Stubborn:
         return self.action
 
 
-def run(tube: Scenario, policy: Any, action: str = "multidiscrete", decisions: int = 120, start: int = 0) -> Track:
+def run(tube: Scenario, policy: Any, action: str = "multidiscrete", decisions: int = 120, start: int = 0) -> Trajectory:
     env = CaveEnv(tube, action=action, max_decisions=decisions)
-    track = run_episode(env, policy, EpisodePlan(0, start))
+    trajectory = run_episode(env, policy, EpisodePlan(0, start))
     env.close()
-    return track
+    return trajectory
 
 
 UP_TO_THE_ROOF = [

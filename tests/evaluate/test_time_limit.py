@@ -36,9 +36,9 @@ def test_the_oracle_arrives_at_the_end_of_a_long_way(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(caves, "TUBE_LENGTH", LONG)
     monkeypatch.setattr(caves, "tube_field", partial(tube_field, 0.25))
     env, oracle = CaveEnv(tube_scenario()), load_policy("baseline:oracle")
-    track = run_episode(env, oracle.policy, EpisodePlan(0, 0))
-    assert track.outcome == "success"
-    assert track.num_decisions > 2400  # the original's limit would have cut it off
+    trajectory = run_episode(env, oracle.policy, EpisodePlan(0, 0))
+    assert trajectory.outcome == "success"
+    assert trajectory.num_decisions > 2400  # the original's limit would have cut it off
 
 
 def episodes_of(tube: Scenario, options: ProtocolOptions) -> tuple[EpisodeSpec, ...]:

@@ -37,8 +37,8 @@ def impact() -> WaterImpact:
 def test_the_sequence_repeats_itself_exactly_in_still_water() -> None:
     for replay in impact().replays[:2]:
         assert replay.current == "still"
-        np.testing.assert_array_equal(replay.track.positions, impact().ideal.positions)
-        assert replay.track.outcome == "success"
+        np.testing.assert_array_equal(replay.trajectory.positions, impact().ideal.positions)
+        assert replay.trajectory.outcome == "success"
         assert not replay.deviation.any()
 
 
@@ -47,10 +47,10 @@ def test_currents_carry_it_off_the_farther_the_stronger_they_are() -> None:
     for weak, strong in zip(half, flood, strict=True):
         # Water that comes towards it at the preset's speed carries it back by that speed times the time, but for the
         # time until it is caught, gusts of 10 % and turns of its head.
-        seconds = weak.track.times[len(weak.deviation) - 1]
+        seconds = weak.trajectory.times[len(weak.deviation) - 1]
         assert 0.4 * PRESETS["half"] * seconds < weak.deviation[-1] < 1.6 * PRESETS["half"] * seconds
         assert strong.deviation.mean() > weak.deviation.mean()
-        assert weak.track.outcome == "timeout"
+        assert weak.trajectory.outcome == "timeout"
 
 
 def test_the_command_writes_numbers_picture_and_recording(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.types import ignore_progress
 from tests.evaluate.policies import ONCE, TROUBLE, drifting_options, line_of, load_drifting
 
 NUM_EPISODES = 8
@@ -100,6 +102,26 @@ def test_ten_kills_at_random_moments_change_nothing(
         kill(process)
     assert begin(drifting_options(folder, output, resume=True, **many)).wait() == 0
     assert_same_files(output, whole)
+
+
+def test_second_evaluation_into_the_same_folder_is_refused_with_who_holds_it(folder: Path, tmp_path: Path) -> None:
+    process = begin(drifting_options(folder, tmp_path, episodes=1000, workers=1))
+    try:
+        wait_until(lambda: (tmp_path / "episodes.jsonl").exists())
+        before = sorted(path.name for path in tmp_path.glob("episode*"))
+        for is_resumed in (False, True):
+            options = drifting_options(folder, tmp_path, episodes=1000, workers=1, resume=is_resumed)
+            with pytest.raises(
+                InputError, match=f"Another process is at work in .*: process {process.pid} on .* since"
+            ):
+                evaluate(options, ignore_progress, load=load_drifting)
+        assert process.poll() is None
+        assert set(before) <= {path.name for path in tmp_path.glob("episode*")}
+    finally:
+        kill(process)
+    options = drifting_options(folder, tmp_path, episodes=2, workers=1)
+    assert len(evaluate(options, ignore_progress, load=load_drifting).episodes) == 2
+    assert not (tmp_path / "lock").exists()
 
 
 def begin(options: EvaluateOptions) -> subprocess.Popen[bytes]:

@@ -8,7 +8,7 @@ from PIL import Image
 
 from aquanav_tools.report.picture import CavePicture, draw_cave
 from aquanav_tools.scenario.schema import Scenario
-from tests.report.tracks import straight_track
+from tests.report.trajectories import straight_trajectory
 
 
 def read_pixels(path: Path) -> np.ndarray:
@@ -24,7 +24,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> tuple[
     folder = tmp_path_factory.mktemp("pictures")
     picture = CavePicture(tube)
     picture.draw(folder / "cave.png")
-    picture.draw(folder / "trail.png", [straight_track()])
+    picture.draw(folder / "trail.png", [straight_trajectory()])
     return read_pixels(folder / "cave.png"), read_pixels(folder / "trail.png")
 
 

@@ -16,7 +16,7 @@ from aquanav_tools.report.recording.episode import DiveScene, record_episode
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.solids import box
 from aquanav_tools.types import Mesh
-from tests.report.tracks import RAYS, straight_track
+from tests.report.trajectories import RAYS, straight_trajectory
 
 RERUN = Path(sys.executable).with_name("rerun")
 HULL = box((0.46, 0.34, 0.25), (0.0, 0.0, 0.0), (255, 200, 40))
@@ -30,7 +30,7 @@ def rerun(*arguments: str | Path) -> str:
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
     path = tmp_path_factory.mktemp("recording") / "episode.rrd"
-    flowing = straight_track(currents=np.tile([0.0, 0.3, 0.0], (101, 1)))
+    flowing = straight_trajectory(currents=np.tile([0.0, 0.3, 0.0], (101, 1)))
     record_episode(DiveScene(CaveModel(tube), HULL, RAYS), flowing, path)
     return path
 
@@ -95,7 +95,7 @@ def columns(path: Path, entity: str) -> Any:
 def test_rays_reach_from_the_vehicle_as_far_as_measured(tmp_path: Path, tube: Scenario) -> None:
     ranges = np.linspace(0.5, 4.0, 101 * 28).reshape(101, 28)
     path = tmp_path / "rays.rrd"
-    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(rays=ranges), path)
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_trajectory(rays=ranges), path)
     from rerun.chunk import RrdReader
 
     reader = RrdReader(path)
@@ -118,7 +118,7 @@ def test_the_currents_arrow_is_the_way_of_the_water_in_two_seconds(recording: Pa
 
 
 def test_still_water_has_no_arrows(tmp_path: Path, tube: Scenario) -> None:
-    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(), tmp_path / "still.rrd")
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_trajectory(), tmp_path / "still.rrd")
     assert not re.search(r"/current\b", rerun("print", "-v", tmp_path / "still.rrd"))
 
 
@@ -126,20 +126,20 @@ def test_a_second_recording_of_a_scene_is_as_whole_as_the_first(tmp_path: Path, 
     scene = DiveScene(CaveModel(tube), HULL, RAYS)
     paths = [tmp_path / f"{seed}.rrd" for seed in range(2)]
     for seed, path in enumerate(paths):
-        record_episode(scene, straight_track(seed=seed), path)
+        record_episode(scene, straight_trajectory(seed=seed), path)
     entities = [sorted(re.findall(r"/[\w/]+\b", rerun("print", path))) for path in paths]
     assert entities[0] == entities[1]
     assert "verified without error" in rerun("verify", *paths)
 
 
 def test_long_episode_stays_small(tmp_path: Path, tube: Scenario, rng: np.random.Generator) -> None:
-    track = straight_track(2400, rays=rng.uniform(0.5, 5.0, (2401, 28)))
-    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), track, tmp_path / "long.rrd")
+    trajectory = straight_trajectory(2400, rays=rng.uniform(0.5, 5.0, (2401, 28)))
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), trajectory, tmp_path / "long.rrd")
     assert (tmp_path / "long.rrd").stat().st_size < 1_500_000
 
 
 def test_repeated_run_keeps_the_recording_id(recording: Path, tmp_path: Path, tube: Scenario) -> None:
-    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_track(), tmp_path / "again.rrd")
+    record_episode(DiveScene(CaveModel(tube), HULL, RAYS), straight_trajectory(), tmp_path / "again.rrd")
 
     def recording_id(path: Path) -> str:
         found = re.search(r'Recording, "aquanav", "([^"]+)"', rerun("stats", path))

@@ -12,7 +12,7 @@ from aquanav_tools.report.scene_model import MAX_POINTS, write_scene
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.solids import box
 from aquanav_tools.types import Pose, yaw_quaternion
-from tests.report.tracks import straight_track
+from tests.report.trajectories import straight_trajectory
 
 VEHICLE = box((0.4, 0.3, 0.2), (0.0, 0.0, 0.0), (10, 200, 30))
 PLACE = np.array([6.0, 0.5, -0.2])
@@ -21,9 +21,9 @@ PLACE = np.array([6.0, 0.5, -0.2])
 @pytest.fixture(scope="module")
 def path(tube: Scenario, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("scene") / "view.glb"
-    clean = straight_track(400, num_collisions=0)
+    clean = straight_trajectory(400, num_collisions=0)
     pose = Pose(PLACE, yaw_quaternion(0.5 * np.pi))
-    write_scene(tube, path, (VEHICLE, pose), (straight_track(50, num_collisions=1), clean))
+    write_scene(tube, path, (VEHICLE, pose), (straight_trajectory(50, num_collisions=1), clean))
     return path
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from aquanav_tools.report.recording.cave import GOAL, ROUTE
 from aquanav_tools.report.recording.episode import RAY_RADIUS, TIMELINE, layout, log_state_colours, log_vehicle
 from aquanav_tools.report.recording.stream import Template
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.sea.sea_map import SeaMap, Way, rock_solid
 from aquanav_tools.types import Array, Mesh
 
@@ -59,18 +59,22 @@ class BayScene:
 
         self.template = Template(log_scene, self._layout())
 
-    def log_sea(self, stream: Any, track: Track) -> None:
+    def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Log the water around the boat as it rises and falls."""
         import rerun as rr
 
-        step = max(round(SEA_EVERY / float(track.times[1] - track.times[0])), 1) if len(track.times) > 1 else 1
-        states = range(0, len(track.times), step)
+        step = (
+            max(round(SEA_EVERY / float(trajectory.times[1] - trajectory.times[0])), 1)
+            if len(trajectory.times) > 1
+            else 1
+        )
+        states = range(0, len(trajectory.times), step)
         side = int(PATCH / CELL) + 1
         grid = (np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2) - 0.5 * side) * CELL
         patches = []
         for state in states:
-            places = grid + np.round(track.positions[state, :2] / CELL) * CELL
-            patches.append(np.column_stack([places, self._rise(places, float(track.times[state]))]))
+            places = grid + np.round(trajectory.positions[state, :2] / CELL) * CELL
+            patches.append(np.column_stack([places, self._rise(places, float(trajectory.times[state]))]))
         faces = _grid_faces(side)
         stream.log("sea", rr.Mesh3D.from_fields(triangle_indices=faces, albedo_factor=SEA), static=True)
         vertices = np.concatenate(patches).astype(np.float32)
@@ -78,7 +82,9 @@ class BayScene:
         columns = rr.Mesh3D.columns(vertex_positions=vertices, vertex_normals=normals).partition(
             [side**2] * len(states)
         )
-        stream.send_columns("sea", [rr.TimeColumn(TIMELINE, duration=track.times[list(states)])], columns, strict=True)
+        stream.send_columns(
+            "sea", [rr.TimeColumn(TIMELINE, duration=trajectory.times[list(states)])], columns, strict=True
+        )
 
     def _layout(self) -> Any:
         import rerun.blueprint as rrb

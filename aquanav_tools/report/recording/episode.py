@@ -9,7 +9,7 @@ import numpy as np
 
 from aquanav_tools.report.recording.cave import CaveModel, eye, log_cave, log_route
 from aquanav_tools.report.recording.stream import Template, recording
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.types import Array, Mesh
 
 MAX_RAY_STATES = 600
@@ -24,7 +24,7 @@ CONTACT_RADIUS = 0.06
 CURRENT_SECONDS = 2.0
 """The current's arrow is as long as the way that the water goes in this time."""
 COMMANDS = ("ballast", "steer", "thrust")
-"""Columns of a track's commands."""
+"""Columns of a trajectory's commands."""
 PAID_ONCE = ("goal", "collision", "timeout")
 """Terms of the reward that would flatten the others' plots: a goal is worth 500."""
 
@@ -49,13 +49,13 @@ class Scene(Protocol):
     template: Template
     """The place, the hull, and the layout."""
     ray_directions: Array
-    """(R, 3) unit vectors in the body frame, in the order of the tracks' rays."""
+    """(R, 3) unit vectors in the body frame, in the order of the trajectories' rays."""
     commands: tuple[str, ...]
     """Those of COMMANDS that the vehicle obeys."""
     stroke: float
     """How much thicker lines are, and how much farther from a wall is near, than for a vehicle in a cave."""
 
-    def log_sea(self, stream: Any, track: Track) -> None:
+    def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Log the surface of the water over time, where there is one."""
 
 
@@ -71,7 +71,7 @@ class DiveScene:
         Args:
             cave: Where the dives are.
             vehicle: How it looks, body frame, m, with colours.
-            ray_directions: (R, 3) unit vectors in the body frame, in the order of the tracks' rays.
+            ray_directions: (R, 3) unit vectors in the body frame, in the order of the trajectories' rays.
         """
         import rerun as rr
 
@@ -87,76 +87,81 @@ class DiveScene:
 
         self.template = Template(log_scene, dive_blueprint(cave))
 
-    def log_sea(self, stream: Any, track: Track) -> None:
+    def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Do nothing: a cave is full of water."""
 
 
-def record_episode(scene: Scene, track: Track, path: Path) -> None:
+def record_episode(scene: Scene, trajectory: Trajectory, path: Path) -> None:
     """Write a recording of one episode.
 
     Args:
         scene: Where it happened.
-        track: What happened.
+        trajectory: What happened.
         path: The .rrd file; replaced when it exists.
     """
-    identity = f"episode {scene.identity} {track.seed} {track.start_index}"
+    identity = f"episode {scene.identity} {trajectory.seed} {trajectory.start_index}"
     with recording(path, identity, scene.template.layout) as stream:
         scene.template.send(stream)
-        _log_properties(stream, track)
-        scene.log_sea(stream, track)
-        _log_motion(stream, track, scene.stroke)
-        _log_contacts(stream, track, scene.stroke)
-        _log_current(stream, track)
-        _log_rays(stream, track, scene.ray_directions)
-        _log_scalars(stream, track, scene.commands)
-        _log_states(stream, track, scene.stroke)
+        _log_properties(stream, trajectory)
+        scene.log_sea(stream, trajectory)
+        _log_motion(stream, trajectory, scene.stroke)
+        _log_contacts(stream, trajectory, scene.stroke)
+        _log_current(stream, trajectory)
+        _log_rays(stream, trajectory, scene.ray_directions)
+        _log_scalars(stream, trajectory, scene.commands)
+        _log_states(stream, trajectory, scene.stroke)
 
 
-def _log_properties(stream: Any, track: Track) -> None:
+def _log_properties(stream: Any, trajectory: Trajectory) -> None:
     import rerun as rr
 
-    stream.send_recording_name(f"seed {track.seed}: {track.outcome}")
+    stream.send_recording_name(f"seed {trajectory.seed}: {trajectory.outcome}")
     stream.send_property(
         "episode",
-        rr.AnyValues(seed=track.seed, start=track.start_index, outcome=track.outcome, collisions=track.num_collisions),
+        rr.AnyValues(
+            seed=trajectory.seed,
+            start=trajectory.start_index,
+            outcome=trajectory.outcome,
+            collisions=trajectory.num_collisions,
+        ),
     )
 
 
-def _log_motion(stream: Any, track: Track, stroke: float) -> None:
+def _log_motion(stream: Any, trajectory: Trajectory, stroke: float) -> None:
     """Log the hull's motion, and the trail as one static line per decision, coloured by clearance."""
     import rerun as rr
 
-    quaternions = track.orientations[:, [1, 2, 3, 0]]  # rerun's order is (x, y, z, w)
-    motion = rr.Transform3D.columns(translation=track.positions, quaternion=quaternions)
-    stream.send_columns("vehicle", [_time_column(track.times)], motion, strict=True)
-    strips = _strips(np.stack([track.positions[:-1], track.positions[1:]], axis=1))
-    colours = distance_colours(track.clearances[1:], NEAR_WALL * 4 * stroke)
+    quaternions = trajectory.orientations[:, [1, 2, 3, 0]]  # rerun's order is (x, y, z, w)
+    motion = rr.Transform3D.columns(translation=trajectory.positions, quaternion=quaternions)
+    stream.send_columns("vehicle", [_time_column(trajectory.times)], motion, strict=True)
+    strips = _strips(np.stack([trajectory.positions[:-1], trajectory.positions[1:]], axis=1))
+    colours = distance_colours(trajectory.clearances[1:], NEAR_WALL * 4 * stroke)
     trail = rr.LineStrips3D(strips, colors=colours, radii=TRAIL_RADIUS * stroke)
     stream.log("trail", trail, static=True, strict=True)
 
 
-def _log_contacts(stream: Any, track: Track, stroke: float) -> None:
+def _log_contacts(stream: Any, trajectory: Trajectory, stroke: float) -> None:
     """Log a ball wherever the hull came to touch the wall."""
     import rerun as rr
 
-    places = track.positions[track.contact_states]
+    places = trajectory.positions[trajectory.contact_states]
     if len(places):
         balls = rr.Points3D(places, colors=STATE_COLOURS["collision"], radii=CONTACT_RADIUS * stroke)
         stream.log("contacts", balls, static=True, strict=True)
 
 
-def _log_current(stream: Any, track: Track) -> None:
+def _log_current(stream: Any, trajectory: Trajectory) -> None:
     """Log which way the water flows past the vehicle, where it does."""
     import rerun as rr
 
-    if not track.currents.any():
+    if not trajectory.currents.any():
         return
     arrows = rr.Arrows3D.columns(
-        origins=track.positions,
-        vectors=CURRENT_SECONDS * track.currents,
-        colors=np.tile(np.array(WATER, dtype=np.uint8), (len(track.times), 1)),
+        origins=trajectory.positions,
+        vectors=CURRENT_SECONDS * trajectory.currents,
+        colors=np.tile(np.array(WATER, dtype=np.uint8), (len(trajectory.times), 1)),
     )
-    stream.send_columns("current", [_time_column(track.times)], arrows, strict=True)
+    stream.send_columns("current", [_time_column(trajectory.times)], arrows, strict=True)
 
 
 def _strips(corners: Array) -> Any:
@@ -184,17 +189,17 @@ def log_vehicle(stream: Any, vehicle: Mesh) -> None:
     stream.log("vehicle/hull", mesh, static=True, strict=True)
 
 
-def _log_rays(stream: Any, track: Track, directions: Array) -> None:
+def _log_rays(stream: Any, trajectory: Trajectory, directions: Array) -> None:
     import rerun as rr
 
-    every = -(-len(track.times) // MAX_RAY_STATES)
-    ranges = track.rays[::every]
+    every = -(-len(trajectory.times) // MAX_RAY_STATES)
+    ranges = trajectory.rays[::every]
     num_states, num_rays = ranges.shape
     corners = np.zeros((num_states * num_rays, 2, 3), dtype=np.float32)
     corners[:, 1] = (ranges[..., None] * directions).reshape(-1, 3)
-    colours = distance_colours(ranges.ravel(), float(track.rays.max()))
+    colours = distance_colours(ranges.ravel(), float(trajectory.rays.max()))
     columns = rr.LineStrips3D.columns(strips=_strips(corners), colors=colours).partition([num_rays] * num_states)
-    stream.send_columns("vehicle/rays", [_time_column(track.times[::every])], columns, strict=True)
+    stream.send_columns("vehicle/rays", [_time_column(trajectory.times[::every])], columns, strict=True)
 
 
 def distance_colours(distances: Array, far: float) -> Any:
@@ -203,28 +208,31 @@ def distance_colours(distances: Array, far: float) -> Any:
     return (NEAR * (1.0 - share) + FAR * share).astype(np.uint8)
 
 
-def _log_scalars(stream: Any, track: Track, commands: tuple[str, ...]) -> None:
+def _log_scalars(stream: Any, trajectory: Trajectory, commands: tuple[str, ...]) -> None:
     import rerun as rr
 
     series = {
-        "clearance": (track.times, track.clearances),
-        "progress": (track.times, track.progress),
-        "cost": (track.times, track.costs),
-        **{f"reward/{term}": (track.times[1:], values) for term, values in track.reward_terms.items()},
-        **{f"command/{name}": (track.times[:-1], track.commands[:, COMMANDS.index(name)]) for name in commands},
+        "clearance": (trajectory.times, trajectory.clearances),
+        "progress": (trajectory.times, trajectory.progress),
+        "cost": (trajectory.times, trajectory.costs),
+        **{f"reward/{term}": (trajectory.times[1:], values) for term, values in trajectory.reward_terms.items()},
+        **{
+            f"command/{name}": (trajectory.times[:-1], trajectory.commands[:, COMMANDS.index(name)])
+            for name in commands
+        },
     }
     for name, (times, values) in series.items():
         stream.send_columns(f"plots/{name}", [_time_column(times)], rr.Scalars.columns(scalars=values), strict=True)
 
 
-def _log_states(stream: Any, track: Track, stroke: float) -> None:
+def _log_states(stream: Any, trajectory: Trajectory, stroke: float) -> None:
     """Log what the vehicle was at, wherever that changes."""
     import rerun as rr
 
-    states = np.append(states_of(track.collided, track.clearances / stroke)[:-1], track.outcome)
+    states = np.append(states_of(trajectory.collided, trajectory.clearances / stroke)[:-1], trajectory.outcome)
     changes = np.flatnonzero(np.append(True, states[1:] != states[:-1]))
     columns = rr.StateChange.columns(state=states[changes].tolist())
-    stream.send_columns("state", [_time_column(track.times[changes])], columns, strict=True)
+    stream.send_columns("state", [_time_column(trajectory.times[changes])], columns, strict=True)
 
 
 def states_of(are_collided: Any, clearances: Any) -> Any:

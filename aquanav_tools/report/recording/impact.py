@@ -11,7 +11,7 @@ import numpy as np
 from aquanav_tools.report.recording.cave import CaveModel, eye, log_cave, log_route
 from aquanav_tools.report.recording.episode import TIMELINE
 from aquanav_tools.report.recording.stream import recording
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.types import Array, Capsule
 
 COLOURS = ((42, 157, 143), (31, 111, 139), (123, 44, 191), (233, 162, 59))
@@ -21,8 +21,8 @@ IDEAL, CONTACT = (255, 255, 255), (229, 56, 59)
 
 def record_impact(
     cave: CaveModel,
-    ideal: Track,
-    replays: Sequence[tuple[str, Sequence[tuple[Track, Array]]]],
+    ideal: Trajectory,
+    replays: Sequence[tuple[str, Sequence[tuple[Trajectory, Array]]]],
     hull: Capsule,
     path: Path,
 ) -> None:
@@ -31,7 +31,7 @@ def record_impact(
     Args:
         cave: where they swim.
         ideal: the dive in still water.
-        replays: for every current, its name and its tracks with their (D + 1,) deviation, m.
+        replays: for every current, its name and its trajectories with their (D + 1,) deviation, m.
         hull: the vehicle's capsule.
         path: the .rrd file; replaced when it exists.
     """
@@ -49,27 +49,27 @@ def record_impact(
         log_route(stream, scenario)
         _log_dive(stream, "still", ideal, IDEAL, hull)
         for number, (current, runs) in enumerate(replays):
-            for track, deviation in runs:
-                name, colour = f"{current}/seed_{track.seed}", COLOURS[number % len(COLOURS)]
-                _log_dive(stream, name, track, colour, hull)
-                times = [rr.TimeColumn(TIMELINE, duration=track.times[: len(deviation)])]
+            for trajectory, deviation in runs:
+                name, colour = f"{current}/seed_{trajectory.seed}", COLOURS[number % len(COLOURS)]
+                _log_dive(stream, name, trajectory, colour, hull)
+                times = [rr.TimeColumn(TIMELINE, duration=trajectory.times[: len(deviation)])]
                 stream.send_columns(f"plots/{name}", times, rr.Scalars.columns(scalars=deviation), strict=True)
                 stream.log(f"plots/{name}", rr.SeriesLines(colors=colour), static=True, strict=True)
 
 
-def _log_dive(stream: Any, name: str, track: Track, colour: tuple[int, int, int], hull: Capsule) -> None:
+def _log_dive(stream: Any, name: str, trajectory: Trajectory, colour: tuple[int, int, int], hull: Capsule) -> None:
     """Log a dive's whole way, its contacts, and a ball of the hull's width that swims along it."""
     import rerun as rr
 
-    trail = rr.LineStrips3D([track.positions], colors=colour, radii=0.012)
+    trail = rr.LineStrips3D([trajectory.positions], colors=colour, radii=0.012)
     stream.log(f"dives/{name}/trail", trail, static=True, strict=True)
-    contacts = track.positions[track.contact_states]
+    contacts = trajectory.positions[trajectory.contact_states]
     if len(contacts):
         points = rr.Points3D(contacts, colors=CONTACT, radii=0.06)
         stream.log(f"dives/{name}/contacts", points, static=True, strict=True)
-    times = [rr.TimeColumn(TIMELINE, duration=track.times)]
+    times = [rr.TimeColumn(TIMELINE, duration=trajectory.times)]
     columns = rr.Points3D.columns(
-        positions=track.positions, colors=np.tile(np.array(colour, dtype=np.uint8), (len(track.times), 1)),
-        radii=np.full(len(track.times), hull.radius),
+        positions=trajectory.positions, colors=np.tile(np.array(colour, dtype=np.uint8), (len(trajectory.times), 1)),
+        radii=np.full(len(trajectory.times), hull.radius),
     )  # fmt: skip
     stream.send_columns(f"dives/{name}/vehicle", times, columns, strict=True)

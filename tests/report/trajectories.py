@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.report.track import Track
+from aquanav_tools.report.trajectory import Trajectory
 
 RAYS = np.stack([np.cos(np.linspace(-1, 1, 28)), np.sin(np.linspace(-1, 1, 28)), np.zeros(28)], axis=1)
 
 
-def straight_track(num_decisions: int = 100, **overrides: object) -> Track:
+def straight_trajectory(num_decisions: int = 100, **overrides: object) -> Trajectory:
     """From x = 1 to x = 19 along the tube's axis at constant speed, 0.1 s per decision, one contact half way."""
     share = np.linspace(0.0, 1.0, num_decisions + 1)
     positions = np.stack([1.0 + 18.0 * share, np.zeros_like(share), np.zeros_like(share)], axis=1)
@@ -35,4 +35,4 @@ def straight_track(num_decisions: int = 100, **overrides: object) -> Track:
         "reward_terms": {"movement": np.full(num_decisions, 0.6), "time": np.full(num_decisions, -0.1)},
         "num_collisions": 1,
     }
-    return Track(**{**values, **overrides})  # type: ignore[arg-type]
+    return Trajectory(**{**values, **overrides})  # type: ignore[arg-type]

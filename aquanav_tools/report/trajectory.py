@@ -13,7 +13,7 @@ FAILED = "failed"
 
 
 @dataclass(frozen=True, eq=False)
-class Trail:
+class TrajectorySummary:
     """Where an episode led: a row per state (the reset and every decision), so D decisions have D + 1 rows."""
 
     seed: int
@@ -42,7 +42,7 @@ class Trail:
 
 
 @dataclass(frozen=True, eq=False)
-class Track(Trail):
+class Trajectory(TrajectorySummary):
     """All about one episode; a row per decision for actions and rewards.
 
     Decision k leads from state k to state k + 1.

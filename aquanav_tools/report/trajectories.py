@@ -9,7 +9,7 @@ import numpy as np
 
 from aquanav_tools.report.figures import BAD, INK
 from aquanav_tools.report.relief import View
-from aquanav_tools.report.track import Trail
+from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.types import Array
 
 FEW_CONTACTS = 20
@@ -17,29 +17,31 @@ FEW_CONTACTS = 20
 CRASH = BAD
 
 
-def draw_trails(axes: Any, tracks: Sequence[Trail], view: View) -> Any:
-    """Draw every track's trail and return the lines, whose colours the clearance bar explains."""
+def draw_trajectories(axes: Any, trajectories: Sequence[TrajectorySummary], view: View) -> Any:
+    """Draw every trajectory's trail and return the lines, whose colours the clearance bar explains."""
     from matplotlib.collections import LineCollection
 
-    lines = [view.project(track.positions) for track in tracks]
-    is_alone = len(tracks) == 1
+    lines = [view.project(trajectory.positions) for trajectory in trajectories]
+    is_alone = len(trajectories) == 1
     if is_alone:
         axes.plot(*lines[0].T, color=INK, linewidth=3.6, alpha=0.6, zorder=5, solid_capstyle="round")
     segments = np.concatenate([np.stack([line[:-1], line[1:]], axis=1) for line in lines])
-    clearances = np.concatenate([track.clearances[1:] for track in tracks])
-    trails = LineCollection(
+    clearances = np.concatenate([trajectory.clearances[1:] for trajectory in trajectories])
+    collection = LineCollection(
         list(segments), cmap="plasma", linewidths=2.2 if is_alone else 1.1, zorder=6, capstyle="round"
     )
-    trails.set_array(clearances)
+    collection.set_array(clearances)
     # No segment at all: the policies failed before they chose an action.
-    trails.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1) if len(clearances) else 0.1)
-    axes.add_collection(trails)
-    contacts = np.concatenate([line[track.contact_states] for line, track in zip(lines, tracks, strict=True)])
+    collection.set_clim(0.0, max(float(np.percentile(clearances, 95.0)), 0.1) if len(clearances) else 0.1)
+    axes.add_collection(collection)
+    contacts = np.concatenate(
+        [line[trajectory.contact_states] for line, trajectory in zip(lines, trajectories, strict=True)]
+    )
     size = float(np.clip(46.0 * FEW_CONTACTS / max(len(contacts), 1), 4.0, 46.0))
     axes.scatter(*contacts.T, marker="x", s=size, color=CRASH, linewidths=0.26 * np.sqrt(size), zorder=8)
     beginnings = np.array([line[0] for line in lines])
     axes.scatter(*beginnings.T, s=34 if is_alone else 14, color="white", edgecolors=INK, linewidths=0.8, zorder=8)
-    return trails
+    return collection
 
 
 def draw_crowds(axes: Any, contacts: Array, spot: float) -> Any:
