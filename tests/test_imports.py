@@ -49,6 +49,8 @@ ROOMS_BELOW = {
 """Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""
 
 IMPORTERS = {
+    "onnx": {"evaluate/onnx_file.py", "evaluate/onnx_run.py", "train/export.py"},
+    "onnxruntime": {"evaluate/onnx_run.py"},
     "open3d": {"libraries.py"},
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},
@@ -63,7 +65,10 @@ DOCTOR = "cli/doctor.py"
 FRONT = "__init__.py"
 """The package itself shows what is in `api`, which it loads when it is asked for."""
 
-HEAVY = {"ray", "torch", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy", "warp", "numpy"}
+HEAVY = {
+    "ray", "torch", "onnx", "onnxruntime", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy",
+    "warp", "numpy",
+}  # fmt: skip
 """Libraries that take long to import, down to a tenth of a second for numpy."""
 
 

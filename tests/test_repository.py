@@ -24,6 +24,7 @@ PACKAGE_OF = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
     "fcl": "python-fcl",
+    "google": "protobuf",
     "igl": "libigl",
     "rerun": "rerun-sdk",
     "skimage": "scikit-image",

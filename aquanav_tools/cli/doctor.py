@@ -57,6 +57,22 @@ def _try_numba() -> str:
     return "compiled a function"
 
 
+def _try_onnxruntime() -> str:
+    import numpy as np
+    import onnx
+    import onnxruntime
+
+    described = onnx.helper.make_tensor_value_info("x", onnx.TensorProto.FLOAT, [1])
+    add = onnx.helper.make_node("Add", ["x", "x"], ["y"])
+    output = onnx.helper.make_tensor_value_info("y", onnx.TensorProto.FLOAT, [1])
+    graph = onnx.helper.make_graph([add], "sum", [described], [output])
+    model = onnx.helper.make_model(graph, opset_imports=[onnx.helper.make_opsetid("", 13)], ir_version=8)
+    session = onnxruntime.InferenceSession(model.SerializeToString(), providers=["CPUExecutionProvider"])
+    if session.run(None, {"x": np.ones(1, dtype=np.float32)})[0][0] != 2.0:
+        raise RuntimeError("a model of one sum gave a wrong sum")
+    return "ran a model of one sum"
+
+
 def _try_open3d() -> str:
     from aquanav_tools.libraries import load_open3d
 
@@ -109,6 +125,7 @@ TRIALS: dict[str, Callable[[], str]] = {
     "manifold3d": _try_manifold3d,
     "matplotlib": _try_matplotlib,
     "numba": _try_numba,
+    "onnxruntime": _try_onnxruntime,
     "open3d": _try_open3d,
     "pybullet": _try_pybullet,
     "pycolmap": _try_pycolmap,

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.onnx_file import OnnxGraph, read_onnx
-from aquanav_tools.evaluate.onnx_run import OnnxRunner
+from aquanav_tools.evaluate.onnx_file import constants_of, input_shapes, read_onnx
+from aquanav_tools.evaluate.onnx_run import OnnxRunner, Shape
 from aquanav_tools.policy.spaces import MAX_SIZE
 
 SUFFIX = ".onnx"
@@ -35,13 +35,15 @@ class MlAgentsPolicy:
         Raises:
             InputError: it is damaged, no policy of ML-Agents, or one with memory, or one that sees images.
         """
-        graph = read_onnx(path)
-        _check_kind(graph, path)
-        self._sizes = _observation_sizes(graph, path)
-        self._is_continuous = ACTIONS not in graph.outputs
+        model = read_onnx(path)
+        shapes, outputs = input_shapes(model), [value.name for value in model.graph.output]
+        _check_kind(shapes, outputs, path)
+        _check_memory(constants_of(model), path)
+        self._sizes = _observation_sizes(shapes, path)
+        self._is_continuous = ACTIONS not in outputs
         output = CONTINUOUS if self._is_continuous else ACTIONS
-        self._runner = OnnxRunner(graph, [output], f"The policy {path}")
-        num_choices = 0 if self._is_continuous else _num_choices(graph, path)
+        self._runner = OnnxRunner(model, [output], f"The policy {path}")
+        num_choices = 0 if self._is_continuous else _num_choices(shapes[MASKS], path)
         self._masks = np.ones((1, num_choices), dtype=np.float32)
         self.observation_space = spaces.Box(-np.inf, np.inf, (sum(self._sizes),), np.float32)
         """The sensors' values in a row, obs_0 first."""
@@ -101,20 +103,23 @@ def _sizes_of_branches(taken: npt.NDArray[np.int64], path: Path) -> list[int]:
     return sizes
 
 
-def _check_kind(graph: OnnxGraph, path: Path) -> None:
-    is_discrete = ACTIONS in graph.outputs and MASKS in graph.input_shapes
-    if not is_discrete and CONTINUOUS not in graph.outputs:
+def _check_kind(shapes: dict[str, Shape], outputs: list[str], path: Path) -> None:
+    is_discrete = ACTIONS in outputs and MASKS in shapes
+    if not is_discrete and CONTINUOUS not in outputs:
         raise InputError(
-            f"The policy {path} has the outputs {', '.join(graph.outputs) or 'none'}; {ACTIONS} and the input {MASKS}, "
+            f"The policy {path} has the outputs {', '.join(outputs) or 'none'}; {ACTIONS} and the input {MASKS}, "
             f"or {CONTINUOUS}, are needed. It was exported before ML-Agents 2, or is no policy of ML-Agents."
         )
-    memory = graph.constants.get(MEMORY)
+
+
+def _check_memory(constants: dict[str, npt.NDArray[Any]], path: Path) -> None:
+    memory = constants.get(MEMORY)
     if memory is not None and memory.any():
         raise InputError(f"The policy {path} has a memory of {memory.ravel()[0]:g} values; only those without are run.")
 
 
-def _observation_sizes(graph: OnnxGraph, path: Path) -> list[int]:
-    shapes = {name: shape for name, shape in graph.input_shapes.items() if name != MASKS}
+def _observation_sizes(shapes: dict[str, Shape], path: Path) -> list[int]:
+    shapes = {name: shape for name, shape in shapes.items() if name != MASKS}
     wanted = [f"obs_{n}" for n in range(len(shapes))]
     is_flat = all(len(shape) == 2 and 1 <= shape[1] <= MAX_SIZE for shape in shapes.values())
     if set(shapes) != set(wanted) or not shapes or not is_flat:
@@ -125,12 +130,11 @@ def _observation_sizes(graph: OnnxGraph, path: Path) -> list[int]:
     return [shapes[name][1] for name in wanted]
 
 
-def _num_choices(graph: OnnxGraph, path: Path) -> int:
-    shape = graph.input_shapes[MASKS]
+def _num_choices(shape: Shape, path: Path) -> int:
     if len(shape) != 2 or not 1 <= shape[1] <= MAX_SIZE:
         raise InputError(f"The policy {path} has action masks of shape {shape}; a fixed number of choices is needed.")
     return shape[1]
 
 
-def _list(shapes: dict[str, tuple[int, ...]]) -> Any:
+def _list(shapes: dict[str, Shape]) -> Any:
     return ", ".join(f"{name} {list(shape)}" for name, shape in shapes.items()) or "none"

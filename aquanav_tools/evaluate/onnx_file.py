@@ -1,60 +1,33 @@
-"""Reading ONNX files without trusting them: the numbers, nodes and names of a graph, bounded, and no code.
+"""Reading ONNX files without trusting them: refused before onnxruntime sees what no feed-forward policy holds.
 
-An ONNX file is one message in Protocol Buffers' wire format. What a feed-forward policy holds is read here; whatever
-else a file may carry (subgraphs, functions, data in other files) is refused or left out.
-
-Source: the message definitions in onnx.proto of the ONNX project, versions of the format (IR) 3 to 12.
+Such are numbers in other files, operations of a domain of one's own, subgraphs, functions, and sizes beyond bounds.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aquanav_tools.errors import InputError
+
+if TYPE_CHECKING:
+    import onnx
 
 MAX_FILE_BYTES = 64 << 20
 """The original's policies have 0.2 MB."""
 MAX_NODES = 5_000
 MAX_RANK = 8
-VARINT, FIXED64, BYTES, FIXED32 = 0, 1, 2, 5
+MAX_OPSET = 23
+"""The newest that onnxruntime runs on Python 3.10 (its version 1.23)."""
+DOMAINS = ("", "ai.onnx")
 TENSOR_TYPES = {1: np.float32, 6: np.int32, 7: np.int64, 9: np.bool_, 11: np.float64}
 """ONNX's numbers for the types that policies use."""
 
-Tensor = npt.NDArray[Any]
-Message = dict[int, list[Any]]
 
-
-@dataclass(frozen=True)
-class OnnxNode:
-    """One operation."""
-
-    kind: str
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    attributes: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class OnnxGraph:
-    """Operations in an order in which they can run, and the constants they use."""
-
-    opset: int
-    nodes: tuple[OnnxNode, ...]
-    constants: dict[str, Tensor]
-    input_shapes: dict[str, tuple[int, ...]]
-    """Of the inputs that are no constants; -1 for a length that is open, such as the batch's."""
-    outputs: tuple[str, ...]
-
-
-def read_onnx(path: Path) -> OnnxGraph:
-    """Return the graph in an ONNX file.
+def read_onnx(path: Path) -> onnx.ModelProto:
+    """Return the model in an ONNX file; its operations may still be unknown, or not fit each other.
 
     Raises:
         InputError: no such file, too large, damaged, or with contents that no feed-forward policy has.
@@ -65,149 +38,102 @@ def read_onnx(path: Path) -> OnnxGraph:
         raise InputError(
             f"{path} has {path.stat().st_size} bytes, more than {MAX_FILE_BYTES}: no policy for this task."
         )
+    import onnx
+    from google.protobuf.message import DecodeError
+
     try:
-        return _graph(_message(path.read_bytes()))
-    except (struct.error, IndexError, ValueError, KeyError, TypeError) as cause:
+        model = onnx.load_model_from_string(path.read_bytes())
+        _check_model(model)
+    except (DecodeError, ValueError, TypeError) as cause:
         raise InputError(
             f"{path} is not a readable ONNX policy: {cause}. It was cut off while being copied, is a pointer of Git "
             "LFS (run: git lfs pull), or is something else. Copy or export it again."
         ) from cause
+    return model
 
 
-def _message(content: bytes) -> Message:
-    """Return the values of each field of a message; nested ones as bytes."""
-    fields: Message = {}
-    for number, value in _fields(content):
-        fields.setdefault(number, []).append(value)
-    return fields
+def constants_of(model: onnx.ModelProto) -> dict[str, Any]:
+    """Return the arrays that a model holds, by name."""
+    from onnx.numpy_helper import to_array
+
+    return {tensor.name: to_array(tensor) for tensor in model.graph.initializer}
 
 
-def _fields(content: bytes) -> Iterator[tuple[int, Any]]:
-    n = 0
-    while n < len(content):
-        key, n = _varint(content, n)
-        wire = key & 7
-        value: Any
-        if wire == VARINT:
-            value, n = _varint(content, n)
-        elif wire in (FIXED32, FIXED64):
-            size = 4 if wire == FIXED32 else 8
-            value, n = content[n : n + size], n + size
-        elif wire == BYTES:
-            length, n = _varint(content, n)
-            value, n = content[n : n + length], n + length
-        else:
-            raise ValueError(f"byte {n} begins a field of the unknown kind {wire}")
-        if n > len(content):
-            raise ValueError("a field reaches beyond the end of the file")
-        yield key >> 3, value
+def input_shapes(model: onnx.ModelProto) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of the inputs that are no constants; -1 for a length that is open, such as the batch's."""
+    constants = {tensor.name for tensor in model.graph.initializer}
+    return {value.name: _shape(value) for value in model.graph.input if value.name not in constants}
 
 
-def _varint(content: bytes, n: int) -> tuple[int, int]:
-    value = 0
-    for shift in range(0, 70, 7):
-        byte = content[n]
-        n += 1
-        value |= (byte & 0x7F) << shift
-        if byte < 0x80:
-            return value, n
-    raise ValueError("a number of more than 10 bytes")
+def _shape(value: onnx.ValueInfoProto) -> tuple[int, ...]:
+    lengths = value.type.tensor_type.shape.dim
+    return tuple(length.dim_value if length.HasField("dim_value") else -1 for length in lengths)
 
 
-def _integers(values: list[Any]) -> list[int]:
-    """Return a repeated integer field, packed or not, with its sign."""
-    numbers: list[int] = []
-    for value in values:
-        if isinstance(value, int):
-            numbers.append(value)
-            continue
-        n = 0
-        while n < len(value):
-            number, n = _varint(value, n)
-            numbers.append(number)
-    return [number - (1 << 64) if number >= 1 << 63 else number for number in numbers]
-
-
-def _floats(values: list[Any]) -> list[float]:
-    return np.frombuffer(b"".join(values), np.float32).astype(float).tolist()
-
-
-def _text(fields: Message, number: int) -> str:
-    value = fields.get(number, [b""])[0]
-    if not isinstance(value, bytes):
-        raise ValueError("a number where a name should stand")
-    return value.decode("utf-8")
-
-
-def _graph(model: Message) -> OnnxGraph:
-    if 7 not in model:
+def _check_model(model: onnx.ModelProto) -> None:
+    if not model.HasField("graph"):
         raise ValueError("it has no graph")
-    opsets = [_message(entry) for entry in model.get(8, [])]
-    plain = [_integers(entry.get(2, []))[0] for entry in opsets if _text(entry, 1) in ("", "ai.onnx")]
-    if not plain:
+    if model.functions or model.training_info:
+        raise ValueError("it holds functions or training steps, which no policy of plain layers has")
+    _check_names(model)
+    versions = {entry.domain: entry.version for entry in model.opset_import}
+    foreign = sorted(set(versions) - set(DOMAINS))
+    if foreign:
+        raise ValueError(f"it uses operations of the foreign domain '{foreign[0]}'")
+    if not versions:
         raise ValueError("it names no version of ONNX's operations")
-    fields = _message(model[7][0])
-    nodes = tuple(_node(_message(entry)) for entry in fields.get(1, []))
-    if len(nodes) > MAX_NODES:
-        raise ValueError(f"it has {len(nodes)} operations, more than {MAX_NODES}")
-    constants = dict(_tensor(_message(entry)) for entry in fields.get(5, []))
-    shapes = dict(_input(_message(entry)) for entry in fields.get(11, []))
-    inputs = {name: shape for name, shape in shapes.items() if name not in constants}
-    return OnnxGraph(
-        plain[0], nodes, constants, inputs, tuple(_text(_message(entry), 1) for entry in fields.get(12, []))
-    )
+    if max(versions.values()) > MAX_OPSET:
+        raise ValueError(
+            f"it uses operations of ONNX version {max(versions.values())}; versions up to {MAX_OPSET} are known"
+        )
+    if len(model.graph.node) > MAX_NODES:
+        raise ValueError(f"it has {len(model.graph.node)} operations, more than {MAX_NODES}")
+    if model.graph.sparse_initializer:
+        raise ValueError("it holds sparse numbers, which no policy of plain layers has")
+    for tensor in model.graph.initializer:
+        _check_tensor(tensor)
+    for node in model.graph.node:
+        _check_node(node)
 
 
-def _node(fields: Message) -> OnnxNode:
-    if _text(fields, 7) not in ("", "ai.onnx"):
-        raise ValueError(f"its operation {_text(fields, 4)} is of the foreign domain '{_text(fields, 7)}'")
-    names = [tuple(name.decode("utf-8") for name in fields.get(number, [])) for number in (1, 2)]
-    attributes = dict(_attribute(_message(entry)) for entry in fields.get(5, []))
-    return OnnxNode(_text(fields, 4), names[0], names[1], attributes)
+def _check_names(model: onnx.ModelProto) -> None:
+    """Refuse names that are no UTF-8, which the library returns as bytes."""
+    graph = model.graph
+    named = [
+        *graph.node,
+        *graph.initializer,
+        *graph.input,
+        *graph.output,
+        *(a for n in graph.node for a in n.attribute),
+    ]
+    names: list[Any] = [item.name for item in named] + [entry.domain for entry in model.opset_import]
+    for node in graph.node:
+        names += [node.op_type, node.domain, *node.input, *node.output]
+    if not all(isinstance(name, str) for name in names):
+        raise ValueError("a name in it is no text")
 
 
-def _attribute(fields: Message) -> tuple[str, Any]:
-    name = _text(fields, 1)
-    if 5 in fields:
-        return name, _tensor(_message(fields[5][0]))[1]
-    if 7 in fields:
-        return name, _floats(fields[7])
-    if 8 in fields:
-        return name, _integers(fields[8])
-    if 2 in fields:
-        return name, _floats(fields[2])[0]
-    if 3 in fields:
-        return name, _integers(fields[3])[0]
-    if 4 in fields:
-        return name, fields[4][0]
-    return name, None
+def _check_node(node: onnx.NodeProto) -> None:
+    if node.domain not in DOMAINS:
+        raise ValueError(f"its operation {node.op_type} is of the foreign domain '{node.domain}'")
+    for attribute in node.attribute:
+        if attribute.HasField("g") or attribute.graphs:
+            raise ValueError(f"its operation {node.op_type} holds a graph, which no policy of plain layers has")
+        if attribute.HasField("sparse_tensor") or attribute.sparse_tensors:
+            raise ValueError(f"its operation {node.op_type} holds sparse numbers")
+        for tensor in [*([attribute.t] if attribute.HasField("t") else []), *attribute.tensors]:
+            _check_tensor(tensor)
 
 
-def _tensor(fields: Message) -> tuple[str, Tensor]:
-    name, shape = _text(fields, 8), _integers(fields.get(1, []))
-    kind = _integers(fields.get(2, [0]))[0]
-    if kind not in TENSOR_TYPES or 14 in fields or 13 in fields:
-        raise ValueError(f"the numbers '{name}' are of the type {kind}, or lie in another file")
-    if len(shape) > MAX_RANK or any(length < 0 for length in shape):
-        raise ValueError(f"the numbers '{name}' have the shape {shape}")
-    dtype = TENSOR_TYPES[kind]
-    values: Tensor
-    if 9 in fields:
-        values = np.frombuffer(fields[9][0], dtype)
-    elif kind == 1:
-        values = np.array(_floats(fields.get(4, [])), dtype)
-    else:
-        values = np.array(_integers(fields.get(7 if kind == 7 else 5, [])), dtype)
-    if dtype in (np.float32, np.float64) and not np.isfinite(values).all():
-        raise ValueError(f"the numbers '{name}' are not all finite; its training diverged")
-    return name, values.reshape(shape)
+def _check_tensor(tensor: onnx.TensorProto) -> None:
+    from onnx.numpy_helper import to_array
 
-
-def _input(fields: Message) -> tuple[str, tuple[int, ...]]:
-    shape: list[int] = []
-    kinds = _message(fields[2][0]) if 2 in fields else {}
-    tensor = _message(kinds[1][0]) if 1 in kinds else {}
-    for entry in _message(tensor[2][0]).get(1, []) if 2 in tensor else []:
-        length = _integers(_message(entry).get(1, []))
-        shape.append(length[0] if length else -1)
-    return _text(fields, 1), tuple(shape)
+    if tensor.data_location or tensor.external_data:
+        raise ValueError(f"the numbers '{tensor.name}' lie in another file")
+    if tensor.data_type not in TENSOR_TYPES:
+        raise ValueError(f"the numbers '{tensor.name}' are of the type {tensor.data_type}")
+    if len(tensor.dims) > MAX_RANK or any(length < 0 for length in tensor.dims):
+        raise ValueError(f"the numbers '{tensor.name}' have the shape {list(tensor.dims)}")
+    values = to_array(tensor)  # a ValueError where shape and numbers do not fit
+    if values.dtype.kind == "f" and not np.isfinite(values).all():
+        raise ValueError(f"the numbers '{tensor.name}' are not all finite; its training diverged")

@@ -1,7 +1,7 @@
 """Policies for other programs: ONNX, in the form of Unity's ML-Agents, and TorchScript.
 
-The ONNX file is written by hand, since a policy is a dozen plain operations: the packages that exporters need, and
-their ways of changing with each version, are not worth it. `aquanav-eval` runs it, as onnxruntime does.
+The ONNX file is put together with onnx's own helpers, in the form that ML-Agents gives it; torch's exporter was left
+out, as it needs two packages more and names values in its own way.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import warnings
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
@@ -21,13 +21,14 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import LIMIT, NormalisedObservations
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.actors import Actor
-from aquanav_tools.train.wire import chunk, integer
+
+if TYPE_CHECKING:
+    import onnx
 
 ONNX_FILE, SCRIPT_FILE = "policy.onnx", "policy.pt"
 OPSET, IR_VERSION = 13, 8
 FLOAT, INT64 = 1, 7
 """Types of values in ONNX."""
-INT_ATTRIBUTE = 2
 MUCH = 1e8
 """Taken from the logits of choices that are forbidden, as ML-Agents does."""
 OBSERVATIONS, MASKS = "obs_0", "action_masks"
@@ -74,27 +75,25 @@ class _Graph:
     """Operations and constants so far."""
 
     def __init__(self) -> None:
-        self.nodes: list[bytes] = []
-        self.constants: list[bytes] = []
+        self.nodes: list[onnx.NodeProto] = []
+        self.constants: list[onnx.TensorProto] = []
 
     def constant(self, values: Any, name: str = "", *, scalar: bool = False) -> str:
         """Add numbers, float32 or int64, and return their name."""
+        from onnx.numpy_helper import from_array
+
         array = np.asarray(values.detach().numpy() if isinstance(values, torch.Tensor) else values)
         array = array.astype(np.int64 if array.dtype.kind == "i" else np.float32)
         name = name or f"constant_{len(self.constants)}"
-        shape = () if scalar else array.shape
-        kind = INT64 if array.dtype == np.int64 else FLOAT
-        dims = b"".join(integer(1, length) for length in shape)
-        self.constants.append(dims + integer(2, kind) + chunk(8, name) + chunk(9, array.tobytes()))
+        self.constants.append(from_array(array.reshape(()) if scalar else array, name))
         return name
 
     def node(self, kind: str, inputs: list[str], output: str = "", **attributes: int) -> str:
         """Add an operation and return the name of its value."""
+        from onnx.helper import make_node
+
         output = output or f"value_{len(self.nodes)}"
-        content = b"".join(chunk(1, name) for name in inputs) + chunk(2, output) + chunk(4, kind)
-        for name, value in attributes.items():
-            content += chunk(5, chunk(1, name) + integer(3, value) + integer(20, INT_ATTRIBUTE))
-        self.nodes.append(content)
+        self.nodes.append(make_node(kind, inputs, [output], **attributes))
         return output
 
 
@@ -130,14 +129,14 @@ def _add_choices(graph: _Graph, value: str, branches: list[int]) -> None:
 
 
 def _model(graph: _Graph, inputs: dict[str, int], output: tuple[str, int, int]) -> bytes:
-    content = b"".join(chunk(1, node) for node in graph.nodes) + chunk(2, "policy")
-    content += b"".join(chunk(5, constant) for constant in graph.constants)
-    content += b"".join(chunk(11, _described(name, FLOAT, size)) for name, size in inputs.items())
-    content += chunk(12, _described(*output))
-    return integer(1, IR_VERSION) + chunk(2, "aquanav") + chunk(8, chunk(1, "") + integer(2, OPSET)) + chunk(7, content)
+    import onnx
+    from onnx import helper
 
-
-def _described(name: str, kind: int, size: int) -> bytes:
-    """Return the ValueInfoProto of a (batch, size) value."""
-    shape = chunk(1, chunk(2, "batch")) + chunk(1, integer(1, size))
-    return chunk(1, name) + chunk(2, chunk(1, integer(1, kind) + chunk(2, shape)))
+    described = [helper.make_tensor_value_info(name, FLOAT, ["batch", size]) for name, size in inputs.items()]
+    name, kind, size = output
+    outputs = [helper.make_tensor_value_info(name, kind, ["batch", size])]
+    whole = helper.make_graph(graph.nodes, "policy", described, outputs, graph.constants)
+    opset = helper.make_opsetid("", OPSET)
+    model = helper.make_model(whole, opset_imports=[opset], ir_version=IR_VERSION, producer_name="aquanav")
+    onnx.checker.check_model(model, full_check=True)
+    return model.SerializeToString()

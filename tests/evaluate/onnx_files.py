@@ -1,4 +1,4 @@
-"""Tiny ONNX files, written by the tests in Protocol Buffers' wire format."""
+"""Tiny ONNX files, written by the tests with onnx."""
 
 from __future__ import annotations
 
@@ -6,74 +6,41 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import onnx
+from onnx import helper, numpy_helper
 
 from aquanav_tools.types import Array
 
-Node = tuple[str, list[str], list[str], dict[str, Any]]
 
-
-def number(field: int, value: int) -> bytes:
-    """An integer field."""
-    return varint(field << 3) + varint(value % (1 << 64))
-
-
-def chunk(field: int, content: bytes) -> bytes:
-    """A field of bytes: a text or a nested message."""
-    return varint(field << 3 | 2) + varint(len(content)) + content
-
-
-def varint(value: int) -> bytes:
-    """An integer, seven bits to a byte."""
-    out = b""
-    while value >= 0x80:
-        out += bytes([value & 0x7F | 0x80])
-        value >>= 7
-    return out + bytes([value])
-
-
-def tensor(name: str, values: Any) -> bytes:
-    """A TensorProto with raw data."""
+def tensor(name: str, values: Any) -> onnx.TensorProto:
+    """Numbers, float32 or int64."""
     array = np.asarray(values)
-    array = array.astype(np.float32) if array.dtype.kind == "f" else array.astype(np.int64)
-    dims = b"".join(number(1, length) for length in array.shape)
-    return dims + number(2, 1 if array.dtype == np.float32 else 7) + chunk(8, name.encode()) + chunk(9, array.tobytes())
+    return numpy_helper.from_array(array.astype(np.float32 if array.dtype.kind == "f" else np.int64), name)
 
 
 def node(
     kind: str, inputs: Sequence[str], outputs: Sequence[str], attributes: dict[str, Any], domain: str = ""
-) -> bytes:
-    """A NodeProto."""
-    content = b"".join(chunk(1, name.encode()) for name in inputs) + b"".join(chunk(2, n.encode()) for n in outputs)
-    content += chunk(4, kind.encode()) + chunk(7, domain.encode())
-    for name, value in attributes.items():
-        entry = chunk(1, name.encode())
-        if isinstance(value, list):
-            entry += b"".join(number(8, item) for item in value)
-        elif isinstance(value, float):
-            entry += varint(2 << 3 | 5) + np.float32(value).tobytes()
-        elif isinstance(value, int):
-            entry += number(3, value)
-        else:
-            entry += chunk(5, tensor("", value))
-        content += chunk(5, entry)
-    return content
+) -> onnx.NodeProto:
+    """An operation."""
+    values = {name: tensor("", value) if isinstance(value, np.generic) else value for name, value in attributes.items()}
+    return helper.make_node(kind, inputs, outputs, domain=domain, **values)
 
 
 def model(
-    nodes: Sequence[bytes],
+    nodes: Sequence[onnx.NodeProto],
     constants: dict[str, Any],
     inputs: Mapping[str, Sequence[int]],
     outputs: Sequence[str],
-    opset: int,
-) -> bytes:
-    """A ModelProto; an input's length of -1 is open."""
-    graph = b"".join(chunk(1, entry) for entry in nodes)
-    graph += b"".join(chunk(5, tensor(name, values)) for name, values in constants.items())
-    for name, shape in inputs.items():
-        dims = b"".join(chunk(1, chunk(2, b"batch") if length < 0 else number(1, length)) for length in shape)
-        graph += chunk(11, chunk(1, name.encode()) + chunk(2, chunk(1, number(1, 1) + chunk(2, dims))))
-    graph += b"".join(chunk(12, chunk(1, name.encode())) for name in outputs)
-    return number(1, 6) + chunk(8, chunk(1, b"") + number(2, opset)) + chunk(7, graph)
+    opset: int = 13,
+) -> onnx.ModelProto:
+    """A model; an input's length of -1 is open. Its outputs have no types, as only their names are read."""
+    described = [
+        helper.make_tensor_value_info(name, 1, ["batch" if length < 0 else length for length in shape])
+        for name, shape in inputs.items()
+    ]
+    values = [tensor(name, value) for name, value in constants.items()]
+    graph = helper.make_graph(nodes, "policy", described, [onnx.ValueInfoProto(name=name) for name in outputs], values)
+    return helper.make_model(graph, opset_imports=[helper.make_opsetid("", opset)], ir_version=6)
 
 
 def policy(
@@ -115,4 +82,4 @@ def policy(
     inputs |= changes.pop("inputs", {})
     opset = changes.pop("opset", 9)
     constants = constants | {"memory_size": np.zeros(1)} | changes
-    return model(nodes, constants, inputs, ["discrete_actions", best], opset)
+    return model(nodes, constants, inputs, ["discrete_actions", best], opset).SerializeToString()
