@@ -95,8 +95,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
     if final is not None:
         lines.append(
             f"The last policy reached the goal in {final.success_rate:.0%} of {final.episodes} whole episodes in "
-            f"{_named(lesson.scenarios)} (PyBullet, without chance in its actions), in {final.clean_success_rate:.0%} "
-            f"without a collision; {final.mean_collisions:.1f} collisions per episode."
+            f"{_named(lesson.all_scenarios)} (PyBullet, without chance in its actions), in "
+            f"{final.clean_success_rate:.0%} without a collision; {final.mean_collisions:.1f} collisions per episode."
         )
     policy = folder / "policy.zip"
     if best is None:

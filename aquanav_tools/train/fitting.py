@@ -20,13 +20,13 @@ WARM_UP = 10_000
 
 
 def fitted(lesson: TrainSettings) -> TrainSettings:
-    """Return a lesson with numbers for what it leaves open: buffer, batch and warm_up."""
+    """Return a lesson with numbers for what it leaves open: buffer, batch and learning_starts."""
     buffer = lesson.buffer or _buffer(lesson)
     return dataclasses.replace(
         lesson,
         buffer=buffer,
         batch=lesson.batch or _batch(buffer),
-        warm_up=lesson.warm_up or min(WARM_UP, lesson.steps // 20),
+        learning_starts=lesson.learning_starts or min(WARM_UP, lesson.steps // 20),
     )
 
 
@@ -52,8 +52,8 @@ def described(lesson: TrainSettings, done: int = 0) -> str:
     asked += f", {done:,} of them before and {total - done:,}" if done else ""
     if lesson.algorithm in OFF_POLICY:
         return (
-            f"{total:,} decisions{asked}, {size} at a time, one in each environment; the first {lesson.warm_up:,} are "
-            "taken at random, and nothing is learned before."
+            f"{total:,} decisions{asked}, {size} at a time, one in each environment; the first "
+            f"{lesson.learning_starts:,} are taken at random, and nothing is learned before."
         )
     text = f"{total:,} decisions{asked} in {number:,} update{'s' if number > 1 else ''} of {size:,} (buffer)."
     if number < FEW_UPDATES and not done:

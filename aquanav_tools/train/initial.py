@@ -141,10 +141,10 @@ def _check_sight(initial: InitialPolicy, settings: TrainSettings) -> None:
     variances = [value for name, value in initial.weights.items() if name.endswith(NORMALISER_VARIANCE)]
     places = blind_places(settings.observation) if variances else {}
     hidden = [name for name, place in places.items() if place < len(variances[0]) and variances[0][place] >= HIDDEN]
-    if not set(hidden) <= set(settings.blind_to):
+    if not set(hidden) <= set(settings.masked_observations):
         raise InputError(
             f"The policy {initial.path} was kept from seeing {' and '.join(hidden)}, and this run shows it. Add "
-            f"--blind-to {' '.join(hidden)}."
+            f"--masked-observations {' '.join(hidden)}."
         )
 
 

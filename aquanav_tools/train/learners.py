@@ -88,9 +88,9 @@ def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Line
         batch_size=settings.batch,
         n_epochs=settings.epochs,
         gamma=settings.discount,
-        gae_lambda=settings.trace,
+        gae_lambda=settings.gae_lambda,
         clip_range=settings.clip,
-        ent_coef=settings.entropy,
+        ent_coef=settings.ent_coef,
         policy_kwargs=network,
         seed=seed,
         device="cpu",
@@ -105,7 +105,7 @@ def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Lin
         envs,
         learning_rate=rate,
         buffer_size=settings.replay,
-        learning_starts=settings.warm_up,
+        learning_starts=settings.learning_starts,
         batch_size=settings.batch,
         gamma=settings.discount,
         train_freq=1,
@@ -151,12 +151,12 @@ def take_in(learner: BaseAlgorithm, observations: np.ndarray, settings: TrainSet
 
 def _hide(learner: BaseAlgorithm, settings: TrainSettings) -> None:
     """Keep from the network what it is to be blind to."""
-    if not settings.blind_to:
+    if not settings.masked_observations:
         return
     places = blind_places(settings.observation)
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
-            module.hide([places[name] for name in settings.blind_to])
+            module.hide([places[name] for name in settings.masked_observations])
 
 
 def blind_places(observation: str) -> dict[str, int]:

@@ -16,7 +16,7 @@ from typing import Any
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.train.settings import NETWORK, RunSettings, TrainSettings
+from aquanav_tools.train.settings import NETWORK, RENAMED, RunSettings, TrainSettings
 
 FOLDER = "pipelines/train"
 MAX_CHAIN = 8
@@ -142,6 +142,8 @@ def check_settings(names: Iterable[str], where: str) -> None:
 
 def _check_keys(names: Iterable[str], where: str, known: Set[str]) -> None:
     for key in names:
+        if key in RENAMED:
+            raise InputError(f"{where} has the key '{key}', which is called {RENAMED[key]} now. Rename it there.")
         if key not in known:
             raise InputError(f"{where} has the unknown key '{key}'.{did_you_mean(key, known)}")
 
@@ -149,4 +151,6 @@ def _check_keys(names: Iterable[str], where: str, known: Set[str]) -> None:
 def _lesson_tables(lessons: object, where: str) -> list[dict[str, Any]]:
     if not isinstance(lessons, list) or not lessons or not all(isinstance(lesson, dict) for lesson in lessons):
         raise InputError(f"{where}: lessons must be tables [[lessons]], at least one. Correct it there.")
+    for lesson in lessons:
+        _check_keys((key for key in lesson if key in RENAMED), where, frozenset())
     return lessons

@@ -41,7 +41,7 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
         facts.insert(1, Fact("collision-free success", f"{final.clean_success_rate:.0%}", about))
     if best is not None:
         facts.insert(1, Fact("best in validation", f"{best.clean_success_rate:.0%}", f"after {best.steps:,} decisions"))
-    caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.scenarios)
+    caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.all_scenarios)
     page = Page(
         title=f"Training in {' and '.join(caves)}",
         summary=f"{pipeline.lessons[0].algorithm} learned from {point.steps:,} decisions.",
@@ -95,5 +95,5 @@ def _lessons(pipeline: Pipeline, points: Sequence[CurvePoint]) -> Table:
         water = "its own" if lesson.current is None else str(lesson.current)
         rates = (f"{last.success_rate:.0%}", f"{last.clean_success_rate:.0%}")
         numbers = (f"{lesson.steps:,}", f"{lesson.learning_rate:g}", f"{lesson.clip:g}")
-        rows.append((str(number), ", ".join(lesson.scenarios), water, *numbers, lesson.reward, *rates))
+        rows.append((str(number), ", ".join(lesson.all_scenarios), water, *numbers, lesson.reward, *rates))
     return Table("Lessons, with the rates of their last episodes", COLUMNS, tuple(rows))

@@ -11,8 +11,16 @@ from aquanav_tools.task import TaskOptions
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
-NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "blind_to", "memory")
+NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "masked_observations", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
+RENAMED = {
+    "also": "scenarios",
+    "blind_to": "masked_observations",
+    "trace": "gae_lambda",
+    "warm_up": "learning_starts",
+    "entropy": "ent_coef",
+}
+"""Settings by the names that they once had, and have now: pipelines with an old one are refused, runs go on."""
 _POSITIVE = (
     "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
 )  # fmt: skip
@@ -24,7 +32,7 @@ class TrainSettings(TaskOptions):
 
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
-    also: tuple[str, ...] = ()
+    scenarios: tuple[str, ...] = ()
     """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole buffers, so it may take a few more; the
@@ -41,7 +49,7 @@ class TrainSettings(TaskOptions):
     """Environments, each with its own vehicle."""
     mirrored: bool = False
     """Whether every second environment is seen in a mirror that swaps left and right: as many caves again."""
-    blind_to: tuple[Literal["distance", "elevation", "depth"], ...] = ()
+    masked_observations: tuple[Literal["distance", "elevation", "depth"], ...] = ()
     """What the network is kept from seeing: the goal's distance or elevation, or the depth. They tell where in a cave
     it is, so that it may learn caves by heart. Needs normalise."""
     normalise: bool = True
@@ -66,15 +74,15 @@ class TrainSettings(TaskOptions):
     """Passes over the buffer per update."""
     discount: float = 0.99
     """Gamma."""
-    trace: float = 0.95
+    gae_lambda: float = 0.95
     """Lambda of the generalised advantage estimate."""
-    entropy: float = 0.005
+    ent_coef: float = 0.005
     """Weight of the entropy bonus; sac finds its own."""
     memory: int = 64
     """Width of recurrent-ppo's LSTM."""
     replay: int = 300_000
     """Decisions that sac and td3 remember; a lesson begins with none."""
-    warm_up: int = 0
+    learning_starts: int = 0
     """Decisions at random before sac and td3 begin to learn. 0 takes a twentieth of the steps, 10000 at most."""
     update_ratio: float = 0.25
     """Gradient steps of sac and td3 per decision."""
@@ -83,22 +91,24 @@ class TrainSettings(TaskOptions):
     Weights, and the means and spreads of observations and returns, are carried on always."""
 
     @property
-    def scenarios(self) -> tuple[str, ...]:
+    def all_scenarios(self) -> tuple[str, ...]:
         """All that the lesson is learned in."""
-        return (self.scenario, *self.also)
+        return (self.scenario, *self.scenarios)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in _POSITIVE:
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
-        for name in ("discount", "trace"):
+        for name in ("discount", "gae_lambda"):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
-        _check(math.isfinite(self.entropy) and self.entropy >= 0, f"entropy must not be negative, got {self.entropy}.")
         _check(
-            len(self.also) < self.num_envs,
-            f"The lesson has {1 + len(self.also)} scenarios for {self.num_envs} environments. Take more (num_envs).",
+            math.isfinite(self.ent_coef) and self.ent_coef >= 0, f"ent_coef must not be negative, got {self.ent_coef}."
         )
-        for name in ("buffer", "batch", "warm_up"):
+        _check(
+            len(self.scenarios) < self.num_envs,
+            f"The lesson has {1 + len(self.scenarios)} scenarios for {self.num_envs} environments. Take more (num_envs).",
+        )
+        for name in ("buffer", "batch", "learning_starts"):
             _check(getattr(self, name) >= 0, f"{name} must not be negative, got {getattr(self, name)}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
         for name in ("num_envs", "batch"):
@@ -107,16 +117,16 @@ class TrainSettings(TaskOptions):
                 f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
             )
         _check(
-            self.normalise or not self.blind_to,
-            "Without normalise, the network sees all that is observed. Leave blind_to out.",
+            self.normalise or not self.masked_observations,
+            "Without normalise, the network sees all that is observed. Leave masked_observations out.",
         )
         _check(
-            self.observation != "original" or not (self.blind_to or self.mirrored),
-            "mirrored and blind_to need the observation paper or full, and it is original. Leave them out.",
+            self.observation != "original" or not (self.masked_observations or self.mirrored),
+            "mirrored and masked_observations need the observation paper or full, and it is original. Leave them out.",
         )
         _check(
-            self.observation == "full" or "depth" not in self.blind_to,
-            f"The observation {self.observation} has no depth. Leave it out of blind_to.",
+            self.observation == "full" or "depth" not in self.masked_observations,
+            f"The observation {self.observation} has no depth. Leave it out of masked_observations.",
         )
         _check(
             self.algorithm not in OFF_POLICY or self.action == "continuous",

@@ -94,7 +94,7 @@ def train(
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [
-        [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.scenarios)]
+        [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.all_scenarios)]
         for lesson in pipeline.lessons
     ]
     trials_in = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
@@ -144,8 +144,8 @@ def _check_task(pipeline: Pipeline, places: list[Place]) -> None:
     caves = [place.name for place in places if not isinstance(place, Bay)]
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
-    if bays and any(lesson.mirrored or lesson.blind_to for lesson in pipeline.lessons):
-        raise InputError(f"mirrored and blind_to are for caves, and {bays[0]} is a bay. Leave them out.")
+    if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
+        raise InputError(f"mirrored and masked_observations are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
 def _initial(pipeline: Pipeline, place: Place) -> InitialPolicy | None:

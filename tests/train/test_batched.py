@@ -130,7 +130,7 @@ def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tub
 def test_stopped_run_in_two_caves_ends_as_one_that_never_stopped(
     tube: Path, still_tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pipeline = tiny_pipeline(tube, 1, ON_BATCH, also=(str(still_tube),), steps=256)
+    pipeline = tiny_pipeline(tube, 1, ON_BATCH, scenarios=(str(still_tube),), steps=256)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         stop_after(patch, 1)

@@ -59,19 +59,19 @@ def test_a_buffer_that_is_given_is_kept_and_told_with_what_it_makes_of_the_steps
     assert "61,440 decisions (60,000 were asked for) in 3 updates of 20,480 (buffer)" in said
     assert "So few updates teach little" in said and "--buffer 0" in said
     for shipped in read_pipeline("paper", {}).lessons:
-        assert fitted(shipped) == TrainSettings(**{**vars(shipped), "warm_up": 10_000})
+        assert fitted(shipped) == TrainSettings(**{**vars(shipped), "learning_starts": 10_000})
 
 
 def test_a_batch_that_is_given_divides_the_buffer() -> None:
     assert fitted(TrainSettings(steps=10_000, batch=48)).buffer % 48 == 0
 
 
-def test_warm_up_of_a_short_run_leaves_time_to_learn(tube: Path, tmp_path: Path) -> None:
-    settings = {"algorithm": "sac", "action": "continuous", "buffer": 0, "batch": 0, "warm_up": 0, "steps": 160}
+def test_learning_of_a_short_run_starts_in_time(tube: Path, tmp_path: Path) -> None:
+    settings = {"algorithm": "sac", "action": "continuous", "buffer": 0, "batch": 0, "learning_starts": 0, "steps": 160}
     pipeline = tiny_pipeline(tube, **settings)
     lesson = fitted(pipeline.lessons[0])
-    assert lesson.warm_up == 8 and "the first 8 are taken at random" in described(lesson)
-    assert fitted(TrainSettings(algorithm="sac", action="continuous")).warm_up == 10_000
+    assert lesson.learning_starts == 8 and "the first 8 are taken at random" in described(lesson)
+    assert fitted(TrainSettings(algorithm="sac", action="continuous")).learning_starts == 10_000
     train(pipeline, 0, tmp_path)
     # 4 environments: 40 decisions each, so that the last is learned from at a fortieth of the rate.
     assert rates(tmp_path)[-1] == pytest.approx(3e-4 / 40)

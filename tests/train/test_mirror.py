@@ -48,9 +48,9 @@ def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
     envs.close()
 
 
-def test_a_network_acts_the_same_whatever_it_is_blind_to(rng: np.random.Generator) -> None:
+def test_a_network_acts_the_same_whatever_it_is_masked_observations(rng: np.random.Generator) -> None:
     settings = dataclasses.replace(
-        TINY, num_envs=2, batch=2, buffer=2, observation="full", blind_to=("distance", "depth")
+        TINY, num_envs=2, batch=2, buffer=2, observation="full", masked_observations=("distance", "depth")
     )
     envs = TrainingEnvs([starting((4.0, 0.0, 0.0), 0.0)], settings, 0)
     learner = make_learner(envs, settings, 0)

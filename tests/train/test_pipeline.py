@@ -22,7 +22,7 @@ def write(folder: Path, name: str, text: str) -> Path:
 def test_every_shipped_pipeline_is_valid(name: str) -> None:
     pipeline = read_pipeline(name, CAVE if name == "quick" else {})
     assert pipeline.steps > 0
-    used = {*pipeline.run.validation, *(name for lesson in pipeline.lessons for name in lesson.scenarios)}
+    used = {*pipeline.run.validation, *(name for lesson in pipeline.lessons for name in lesson.all_scenarios)}
     assert used <= {*scenario_names(), *shipped_names(BAYS)}
 
 
@@ -55,7 +55,7 @@ def test_variants_differ_from_the_paper_in_what_they_are_called_by() -> None:
 def test_no_pipeline_trains_or_chooses_on_a_test_cave() -> None:
     for name in shipped_names(FOLDER):
         pipeline = read_pipeline(name, CAVE if name == "quick" else {})
-        used = {*pipeline.run.validation, *(name for lesson in pipeline.lessons for name in lesson.scenarios)}
+        used = {*pipeline.run.validation, *(name for lesson in pipeline.lessons for name in lesson.all_scenarios)}
         assert not any(cave.startswith("cave-test") for cave in used)
 
 
@@ -67,8 +67,8 @@ def test_what_is_said_later_counts(tmp_path: Path) -> None:
     lessons = read_pipeline(middle, {}).lessons
     assert [(lesson.clip, lesson.steps) for lesson in lessons] == [(0.1, 9), (0.3, 9)]
     top = write(tmp_path, "top", 'extends = "middle.toml"\nclip = 0.2\n[[lessons]]\nsteps = 5\n')
-    pipeline = read_pipeline(top, {"entropy": 0.5})
-    assert [(lesson.clip, lesson.steps, lesson.entropy) for lesson in pipeline.lessons] == [(0.2, 5, 0.5)]
+    pipeline = read_pipeline(top, {"ent_coef": 0.5})
+    assert [(lesson.clip, lesson.steps, lesson.ent_coef) for lesson in pipeline.lessons] == [(0.2, 5, 0.5)]
     assert pipeline.run.workers == 2
 
 
@@ -91,3 +91,9 @@ def test_senseless_pipelines_are_refused(tmp_path: Path, text: str, message: str
     with pytest.raises(InputError) as error:
         read_pipeline(write(tmp_path, "mine", text), {})
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["trace = 0.9", "[[lessons]]\nscenario = 'cave-train-1'\ntrace = 0.9"])
+def test_setting_by_its_old_name_is_refused_with_the_new_one(text: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"own\.toml has the key 'trace', which is called gae_lambda now"):
+        read_pipeline(write(tmp_path, "own", text), CAVE)

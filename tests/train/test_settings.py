@@ -11,7 +11,7 @@ def test_defaults_are_the_originals() -> None:
     # Section 3 of the original's contract: epochs, gamma, lambda, entropy, network, lesson 1.
     settings = TrainSettings()
     assert settings.epochs == 5
-    assert (settings.discount, settings.trace, settings.entropy) == (0.99, 0.95, 0.005)
+    assert (settings.discount, settings.gae_lambda, settings.ent_coef) == (0.99, 0.95, 0.005)
     assert (settings.hidden, settings.learning_rate, settings.clip) == ((128, 128, 128), 3e-4, 0.2)
     assert settings.normalise
 
@@ -24,9 +24,9 @@ def test_defaults_are_the_originals() -> None:
         ({"batch": 1000, "buffer": 20480}, "buffer (20480) must be a multiple of batch (1000)"),
         ({"discount": 1.5}, "discount must be in [0, 1], got 1.5"),
         ({"hidden": []}, "hidden must list positive widths"),
-        ({"entropy": -1.0}, "entropy must not be negative"),
+        ({"ent_coef": -1.0}, "ent_coef must not be negative"),
         (
-            {"scenario": "a", "also": ["b", "c"], "num_envs": 2},
+            {"scenario": "a", "scenarios": ["b", "c"], "num_envs": 2},
             "has 3 scenarios for 2 environments. Take more (num_envs)",
         ),
         ({"reward": "denser"}, "Did you mean 'dense'"),
