@@ -54,6 +54,7 @@ IMPORTERS = {
     "pybullet": {"sim/bullet.py"},
     "ray": {"evaluate/cluster.py"},
     "rerun": {"report/recording/"},
+    "tensorboardX": {"train/events.py"},
     "warp": {"sim/batch/"},
 }
 """Which files, or folders where it ends in a slash, may import a library. The doctor may try them all."""
@@ -61,7 +62,7 @@ DOCTOR = "cli/doctor.py"
 
 HEAVY = {
     "ray", "torch", "onnx", "onnxruntime", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy",
-    "warp", "numpy",
+    "tensorboardX", "warp", "numpy",
 }  # fmt: skip
 """Libraries that take long to import, down to a tenth of a second for numpy."""
 
