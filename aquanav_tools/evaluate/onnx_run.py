@@ -104,7 +104,8 @@ def _part(model: onnx.ModelProto, outputs: tuple[str, ...], what: str) -> onnx.M
     """Return the operations that outputs need, with a batch of one."""
     import onnx
 
-    needed, nodes = set(outputs), []
+    needed = set(outputs)
+    nodes: list[onnx.NodeProto] = []
     for node in reversed(model.graph.node):
         if needed & set(node.output):
             if node.op_type not in OPERATIONS:
