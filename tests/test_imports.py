@@ -56,6 +56,7 @@ IMPORTERS = {
     "pybullet": {"sim/bullet.py"},
     "ray": {"evaluate/cluster.py"},
     "rerun": {"report/recording/"},
+    "tensorboardX": {"train/events.py"},
     "tyro": {"cli/"},
     "warp": {"sim/batch/"},
 }
@@ -67,7 +68,7 @@ FRONT = "__init__.py"
 
 HEAVY = {
     "ray", "torch", "onnx", "onnxruntime", "open3d", "pycolmap", "rerun", "pybullet", "matplotlib", "numba", "scipy",
-    "warp", "numpy",
+    "tensorboardX", "warp", "numpy",
 }  # fmt: skip
 """Libraries that take long to import, down to a tenth of a second for numpy."""
 

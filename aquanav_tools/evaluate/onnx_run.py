@@ -104,7 +104,8 @@ def _part(model: onnx.ModelProto, outputs: tuple[str, ...], what: str) -> onnx.M
     """Return the operations that outputs need, with a batch of one."""
     import onnx
 
-    needed, nodes = set(outputs), []
+    needed = set(outputs)
+    nodes: list[onnx.NodeProto] = []
     for node in reversed(model.graph.node):
         if needed & set(node.output):
             if node.op_type not in OPERATIONS:
@@ -132,7 +133,7 @@ def _part(model: onnx.ModelProto, outputs: tuple[str, ...], what: str) -> onnx.M
 def _check_values(model: onnx.ModelProto) -> None:
     """Refuse values without a shape of their own or without numbers, too much work, and whole numbers in a division.
 
-    onnxruntime divides whole numbers by zero, which ends the process.
+    onnxruntime 1.32 divides -2^63 by -1, whole numbers, and the processor ends the process (SIGFPE).
     """
     graph = model.graph
     described = {value.name: value.type.tensor_type for value in [*graph.input, *graph.value_info, *graph.output]}

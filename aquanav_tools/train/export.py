@@ -90,10 +90,11 @@ class _Graph:
 
     def node(self, kind: str, inputs: list[str], output: str = "", **attributes: int) -> str:
         """Add an operation and return the name of its value."""
-        from onnx.helper import make_node
+        from onnx.helper import make_attribute, make_node
 
         output = output or f"value_{len(self.nodes)}"
-        self.nodes.append(make_node(kind, inputs, [output], **attributes))
+        self.nodes.append(make_node(kind, inputs, [output]))
+        self.nodes[-1].attribute.extend(make_attribute(name, value) for name, value in attributes.items())
         return output
 
 

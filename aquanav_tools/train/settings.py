@@ -106,7 +106,8 @@ class TrainSettings(TaskOptions):
         )
         _check(
             len(self.scenarios) < self.num_envs,
-            f"The lesson has {len(self.all_scenarios)} scenarios for {self.num_envs} environments. Take more (num_envs).",
+            f"The lesson has {len(self.all_scenarios)} scenarios for {self.num_envs} environments. Take more "
+            "(num_envs).",
         )
         for name in ("buffer", "batch", "learning_starts"):
             _check(getattr(self, name) >= 0, f"{name} must not be negative, got {getattr(self, name)}.")

@@ -214,7 +214,7 @@ SIDE = int(MAX_VALUES**0.5) + 1
 UNFIT = [
     ([node("Add", ["a", "b"], ["y"], {})], {"a": np.ones((SIDE, 1)), "b": np.ones((1, SIDE))}, "it would make"),
     ([node("MatMul", ["a", "a"], ["y"], {})], {"a": np.ones((1001, 1001))}, "multiplications, more than"),
-    ([node("Div", ["a", "b"], ["y"], {})], {"a": np.array([1]), "b": np.array([0])}, "divides whole numbers"),
+    ([node("Div", ["a", "b"], ["y"], {})], {"a": np.array([-(2**63)]), "b": np.array([-1])}, "divides whole numbers"),
     ([node("Slice", ["a", "b", "b"], ["y"], {})], {"a": np.ones(3), "b": np.array([1])}, "or none at all"),
     ([node("Add", ["y", "a"], ["y"], {})], {"a": np.ones(3)}, "cannot be run|nowhere"),
     ([node("Add", ["a", "b"], ["y"], {})], {"a": np.ones(3), "b": np.array([1])}, "cannot be run"),

@@ -4,29 +4,45 @@ import struct
 from pathlib import Path
 
 import pytest
+from tensorboardX.proto import event_pb2
 
-from aquanav_tools.train.events import FILE, EventFile, _crc32c, _masked
-
-
-def test_checksum_is_castagnolis() -> None:
-    # RFC 3720, appendix B.4, and the usual check value of "123456789".
-    assert _crc32c(b"123456789") == 0xE3069283
-    assert _crc32c(bytes(32)) == 0x8A9136AA
-    assert _crc32c(b"\xff" * 32) == 0x62A8AB43
+from aquanav_tools.train.events import FILE, EventFile
 
 
-def test_every_record_is_framed_by_its_length_and_checksums(tmp_path: Path) -> None:
+def test_each_number_is_in_the_file_as_soon_as_it_is_added(tmp_path: Path) -> None:
     events = EventFile(tmp_path)
     for step in range(3):
-        events.add(step, 0.5 * step, {"rollout/mean_reward": 1.5})
-    content, records = (tmp_path / FILE).read_bytes(), 0
-    while content:
+        events.add(step, 0.5 * step, {"rollout/mean_reward": 1.5 * step})
+    content, found = (tmp_path / FILE).read_bytes(), []
+    while content:  # a record is its length, a checksum, as many bytes, and a checksum
         (length,) = struct.unpack("<Q", content[:8])
-        data = content[12 : 12 + length]
-        assert struct.unpack("<I", content[8:12])[0] == _masked(content[:8])
-        assert struct.unpack("<I", content[12 + length : 16 + length])[0] == _masked(data)
-        content, records = content[16 + length :], records + 1
-    assert records == 4
+        assert struct.unpack("<I", content[8:12])[0] == masked_checksum(content[:8])
+        assert struct.unpack("<I", content[12 + length : 16 + length])[0] == masked_checksum(content[12 : 12 + length])
+        found.append(event_pb2.Event.FromString(content[12 : 12 + length]))
+        content = content[16 + length :]
+    assert found[0].file_version == "brain.Event:2"
+    values = [
+        (one.step, one.wall_time, one.summary.value[0].tag, one.summary.value[0].simple_value) for one in found[1:]
+    ]
+    assert values == [(step, 0.5 * step, "rollout/mean_reward", 1.5 * step) for step in range(3)]
+
+
+def masked_checksum(data: bytes) -> int:
+    """CRC-32C (Castagnoli), masked as TensorFlow's record_writer.h says."""
+    crc = 0xFFFFFFFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = crc >> 1 ^ (0x82F63B78 if crc & 1 else 0)
+    crc ^= 0xFFFFFFFF
+    return ((crc >> 15 | crc << 17) + 0xA282EAD8) & 0xFFFFFFFF
+
+
+def test_a_file_begun_again_holds_only_what_came_after(tmp_path: Path) -> None:
+    EventFile(tmp_path).add(1, 0.0, {"a": 1.0})
+    EventFile(tmp_path)
+    assert b"brain.Event:2" in (tmp_path / FILE).read_bytes()
+    assert len((tmp_path / FILE).read_bytes()) < 50
 
 
 def test_tensorboard_reads_the_numbers(tmp_path: Path) -> None:
