@@ -35,3 +35,7 @@ class EventFile:
     def _write(self, event: Event) -> None:
         self._writer.write(event.SerializeToString())
         self._writer.flush()
+
+    def close(self) -> None:
+        """Close the file, which is complete already."""
+        self._writer.close()

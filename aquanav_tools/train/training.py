@@ -107,14 +107,14 @@ def train(
         if overwrite:
             record.clear()
         checkpoint = record.find(tell)
-        events = EventFile(output_dir / EVENTS_DIR)
-        journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
-        was_finished = checkpoint is not None and record.is_finished(checkpoint)
-        if not was_finished:
-            run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
-            _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
-        if not (was_finished and (output_dir / REPORT_FILE).is_file()):
-            present(output_dir, record.pipeline, journal)
+        with closing(EventFile(output_dir / EVENTS_DIR)) as events:
+            journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
+            was_finished = checkpoint is not None and record.is_finished(checkpoint)
+            if not was_finished:
+                run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
+                _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
+            if not (was_finished and (output_dir / REPORT_FILE).is_file()):
+                present(output_dir, record.pipeline, journal)
         return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
 
 

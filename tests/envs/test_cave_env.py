@@ -17,6 +17,7 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.sim.sensors import original_pattern
 from tests.caves import TUBE_RADIUS, tube_clearance, tube_scenario
 
 AHEAD, IDLE, LEFT_AHEAD, UP = [1, 1, 2], [1, 1, 1], [1, 0, 2], [0, 1, 1]
@@ -118,11 +119,24 @@ def test_swimming_ahead_reaches_the_goal_and_pays_for_it(env: CaveEnv) -> None:
     assert sum(rewards) == pytest.approx(10 * (remaining - info["remaining"]) - 0.05 * len(rewards) + 500)
 
 
-@pytest.mark.parametrize("reward", ["dense", "safe", "sparse"])
-def test_terms_add_up_to_the_reward(tube: Scenario, reward: str) -> None:
-    env = CaveEnv(tube, reward=reward)
-    for _, total, _, _, info in roll(env, 2, 40)[1:]:
-        assert sum(value for name, value in info.items() if name.startswith("reward/")) == pytest.approx(total)
+PRICES = {"dense": (10.0, -0.01, -0.01, 0.0), "safe": (10.0, -0.01, -0.01, -0.005), "careful": (10.0, -0.01, -1.0, 0.0)}
+"""Of progress, m, and of each of 5 physics steps: time, contact, and share of rays lost, as documented."""
+
+
+@pytest.mark.parametrize("reward", PRICES)
+def test_reward_is_what_the_table_pays_for_what_info_tells(tube: Scenario, reward: str) -> None:
+    progress, time, contact, proximity = PRICES[reward]
+    env = CaveEnv(tube, reward=reward, on_collision="continue")
+    first, *others = roll(env, 2, 40)
+    remaining = first[4]["remaining"]
+    for _, total, _, _, info in others:
+        num_contacts = round(info["reward/contact"] / contact) if contact else 0
+        assert not contact or ((num_contacts > 0) == info["collision"] and num_contacts <= 5)
+        lost = float((1.0 - info["rays"] / original_pattern().lengths).sum())
+        paid = progress * (remaining - info["remaining"]) + 5 * (time + proximity * lost) + contact * num_contacts
+        assert info["outcome"] == "running"
+        assert total == pytest.approx(paid, abs=1e-5)  # rays are in float32
+        remaining = info["remaining"]
     env.close()
 
 

@@ -107,11 +107,25 @@ def test_no_element_of_the_observation_is_constant() -> None:
     assert (np.ptp(seen, axis=0) > 0.0).all()
 
 
-@pytest.mark.parametrize("reward", ["dense", "safe", "sparse"])
-def test_terms_add_up_to_the_reward(reward: str) -> None:
-    env = SurfaceEnv(reward=reward)
-    for _, total, _, _, info in random_steps(env, 40, 1):
-        assert sum(value for name, value in info.items() if name.startswith("reward/")) == pytest.approx(total)
+PRICES = {"dense": (10.0, -0.01, -0.01, 0.0), "safe": (10.0, -0.01, -0.01, -0.1)}
+"""Of progress, m, and of each of 5 physics steps: time, contact, and share of beams lost."""
+
+
+@pytest.mark.parametrize("reward", PRICES)
+def test_reward_is_what_the_table_pays_for_what_info_tells(reward: str) -> None:
+    progress, time, contact, proximity = PRICES[reward]
+    env = SurfaceEnv(bay_with(block(-25.0, 3.0)), sea="still", reward=reward)
+    _, info = env.reset(seed=0)
+    remaining = info["remaining"]
+    for _, total, _, _, info in (env.step([1, 2]) for _ in range(30)):
+        num_contacts = round(info["reward/contact"] / contact) if contact else 0
+        assert not contact or ((num_contacts > 0) == info["collision"] and num_contacts <= 5)
+        lost = float((1.0 - info["rays"] / 30.0).sum())
+        paid = progress * (remaining - info["remaining"]) + 5 * (time + proximity * lost) + contact * num_contacts
+        assert info["outcome"] == "running"
+        assert total == pytest.approx(paid, abs=1e-5)  # rays are in float32
+        remaining = info["remaining"]
+    env.close()
 
 
 def test_the_sensors_term_is_a_tenth_per_step_and_share_of_beam_lost() -> None:

@@ -12,8 +12,9 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.train import training
+from aquanav_tools.train.checkpoint import read_checkpoint, write_checkpoint
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.settings import RunSettings
+from aquanav_tools.train.settings import RENAMED, RunSettings
 from aquanav_tools.train.training import train
 from tests.train.runs import learned, stop_after, tiny_pipeline, tiny_tube
 
@@ -114,3 +115,22 @@ def test_more_steps_beside_another_difference_are_refused(tube: Path, tmp_path: 
     train(tiny_pipeline(tube, steps=128), 3, tmp_path)
     with pytest.raises(InputError, match=r"another training run, with lessons 1.clip 0.2 instead of 0.3. Nothing"):
         train(tiny_pipeline(tube, steps=256, clip=0.3), 3, tmp_path)
+
+
+def test_run_recorded_with_the_old_names_of_settings_goes_on(
+    tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = tiny_pipeline(tube, steps=256, masked_observations=("distance",))
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, 1)
+        train(pipeline, 3, tmp_path / "old")
+    checkpoint = read_checkpoint(tmp_path / "old")
+    assert checkpoint is not None
+    old = {new: name for name, new in RENAMED.items()}
+    identity = checkpoint.journal["identity"]
+    identity["lessons"] = [{old.get(name, name): value for name, value in one.items()} for one in identity["lessons"]]
+    assert {"also", "blind_to", "trace", "warm_up", "entropy"} <= set(identity["lessons"][0])
+    write_checkpoint(checkpoint, tmp_path / "old")
+    train(pipeline, 3, tmp_path / "old")
+    assert learned(tmp_path / "old") == learned(tmp_path / "whole")
