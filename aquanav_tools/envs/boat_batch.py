@@ -38,6 +38,10 @@ if TYPE_CHECKING:
 
 AHEAD = 128
 """Decisions for which gusts are drawn at once: chosen; drawing takes as long for one as for all of them."""
+AT_REST = (
+    "commands", "waiting_commands", "decisions", "ages", "is_touching", "collisions", "outcomes", "returns", "currents",
+)  # fmt: skip
+"""Arrays that are zero where an episode begins."""
 Flags = npt.NDArray[np.bool_]
 
 
@@ -238,17 +242,7 @@ class BoatBatch:
             arrays["tolerances"][i], arrays["ways"][i] = sea.goal.tolerance, way.length
             arrays["start_indices"][i] = number
         arrays["episodes"][chosen] += 1
-        for name in (
-            "commands",
-            "waiting_commands",
-            "decisions",
-            "ages",
-            "is_touching",
-            "collisions",
-            "outcomes",
-            "returns",
-            "currents",
-        ):
+        for name in AT_REST:
             arrays[name][chosen] = 0
         _measure(self.fleet.states, arrays["goals"], chosen, arrays["lengths"])
         arrays["remaining"][chosen] = arrays["lengths"][chosen]

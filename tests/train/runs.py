@@ -15,6 +15,7 @@ from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import RunSettings, TrainSettings
+from aquanav_tools.train.training import train
 from tests.caves import tube_scenario
 
 TINY = TrainSettings(
@@ -47,6 +48,18 @@ def stop_after(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(RunRecord, "write", write_and_stop)
+
+
+def assert_stopped_run_ends_alike(
+    pipeline: Pipeline, folder: Path, monkeypatch: pytest.MonkeyPatch, checkpoint: int = 1
+) -> None:
+    """Learn in `folder`/whole, and in `folder`/stopped with a stop after a checkpoint: both end with the same bytes."""
+    train(pipeline, 3, folder / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, checkpoint)
+        train(pipeline, 3, folder / "stopped")
+    train(pipeline, 3, folder / "stopped")
+    assert learned(folder / "stopped") == learned(folder / "whole")
 
 
 def learned(folder: Path) -> dict[str, bytes]:

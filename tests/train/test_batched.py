@@ -18,7 +18,7 @@ from aquanav_tools.train.pipeline import read_pipeline
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
 from tests.sim.test_water import flowing
-from tests.train.runs import TINY, learned, stop_after, tiny_pipeline, tiny_tube
+from tests.train.runs import TINY, assert_stopped_run_ends_alike, tiny_pipeline, tiny_tube
 
 ON_BATCH = RunSettings(backend="batch", checkpoint_every=128, final_episodes=0)
 
@@ -52,12 +52,7 @@ def test_stopped_run_ends_as_one_that_never_stopped(
     choices = {"action": action, "current": "full", "current_range": (0.5, 1.0), "steps": 256}
     # Each lesson writes two checkpoints: the second is at its end.
     pipeline = tiny_pipeline(tube, 2, ON_BATCH, algorithm=algorithm, **choices)
-    train(pipeline, 3, tmp_path / "whole")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        stop_after(patch, checkpoint)
-        train(pipeline, 3, tmp_path / "stopped")
-    train(pipeline, 3, tmp_path / "stopped")
-    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch, checkpoint)
 
 
 def test_curve_tells_of_the_batchs_episodes_and_trials_are_flown_in_pybullet(tube: Path, tmp_path: Path) -> None:
@@ -131,12 +126,7 @@ def test_stopped_run_in_two_caves_ends_as_one_that_never_stopped(
     tube: Path, still_tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pipeline = tiny_pipeline(tube, 1, ON_BATCH, scenarios=(str(still_tube),), steps=256)
-    train(pipeline, 3, tmp_path / "whole")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        stop_after(patch, 1)
-        train(pipeline, 3, tmp_path / "stopped")
-    train(pipeline, 3, tmp_path / "stopped")
-    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
 
 
 def test_what_the_batch_cannot_do_is_refused_before_the_first_lesson(tube: Path, tmp_path: Path) -> None:
@@ -151,12 +141,7 @@ def test_stopped_run_with_all_that_errs_and_is_late_ends_as_one_that_never_stopp
 ) -> None:
     options = {"progress": progress, "starts": "anywhere", "sensor_noise": 0.1, "sensor_dropout": 0.1}
     pipeline = tiny_pipeline(tube, 1, ON_BATCH, action_delay=2, observation_delay=2, steps=256, **options)
-    train(pipeline, 3, tmp_path / "whole")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        stop_after(patch, 1)
-        train(pipeline, 3, tmp_path / "stopped")
-    train(pipeline, 3, tmp_path / "stopped")
-    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
 
 
 def test_workers_are_refused_beside_the_batch() -> None:

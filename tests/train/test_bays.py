@@ -16,7 +16,7 @@ from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline, read_pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
-from tests.train.runs import learned, stop_after
+from tests.train.runs import assert_stopped_run_ends_alike
 
 Backend = Literal["pybullet", "batch"]
 
@@ -66,12 +66,7 @@ def test_a_stopped_run_on_the_batch_ends_as_one_that_never_stopped(
 ) -> None:
     monkeypatch.setattr(training, "present", lambda *_: None)
     pipeline = pipeline_in(str(bay), backend="batch", current=0.2, current_range=(0.5, 1.0), steps=384)
-    train(pipeline, 3, tmp_path / "whole")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        stop_after(patch, 1)
-        train(pipeline, 3, tmp_path / "stopped")
-    train(pipeline, 3, tmp_path / "stopped")
-    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
 
 
 @pytest.mark.parametrize("name", ["bay-standard", "bay-safe"])

@@ -16,7 +16,7 @@ from aquanav_tools.train.checkpoint import read_checkpoint, write_checkpoint
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import RENAMED, RunSettings
 from aquanav_tools.train.training import train
-from tests.train.runs import learned, stop_after, tiny_pipeline, tiny_tube
+from tests.train.runs import assert_stopped_run_ends_alike, learned, stop_after, tiny_pipeline, tiny_tube
 
 OFF_POLICY = {"algorithm": "sac", "action": "continuous"}
 
@@ -72,12 +72,7 @@ def test_stopped_while_going_on_it_ends_as_one_that_went_on_without(
     for name in ("whole", "stopped"):
         train(tiny_pipeline(tube, steps=256), 3, tmp_path / name)
     longer = tiny_pipeline(tube, steps=600)
-    train(longer, 3, tmp_path / "whole")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
-        stop_after(patch, 1)
-        train(longer, 3, tmp_path / "stopped")
-    train(longer, 3, tmp_path / "stopped")
-    assert learned(tmp_path / "stopped") == learned(tmp_path / "whole")
+    assert_stopped_run_ends_alike(longer, tmp_path, monkeypatch)
 
 
 def test_a_chosen_buffer_is_chosen_anew_for_a_longer_run(tube: Path, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.field import make_grid
 from aquanav_tools.sim.batch.fleet_arrays import (
+    Beginnings,
     Fans,
     Fleet,
     TaskNumbers,
@@ -23,7 +24,6 @@ from aquanav_tools.sim.batch.fleet_arrays import (
     make_rules,
     make_starts,
 )
-from aquanav_tools.sim.batch.guide import make_panels
 from aquanav_tools.sim.batch.progress import make_measure
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
@@ -96,15 +96,17 @@ class BatchWorld:
         self._wall = _upload(scenario.collision, middle, self.device)
         self._craft = make_craft(scenario, vehicle, self.device)
         states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
-        self._starts = make_starts(states, scenario, self.device)
-        self._unlisted = UnlistedStarts(scenario, vehicle, draw_start, num, self._starts, self.device)
+        self._beginnings = Beginnings()
+        self._beginnings.listed = listed = make_starts(states, scenario, self.device)
+        self._unlisted = UnlistedStarts(scenario, vehicle, draw_start, num, listed, self.device)
+        self._beginnings.unlisted = self._unlisted.starts
         self._rules = make_rules(task, scenario, next_step, self.device)
-        self._grid, self._panels = make_grid(scenario.field, self.device), make_panels(scenario.guide, self.device)
+        self._grid = make_grid(scenario.field, self.device)
         self._fans, self._middle = _make_fans(rays, self.device), wp.vec3d(*middle)
         limits = scenario.settings.limits
         self._water = make_water(water, current_range, limits.dt * limits.substeps, self.device)
         widths = {
-            "extra": self._starts.extra.shape[1],
+            "extra": listed.extra.shape[1],
             "eddies": self._water.kept.shape[0],
             "waiting_commands": 3 * task.action_delay,
             "waiting_observations": task.size * task.observation_delay,
@@ -207,17 +209,17 @@ class BatchWorld:
         wall, rays = self._wall.id, self._wall.id if self._ray_mesh is None else self._ray_mesh.id
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         fleet, craft, rules, grid = self.fleet, self._craft, self._rules, self._grid
+        beginnings, water, measure = self._beginnings, self._water, self._measure
 
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             num = last - first
-            births, follow = [self._starts, self._unlisted.starts], [self._panels, self._measure]
-            where = [first, fleet, *births, craft, self._water, rules, grid, *follow, wall, self._middle]
+            where = [first, fleet, beginnings, craft, water, rules, grid, measure, wall, self._middle]
             view = [fleet, craft, rules, grid, self._fans, rays, self._middle]
             move = self._launch_of(kernels.move, num, where)
             sense = self._launch_of(kernels.sense, (num, num_parts), [first, 0, num_parts, *view])
             score = self._launch_of(kernels.score, num, [first, fleet, rules, self._fans])
-            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, *births, craft, self._water, *follow])
-            again = self._launch_of(kernels.restart, num, [first, 0, fleet, *births, craft, self._water, *follow])
+            anew = self._launch_of(kernels.restart, num, [first, 1, fleet, beginnings, craft, water, measure])
+            again = self._launch_of(kernels.restart, num, [first, 0, fleet, beginnings, craft, water, measure])
             look_again = self._launch_of(kernels.sense, (num, num_parts), [first, 1, num_parts, *view])
             seen, seen_again = ([look] for look in (sense, look_again))
             if rules.disturbance.observation_delay > 0:

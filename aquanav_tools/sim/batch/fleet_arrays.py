@@ -114,6 +114,16 @@ class Starts:
     remaining: wp.array(dtype=f64)
 
 
+@wp.struct
+class Beginnings:
+    """All that episodes may begin with."""
+
+    listed: Starts
+    """The scenario's."""
+    unlisted: Starts
+    """(N,) one for each vehicle's next episode, where they are in no list."""
+
+
 DRAWN, UNLISTED = wp.constant(-1), wp.constant(-2)
 """In place of a start's index: it is to be drawn from the list; it is the vehicle's own, in a list of its own."""
 

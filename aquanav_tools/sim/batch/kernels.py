@@ -7,8 +7,18 @@ import warp as wp
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, measured
 from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
-from aquanav_tools.sim.batch.fleet_arrays import DRAWN, UNLISTED, Controls, Craft, Fans, Fleet, Rules, Starts
-from aquanav_tools.sim.batch.guide import Panels, remaining_at, tracked
+from aquanav_tools.sim.batch.fleet_arrays import (
+    DRAWN,
+    UNLISTED,
+    Beginnings,
+    Controls,
+    Craft,
+    Fans,
+    Fleet,
+    Rules,
+    Starts,
+)
+from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.progress import Measure, begin_measure, to_go
@@ -43,34 +53,25 @@ def put_at(i: int, start: int, fleet: Fleet, starts: Starts):
 
 
 @wp.func
-def begin(
-    i: int,
-    fleet: Fleet,
-    starts: Starts,
-    unlisted: Starts,
-    craft: Craft,
-    water: Water,
-    panels: Panels,
-    measure: Measure,
-):
+def begin(i: int, fleet: Fleet, beginnings: Beginnings, craft: Craft, water: Water, measure: Measure):
     """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
     if fleet.episodes[i] > 0:
         fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
     seed = fleet.seeds[i]
     start = fleet.wanted_starts[i]
     if start == DRAWN:
-        start = choice(words(seed, START, 0)[0], starts.gates.shape[0])
+        start = choice(words(seed, START, 0)[0], beginnings.listed.gates.shape[0])
     fleet.wanted_starts[i] = DRAWN
     fleet.episodes[i] = fleet.episodes[i] + 1
     if start == UNLISTED:
-        put_at(i, i, fleet, unlisted)
+        put_at(i, i, fleet, beginnings.unlisted)
     else:
-        put_at(i, start, fleet, starts)
+        put_at(i, start, fleet, beginnings.listed)
     fleet.start_indices[i] = wp.max(start, -1)
     fleet.beginnings[i] = fleet.positions[i]
     begin_measure(i, measure)
     ahead = axis_of(fleet.orientations[i])
-    fleet.to_go[i] = to_go(i, fleet.positions[i], ahead, fleet.remaining[i], craft.hull, panels, measure)
+    fleet.to_go[i] = to_go(i, fleet.positions[i], ahead, fleet.remaining[i], craft.hull, measure)
     fleet.velocities[i] = vec6()
     fleet.levels[i] = craft.controls.neutral
     fleet.gained[i] = f64(0.0)
@@ -155,13 +156,11 @@ def glide(
 def move(
     first: int,
     fleet: Fleet,
-    starts: Starts,
-    unlisted: Starts,
+    beginnings: Beginnings,
     craft: Craft,
     water: Water,
     rules: Rules,
     grid: Grid,
-    panels: Panels,
     measure: Measure,
     mesh: wp.uint64,
     middle: wp.vec3d,
@@ -169,16 +168,16 @@ def move(
     """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
     i = fleet.order[first + wp.tid()]
     if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
+        begin(i, fleet, beginnings, craft, water, measure)
         return
     state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
     fleet.positions[i] = state.position
     fleet.orientations[i] = state.orientation
     fleet.velocities[i] = state.velocity
-    gate = tracked(state.position, panels, fleet.gates[i])
-    remaining = remaining_at(state.position, panels, gate)
+    gate = tracked(state.position, measure.panels, fleet.gates[i])
+    remaining = remaining_at(state.position, measure.panels, gate)
     fleet.gates[i] = gate
-    still = to_go(i, state.position, axis_of(state.orientation), remaining, craft.hull, panels, measure)
+    still = to_go(i, state.position, axis_of(state.orientation), remaining, craft.hull, measure)
     fleet.gained[i] = fleet.to_go[i] - still
     fleet.to_go[i] = still
     fleet.remaining[i] = remaining
@@ -347,22 +346,12 @@ def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
 
 
 @wp.kernel
-def restart(
-    first: int,
-    anew: int,
-    fleet: Fleet,
-    starts: Starts,
-    unlisted: Starts,
-    craft: Craft,
-    water: Water,
-    panels: Panels,
-    measure: Measure,
-):
+def restart(first: int, anew: int, fleet: Fleet, beginnings: Beginnings, craft: Craft, water: Water, measure: Measure):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = fleet.order[first + wp.tid()]
     if anew == 1:
-        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
+        begin(i, fleet, beginnings, craft, water, measure)
     elif fleet.outcomes[i] > 0:
         for n in range(fleet.observations.shape[1]):
             fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, starts, unlisted, craft, water, panels, measure)
+        begin(i, fleet, beginnings, craft, water, measure)

@@ -12,7 +12,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.chain import Chain, follow_chain, forget_crossings, make_chain
 from aquanav_tools.sim.batch.contact import Hull
 from aquanav_tools.sim.batch.field import Grid, clearance_at, make_grid
-from aquanav_tools.sim.batch.guide import Panels
+from aquanav_tools.sim.batch.guide import Panels, make_panels
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.task import MEASURES, ProgressMeasure
 from aquanav_tools.types import Capsule
@@ -28,6 +28,8 @@ class Measure:
     """A measure of the way to go; the index of its name in MEASURES says which, and which of the rest are filled."""
 
     kind: wp.int32
+    panels: Panels
+    """The guide's."""
     ways: Grid
     """Metres to the goal, held as a distance field."""
     chain: Chain
@@ -42,7 +44,7 @@ def make_measure(
         MeshError: there is no way to the goal for the vehicle.
     """
     measure = Measure()
-    measure.kind = MEASURES.index(name)
+    measure.kind, measure.panels = MEASURES.index(name), make_panels(scenario.guide, device)
     if name == "geodesic":
         goal = np.array(scenario.settings.goal.position, dtype=np.float64)
         measure.ways = make_grid(shortest_ways(scenario.field, goal, capsule.radius).lengths, device)
@@ -52,12 +54,12 @@ def make_measure(
 
 
 @wp.func
-def to_go(i: int, position: wp.vec3d, ahead: wp.vec3d, remaining: f64, hull: Hull, panels: Panels, measure: Measure):
+def to_go(i: int, position: wp.vec3d, ahead: wp.vec3d, remaining: f64, hull: Hull, measure: Measure):
     """Return the way to go of vehicle `i`, m: `remaining`, along the panels, or what another measure says."""
     if measure.kind == GEODESIC:
         return clearance_at(measure.ways, position)
     if measure.kind == ORIGINAL:
-        return follow_chain(i, position, ahead, hull.half_axis, hull.radius, panels, measure.chain)
+        return follow_chain(i, position, ahead, hull.half_axis, hull.radius, measure.panels, measure.chain)
     return remaining
 
 
