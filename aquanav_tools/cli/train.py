@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from aquanav_tools.cli.command import run_command
-from aquanav_tools.train.settings import RunSettings, TrainSettings
+from aquanav_tools.errors import InputError
+from aquanav_tools.train.settings import RENAMED, RunSettings, TrainSettings
 
 if TYPE_CHECKING:
     from aquanav_tools.train.pipeline import Pipeline
@@ -65,8 +66,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     run_command(
-        TrainOptions, lambda options: _run(options, arguments), "aquanav-train", DESCRIPTION, arguments=arguments
+        TrainOptions,
+        lambda options: _run(options, arguments),
+        "aquanav-train",
+        DESCRIPTION,
+        defaults=_refuse_old_names,
+        arguments=arguments,
     )
+
+
+def _refuse_old_names(arguments: Sequence[str]) -> None:
+    """Refuse a setting by a name that it no longer has; there are no other defaults to read from the arguments."""
+    for old, new in RENAMED.items():
+        flag, now = (f"--{name.replace('_', '-')}" for name in (old, new))
+        if any(argument == flag or argument.startswith(f"{flag}=") for argument in arguments):
+            raise InputError(f"{flag} is called {now} now. Use that.")
 
 
 def _run(options: TrainOptions, arguments: Sequence[str]) -> None:

@@ -66,6 +66,14 @@ def test_what_the_command_line_says_counts_above_the_pipeline(monkeypatch: pytes
     assert pipelines[0].run.workers == 2 and not pipelines[0].lessons[0].normalise
 
 
+@pytest.mark.parametrize("flag", [["--trace", "0.9"], ["--trace=0.9"]])
+def test_setting_by_its_old_name_is_refused_with_the_new_one(
+    flag: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code("--scenario", "cave-train-1", *flag) == InputError.exit_code
+    assert "--trace is called --gae-lambda now" in capsys.readouterr().err
+
+
 def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("-o", "nowhere") == 2
     assert "names no scenario" in capsys.readouterr().err
