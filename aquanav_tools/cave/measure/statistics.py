@@ -12,6 +12,7 @@ from aquanav_tools.cave.measure.sections import arc_lengths, cross_sections
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.route import resample
 from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, Mesh
 
 NUM_MEAN_SECTIONS = 60
@@ -145,6 +146,9 @@ def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> Sc
         voxel: resolution of the scan, m.
         closed: the solid before its ends were cut. Where the nearest place on it is not the cavity's any more, a point
             belongs to what was cut off.
+
+    Raises:
+        MeshError: no point of the scan is left between the cuts.
     """
     import igl
 
@@ -152,5 +156,10 @@ def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> Sc
     nearest = igl.point_mesh_squared_distance(points, closed.vertices, closed.faces)[2]
     moved = igl.point_mesh_squared_distance(nearest, mesh.vertices, mesh.faces)[0]
     kept = points[np.sqrt(moved) <= STILL_THERE * voxel]
+    if len(kept) == 0:
+        raise MeshError(
+            f"None of the scan's {len(points)} points is left between the cuts, so that nothing tells how well the cave "
+            "follows it. The triangles there are longer than what the cuts leave. Move the cuts apart."
+        )
     distance = np.sqrt(igl.point_mesh_squared_distance(kept, mesh.vertices, mesh.faces)[0])
     return ScanFit(float(np.median(distance)), float(np.percentile(distance, 95)), float((distance <= voxel).mean()))

@@ -11,6 +11,7 @@ import pytest
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.measure.statistics import mean_section, measure_cave, measure_fit, rose_of, wall_area
 from aquanav_tools.cave.synthetic.caves import bend, sweep
+from aquanav_tools.errors import MeshError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
 from tests.cave.solids import SHARE_OF_CIRCLE, SIDES, box_with, closed, helix
@@ -107,6 +108,13 @@ def test_fit_counts_the_distance_of_points_to_the_surface() -> None:
     points = np.array([[-2.0, 5.0, 0.0], [-2.1, 6.0, 0.0], [3.0, 7.0, 1.0], [0.0, 8.0, 3.3]])
     fit = measure_fit(cavity, points, 0.2, cavity.mesh)
     assert (fit.median, fit.within_voxel) == pytest.approx((0.05, 0.75))
+
+
+def test_scan_without_a_point_between_its_cuts_is_told_as_such() -> None:
+    cavity = box_with()
+    whole = Mesh(10.0 * cavity.mesh.vertices, cavity.mesh.faces)  # all of its corners were cut off
+    with pytest.raises(MeshError, match=rf"None of the scan's {len(whole.vertices)} points is left between the cuts"):
+        measure_fit(cavity, whole.vertices, 0.1, whole)
 
 
 def test_a_moved_cave_keeps_its_numbers(tube: Scenario) -> None:
