@@ -158,8 +158,8 @@ def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> Sc
     kept = points[np.sqrt(moved) <= STILL_THERE * voxel]
     if len(kept) == 0:
         raise MeshError(
-            f"None of the scan's {len(points)} points is left between the cuts, so that nothing tells how well the cave "
-            "follows it. The triangles there are longer than what the cuts leave. Move the cuts apart."
+            f"None of the scan's {len(points)} points is left between the cuts, so that nothing tells how well the "
+            "cave follows it. The triangles there are longer than what the cuts leave. Move the cuts apart."
         )
     distance = np.sqrt(igl.point_mesh_squared_distance(kept, mesh.vertices, mesh.faces)[0])
     return ScanFit(float(np.median(distance)), float(np.percentile(distance, 95)), float((distance <= voxel).mean()))
