@@ -30,7 +30,7 @@ class Lookahead:
         """Of a decision, s."""
         self._step = limits.dt
         self._actuators = actuator_model(env.vehicle, limits.dt, limits.substeps)
-        self._parameters = env.vehicle.motion_parameters(env.scenario.settings.water.density)
+        self._parameters = env.vehicle.motion_parameters(env.scenario.settings.water.density).packed()
         self.after(env.state, 0.0, IDLE, env.water_velocity)  # compiles now, not while a first action is timed
 
     def after(self, state: Array, trim: float, command: Sequence[float], current: Array) -> tuple[Array, float]:

@@ -171,7 +171,7 @@ class BulletWorld:
         self._free: Array = self.state.copy()
         self._vehicle = vehicle
         self._dt = limits.dt
-        self._parameters = vehicle.motion_parameters(scenario.settings.water.density)
+        self._parameters = vehicle.motion_parameters(scenario.settings.water.density).packed()
         self._half_axis = 0.5 * vehicle.capsule.axis_length
         self._radius = vehicle.capsule.radius
         self._mass = vehicle.total_mass

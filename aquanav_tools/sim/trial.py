@@ -74,7 +74,7 @@ def boat_speed(boat: Boat | OriginalVehicle) -> float:
 
 def _swim(vehicle: Vehicle, density: float, command: tuple[float, float, float], duration: float) -> Array:
     """Return the (N + 1, S) states of holding ballast, steer and thrust from rest at the origin, heading along x."""
-    actuators, parameters = actuator_model(vehicle, DT, SUBSTEPS), vehicle.motion_parameters(density)
+    actuators, parameters = actuator_model(vehicle, DT, SUBSTEPS), vehicle.motion_parameters(density).packed()
     states = [vehicle.state_at(Pose(np.zeros(3), yaw_quaternion(0.0)))]
     for _ in range(round(duration / (DT * SUBSTEPS))):
         for wrench in actuators.apply(*command):

@@ -9,8 +9,8 @@ import trimesh
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.actuators import actuator_model
+from aquanav_tools.sim.batch.prediction import advance
 from aquanav_tools.sim.bullet import BulletWorld
-from aquanav_tools.sim.motion import advance
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Mesh, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import TUBE_RADIUS
@@ -49,11 +49,9 @@ def test_bullet_in_free_water_lands_on_our_pose(world: BulletWorld, rng: np.rand
     world.reset(pose(10, 0, 0, 0.3))
     world.state[7:] = 0.3 * rng.normal(size=6)
     expected = world.state.copy()
-    parameters = VEHICLE.motion_parameters(1000.0)
     for _ in range(50):
         assert not any(world.step(AHEAD, STILL))
-        for wrench in AHEAD:
-            expected = advance(expected, wrench, STILL, parameters, 0.02)
+    expected = advance(expected[None], AHEAD[0], STILL, VEHICLE.motion_parameters(1000.0), 0.02, 250)[0, -1]
     np.testing.assert_allclose(world.state, expected, atol=1e-12)  # compiled twice, rounded twice
     assert world._arena is not None
     solved = world._arena.motion(world._body)
@@ -103,7 +101,7 @@ def test_contact_never_adds_energy(world: BulletWorld) -> None:
         autopilot=dataclasses.replace(VEHICLE.autopilot, level_gain=0.0),
         body=dataclasses.replace(VEHICLE.body, buoyancy_height=0.0),
     )
-    world._parameters = drifting.motion_parameters(1000.0)
+    world._parameters = drifting.motion_parameters(1000.0).packed()
     num_contacts = 0
     for _ in range(30):
         world.reset(pose(10, 1.3, 0, rng.uniform(-np.pi, np.pi)))
