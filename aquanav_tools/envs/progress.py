@@ -9,9 +9,8 @@ import numpy as np
 from aquanav_tools.cave.route.shortest import shortest_ways
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.task import MEASURES
-from aquanav_tools.types import Array, Capsule
+from aquanav_tools.types import Array, Capsule, rotation_matrix
 
 
 class ProgressMeasure(ABC):
@@ -89,5 +88,4 @@ class OriginalProgress(ProgressMeasure):
         return gained
 
     def _follow(self, state: Array) -> float:
-        ahead = np.array([row[0] for row in rotation_rows(state)])
-        return self._chain.follow(state[:3], ahead)
+        return self._chain.follow(state[:3], rotation_matrix(state[3:7])[:, 0])

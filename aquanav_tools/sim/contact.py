@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 
 
 @numba.njit(cache=True)

@@ -25,6 +25,7 @@ import numba
 import numpy as np
 
 from aquanav_tools.sim.body_parameters import MAX_ANGLE
+from aquanav_tools.sim.rotation import rotation_rows as rotation_rows
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
 
 _WEIGHT, _IS_COUPLED, _NUM_THRUSTERS, _ARM, _MASS, _LINEAR, _QUADRATIC, _RATE_GAIN, _LEVEL_GAIN, _LAG, _BRISKNESS = (
@@ -278,15 +279,3 @@ def _row_times(parameters, first, vector):  # type: ignore[no-untyped-def]
     for column in range(6):
         total += parameters[first + column] * vector[column]
     return total
-
-
-@compiled
-def rotation_rows(state):  # type: ignore[no-untyped-def]
-    """Return the rows of the matrix world from body; the quaternion's length does not matter."""
-    w, x, y, z = state[3], state[4], state[5], state[6]
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return (
-        (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)),
-        (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)),
-        (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)),
-    )

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.sim.vehicle_base import GRAVITY, STATE_SIZE
 
 SURFACE = STATE_SIZE

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.types import Array, Mesh
 
 SCALE = 0.25

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.water.field import DistanceField, interpolate
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.sim.sensors import RayPattern
 from aquanav_tools.types import Array
 

@@ -175,12 +175,12 @@ class Predictor:
             substeps: Steps of a decision.
             field: Where to look up clearances; None leaves them out.
         """
-        self._device = find_device("cpu")
-        self._motion, self._rows = _make_motion(vehicle.motion_parameters(density), dt, self._device)
-        self._controls, self._substeps = make_controls(vehicle, dt), substeps
-        self._hull, self._has_field = Hull(), field is not None
-        self._hull.half_axis, self._hull.radius = 0.5 * vehicle.capsule.axis_length, vehicle.capsule.radius
-        self._grid = Grid() if field is None else _grid_of(field, self._device)
+        self.device = find_device("cpu")
+        self.motion, self._rows = _make_motion(vehicle.motion_parameters(density), dt, self.device)
+        self.controls, self.substeps = make_controls(vehicle, dt), substeps
+        self.hull, self._has_field = Hull(), field is not None
+        self.hull.half_axis, self.hull.radius = 0.5 * vehicle.capsule.axis_length, vehicle.capsule.radius
+        self.grid = Grid() if field is None else _grid_of(field, self.device)
         self._launches: dict[tuple[int, int, int], _Launch] = {}
 
     def predict(self, states: Array, trims: Array, commands: Array, currents: Array) -> Prediction:
@@ -203,18 +203,19 @@ class Predictor:
 
     def _record(self, rows: int, decisions: int, size: int) -> _Launch:
         """Return the launch for so many rows, decisions and values of a state."""
-        commands, currents = self._zeros((rows, decisions), wp.vec3d), self._zeros((rows,), wp.vec3d)
-        states, trims = self._zeros((rows, decisions + 1, size)), self._zeros((rows, decisions + 1))
-        clearances = self._zeros((rows, decisions + 1 if self._has_field else 0))
-        extra = self._zeros((rows, size - STATE_SIZE))
-        inputs = [self._motion, self._controls, self._substeps, commands, currents, self._hull, self._grid]
+        commands, currents = self.zeros((rows, decisions), wp.vec3d), self.zeros((rows,), wp.vec3d)
+        states, trims = self.zeros((rows, decisions + 1, size)), self.zeros((rows, decisions + 1))
+        clearances = self.zeros((rows, decisions + 1 if self._has_field else 0))
+        extra = self.zeros((rows, size - STATE_SIZE))
+        inputs = [self.motion, self.controls, self.substeps, commands, currents, self.hull, self.grid]
         inputs += [extra, states, trims, clearances]
-        command = wp.launch(hold, dim=rows, inputs=inputs, device=self._device, record_cmd=True)
+        command = wp.launch(hold, dim=rows, inputs=inputs, device=self.device, record_cmd=True)
         arrays = (commands, currents, states, trims, clearances)
         return _Launch(command, *(array.numpy() for array in arrays), (*arrays, extra))
 
-    def _zeros(self, shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
-        return wp.zeros(shape, dtype=dtype, device=self._device)
+    def zeros(self, shape: tuple[int, ...], dtype: Any = wp.float64) -> Any:
+        """Return an array on the device."""
+        return wp.zeros(shape, dtype=dtype, device=self.device)
 
 
 def advance(
