@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats
@@ -88,7 +89,7 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self.observation_space = observation_space(observation)
+        self.observation_space: spaces.Space[Any] = observation_space(observation)
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""
