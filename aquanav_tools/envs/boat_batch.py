@@ -130,6 +130,11 @@ class BoatBatch:
             delay(values, waiting, turns, chosen)
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) how far the goal was at the episodes' beginnings, m."""
         lengths: Array = self.copy_of("lengths")

@@ -49,10 +49,8 @@ class Settings:
     """Whether an engine outside of the kernels says what the wall does."""
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
-    action_delay: wp.int32
-    """Decisions."""
-    observation_delay: wp.int32
-    """Decisions."""
+    has_delayed_actions: wp.int32
+    """Whether any vehicle's are."""
 
 
 @wp.func
@@ -298,8 +296,8 @@ def advance(
     else:
         for n in range(3):
             state.acting[i, n] = state.commands[i, n]
-        if settings.action_delay > 0:
-            exchange(state.acting, state.waiting_commands, i, state.decisions[i])
+        if settings.has_delayed_actions == 1:
+            exchange(state.acting, state.waiting_commands, i, state.decisions[i], state.action_delays[i])
     if hold(i, state, cave, craft, settings, contacts):
         conclude(i, state, cave, craft)
 
@@ -327,6 +325,8 @@ def sense_ray(i: int, ray: int, room: float, state: BatchState, cave: Cave, sett
         distance = spacing * traced(cave.grid, on_grid(cave.grid, position), way, length * (1.0 / spacing), room)
     state.rays[i, ray] = distance
     noise, dropout = state.ray_noise[i], state.ray_dropout[i]
+    if distance < length:
+        distance = wp.clamp(state.ray_gain[i] * distance + state.ray_bias[i], 0.0, length)
     if noise > 0.0 or dropout > 0.0:
         seed, decision = state.seeds[i], state.decisions[i]
         distance = measured(distance, length, noise, dropout, seed, ray, decision)
@@ -382,7 +382,7 @@ def deliver(first: int, only_restarted: int, state: BatchState):
     if state.restarted[i] == 1:
         fill_queue(state.observations, state.waiting_observations, i)
     elif only_restarted == 0:
-        exchange(state.observations, state.waiting_observations, i, state.decisions[i])
+        exchange(state.observations, state.waiting_observations, i, state.decisions[i], state.observation_delays[i])
 
 
 @wp.func

@@ -32,6 +32,7 @@ import warp as wp
 from aquanav_tools.sim import body_parameters
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.body_parameters import BodyParameters, ThrusterParameters
+from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
@@ -114,6 +115,18 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
         dt: Physics step, s.
         device: Warp's.
     """
+    rows, pairs, thrusters = body_values(parameters, dt)
+    matrices = wp.array(pairs, dtype=mat6, device=device)
+    on_device = wp.array(thrusters, dtype=Thruster, device=device)
+    rows["matrix"], rows["thrusters"] = row_views(matrices), row_views(on_device)
+    return BodyRows(rows, matrices, on_device)
+
+
+def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.void], Array, npt.NDArray[np.void]]:
+    """Return what `body_rows` puts on the device: (N,) rows, (N, 2, 6, 6) mass matrices and inverses, (N, T) thrusters.
+
+    The rows' own arrays are left empty.
+    """
     matrix = parameters.mass.reshape(-1, 6, 6)
     num, half = len(matrix), 0.5 * dt
     inverse, is_coupled = np.linalg.inv(matrix), parameters.is_coupled.reshape(-1)
@@ -134,10 +147,7 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
         left = np.exp(-dt / np.where(lag > 0.0, lag, np.inf)) * (lag > 0.0)
         rows["left"], rows["mean_left"] = left, (1.0 - left) * lag / dt
         rows["num_thrusters"] = thrusters.shape[1]
-    matrices = wp.array(np.stack([matrix, inverse], axis=1), dtype=mat6, device=device)
-    on_device = wp.array(thrusters, dtype=Thruster, device=device)
-    rows["matrix"], rows["thrusters"] = _views(matrices), _views(on_device)
-    return BodyRows(rows, matrices, on_device)
+    return rows, np.stack([matrix, inverse], axis=1), thrusters
 
 
 def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArray[np.void]:
@@ -150,7 +160,7 @@ def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArr
     return rows
 
 
-def _views(array: Any) -> npt.NDArray[np.void]:
+def row_views(array: Any) -> npt.NDArray[np.void]:
     """Return what a structure holds of each row of an (N, M) array on the device: its address and its shape."""
     views = np.empty(len(array), dtype=np.dtype(Body.numpy_dtype())["matrix"])
     views[:] = np.frombuffer(bytearray(array[0].__ctype__()), dtype=views.dtype)
