@@ -140,7 +140,7 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
         rows["num_thrusters"] = thrusters.shape[1]
     matrices = wp.array(np.stack([matrix, inverse], axis=1), dtype=mat6, device=device)
     on_device = wp.array(thrusters, dtype=Thruster, device=device)
-    rows["matrix"], rows["thrusters"] = _views(matrices), _views(on_device)
+    rows["matrix"], rows["thrusters"] = views_of(matrices), views_of(on_device)
     return BodyRows(rows, matrices, on_device)
 
 
@@ -154,7 +154,7 @@ def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArr
     return rows
 
 
-def _views(array: Any) -> npt.NDArray[np.void]:
+def views_of(array: Any) -> npt.NDArray[np.void]:
     """Return what a structure holds of each row of an (N, M) array on the device: its address and its shape."""
     views = np.empty(len(array), dtype=BODY_DTYPE["matrix"])
     views[:] = np.frombuffer(bytearray(array[0].__ctype__()), dtype=views.dtype)
