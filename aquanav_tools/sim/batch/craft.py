@@ -12,7 +12,7 @@ import warp as wp
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.actuators import Controls, make_controls
 from aquanav_tools.sim.batch.contact import Hull
-from aquanav_tools.sim.batch.motion import Body, Thruster, body_values, make_body, mat6, row_views, vec6
+from aquanav_tools.sim.batch.motion import Body, Thruster, body_values, make_body, mat6, vec6, views_of
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.random import DYNAMICS, draw_many
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -107,7 +107,7 @@ class DrawnCrafts:
         self._matrices = wp.zeros((len(cave_of), 2), dtype=mat6, device=device)
         self._thrusters = wp.zeros((len(cave_of), most), dtype=Thruster, device=device)
         rows = self._nominal.copy()
-        rows["body"]["matrix"], rows["body"]["thrusters"] = row_views(self._matrices), row_views(self._thrusters)
+        rows["body"]["matrix"], rows["body"]["thrusters"] = views_of(self._matrices), views_of(self._thrusters)
         self._rows = rows
         self.array = wp.array(rows, dtype=Craft, device=device)
         """(N,) on the device."""

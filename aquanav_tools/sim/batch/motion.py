@@ -95,12 +95,16 @@ class Body:
     """(T,)."""
 
 
+BODY_DTYPE, THRUSTER_DTYPE = np.dtype(Body.numpy_dtype()), np.dtype(Thruster.numpy_dtype())
+"""NumPy's rows of both, with the names above; made once, as that takes a millisecond."""
+
+
 @dataclass(frozen=True, eq=False)
 class BodyRows:
     """N bodies as a structured array, ready to be part of an array of structures on the device."""
 
     rows: npt.NDArray[np.void]
-    """(N,) of `Body.numpy_dtype()`. The arrays in it point into the next two, which must live as long."""
+    """(N,) of BODY_DTYPE. The arrays in it point into the next two, which must live as long."""
     matrices: Any
     """(N, 2) on the device."""
     thrusters: Any
@@ -118,7 +122,7 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
     rows, pairs, thrusters = body_values(parameters, dt)
     matrices = wp.array(pairs, dtype=mat6, device=device)
     on_device = wp.array(thrusters, dtype=Thruster, device=device)
-    rows["matrix"], rows["thrusters"] = row_views(matrices), row_views(on_device)
+    rows["matrix"], rows["thrusters"] = views_of(matrices), views_of(on_device)
     return BodyRows(rows, matrices, on_device)
 
 
@@ -134,7 +138,7 @@ def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.v
     mobility = np.where(is_coupled[:, None], np.diagonal(inverse, axis1=1, axis2=2), 1.0 / masses)
     rate = parameters.linear_damping * mobility
     decay = np.exp(-rate * half)
-    rows = np.zeros(num, dtype=Body.numpy_dtype())
+    rows = np.zeros(num, dtype=BODY_DTYPE)
     rows["weight"], rows["arm"] = parameters.net_weight, parameters.arm
     rows["mass"], rows["mobility"], rows["decay"] = masses, mobility, decay
     rows["span"] = np.where(rate > 1e-12, (1.0 - decay) / np.maximum(rate, 1e-12), half)
@@ -153,16 +157,16 @@ def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.v
 def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArray[np.void]:
     """Return the (N, T) thrusters of N bodies, with T of at least 1."""
     if parameters is None:
-        return np.zeros((num, 1), dtype=Thruster.numpy_dtype())
-    rows = np.zeros((num, parameters.wrenches.shape[-2]), dtype=Thruster.numpy_dtype())
+        return np.zeros((num, 1), dtype=THRUSTER_DTYPE)
+    rows = np.zeros((num, parameters.wrenches.shape[-2]), dtype=THRUSTER_DTYPE)
     rows["wrench"], rows["allocation"] = parameters.wrenches, parameters.allocation
     rows["max_reverse"], rows["max_forward"] = parameters.max_reverse, parameters.max_forward
     return rows
 
 
-def row_views(array: Any) -> npt.NDArray[np.void]:
+def views_of(array: Any) -> npt.NDArray[np.void]:
     """Return what a structure holds of each row of an (N, M) array on the device: its address and its shape."""
-    views = np.empty(len(array), dtype=np.dtype(Body.numpy_dtype())["matrix"])
+    views = np.empty(len(array), dtype=BODY_DTYPE["matrix"])
     views[:] = np.frombuffer(bytearray(array[0].__ctype__()), dtype=views.dtype)
     views["data"] += np.arange(len(array), dtype=np.uint64) * np.uint64(array.strides[0])
     return views
