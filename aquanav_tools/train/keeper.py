@@ -18,7 +18,7 @@ from aquanav_tools.train.checkpoint import Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
-from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
+from aquanav_tools.train.learners import MAX_WEIGHT, has_finite_weights, update_normalisers
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.validation import Validation, measure
@@ -56,7 +56,7 @@ class Keeper(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         """Look after the update that was just finished: the next decision has not been chosen yet."""
-        if self.num_timesteps - self._marked >= self._settings.buffer:
+        if self.num_timesteps - self._marked >= self._settings.rollout_size:
             self._after_update(is_lesson_over=False)
 
     def _on_training_end(self) -> None:
@@ -67,7 +67,7 @@ class Keeper(BaseCallback):
         journal.steps = journal.steps_before + self.num_timesteps
         self.check()
         if self._settings.normalise and self._seen:
-            take_in(self.model, np.concatenate(self._seen), self._settings)
+            update_normalisers(self.model, np.concatenate(self._seen), self._settings)
         self._seen.clear()
         self._marked = self.num_timesteps
         told = {name: float(value) for name, value in self.logger.name_to_value.items()}
@@ -85,7 +85,7 @@ class Keeper(BaseCallback):
         Raises:
             TrainingError: it cannot.
         """
-        if not is_sound(self.model):
+        if not has_finite_weights(self.model):
             raise TrainingError(
                 f"Learning diverged: after {self._journal.steps} decisions, in lesson {self._lesson + 1}, weights are "
                 f"not finite, or larger than {MAX_WEIGHT:g}. The learning rate of {self._settings.learning_rate:g} is "
