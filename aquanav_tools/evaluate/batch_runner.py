@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -23,6 +24,7 @@ from aquanav_tools.envs.places import Place, make_batch
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
+from aquanav_tools.evaluate.episode_runner import Runner, Tasks
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
@@ -55,21 +57,20 @@ def check_plan(plan: Plan) -> None:
     check_batched(plan.policy.observation)
 
 
-def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
-    """Yield the journal's rows of `count` tasks, which come in the plan's order."""
-    if count == 0:
-        return
+@contextmanager
+def open_batch(spec: EvaluationSpec, plan: Plan, count: int) -> Iterator[Runner]:
+    """Yield what runs episodes side by side; their tasks come in the plan's order. See `open_runner`."""
     policies = [spec.load(spec.policy) for _ in range(num_policies(plan.policy, min(count, BATCH_SIZE)))]
-    runner = BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))
     writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
-    asked = (task for task in tasks if task is not None)
-    try:
-        for batch in task_batches(plan, asked):
-            episodes = [plan.episodes[task.index] for task in batch]
-            for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
-                yield writer.keep(episode, task.record, trajectory, metrics)
-    finally:
-        runner.close()
+    with closing(BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))) as runner:
+        yield partial(_rows_of, runner, writer, plan)
+
+
+def _rows_of(runner: BatchRunner, writer: EpisodeWriter, plan: Plan, tasks: Tasks) -> Iterator[Row]:
+    for batch in task_batches(plan, (task for task in tasks if task is not None)):
+        episodes = [plan.episodes[task.index] for task in batch]
+        for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
+            yield writer.keep(episode, task.record, trajectory, metrics)
 
 
 def task_batches(plan: Plan, tasks: Iterable[Task]) -> Iterator[tuple[Task, ...]]:

@@ -33,14 +33,16 @@ class EnvCache:
     """Keeps what episodes share, one environment at a time, as episodes come sorted by scenario and condition."""
 
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None) -> None:
-        self._policy, self._options, self._timeout = policy, options, timeout or CallTimeout()
+        self.policy = policy
+        """May be replaced between episodes by another of the same observation and action."""
+        self._options, self._timeout = options, timeout or CallTimeout()
         self._env: PlaceEnv | None = None
         self._place: tuple[Place, TaskOptions] | None = None
 
     def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
         """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
         task = task_of(episode, self._options)
-        env, policy = self._env_of(episode, task), self._policy.policy
+        env, policy = self._env_of(episode, task), self.policy.policy
         conditions = {name: getattr(task, name) for name in CONDITIONS}
         trajectory = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
         return trajectory, measure(trajectory, env.way, reference_of(episode, task), episode.index)
@@ -59,8 +61,8 @@ class EnvCache:
             self.close()
             self._env = make_env(
                 episode.scenario,
-                observation=self._policy.observation,
-                action=self._policy.action,
+                observation=self.policy.observation,
+                action=self.policy.action,
                 max_decisions=self._options.max_decisions,
                 **choices_of(task),
             )
