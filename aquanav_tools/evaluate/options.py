@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
-ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
-"""Of a Ray cluster."""
 MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]

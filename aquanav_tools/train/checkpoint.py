@@ -32,7 +32,7 @@ REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A moment of a run, between two updates."""
+    """A run between two updates."""
 
     lesson: int
     """Index of the lesson."""

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import importlib.metadata
 import io
 import json
-import platform
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.run_folder import BEST_FILE, POLICY_FILE
-from aquanav_tools.provenance import code_digest
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
 from aquanav_tools.train.continuing import as_begun, check_steps, continued, is_lesson_over, told
@@ -26,17 +22,17 @@ from aquanav_tools.train.fitting import fitted
 from aquanav_tools.train.initial import InitialPolicy
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import RENAMED
-from aquanav_tools.train.validation import Trial
+from aquanav_tools.train.validation import TRIED_FILE, Trial
+from aquanav_tools.train.versions import versions
 
 FORMAT = 2
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
-LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
-FREE = ("workers", "checkpoint_every", "init")
+FREE = ("workers", "ray", "checkpoint_every", "init")
 """Settings of the run that change neither the policy nor what is told of it; of `init` the file's hash counts."""
 OWN_FILES = (
     CHECKPOINT_FILE, POLICY_FILE, BEST_FILE, RECORD_FILE, CURVE_FILE, TRIALS_FILE, EVENTS_DIR, "policy.onnx",
-    "policy.pt", "curve.rrd", "report.html", "pictures",
+    "policy.pt", "curve.rrd", "report.html", "pictures", TRIED_FILE,
 )  # fmt: skip
 
 
@@ -141,16 +137,6 @@ class RunRecord:
         own = {"identity": self._identity, "resumed": self._resumed, "is_finished": is_finished}
         journal = {**checkpoint.journal, **own}
         write_checkpoint(dataclasses.replace(checkpoint, journal=journal), self.folder)
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of all that a policy rests on, and a hash of the code."""
-    return {
-        "aquanav": __version__,
-        "code": code_digest("aquanav_tools.train.training"),
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in LIBRARIES},
-    }
 
 
 def _identity(

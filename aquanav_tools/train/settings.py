@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
@@ -156,7 +157,13 @@ class RunSettings:
     them in one batch, faster by several times with hundreds of them (num_envs). Validation takes the former in any
     case."""
     workers: int = 0
-    """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
+    """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
+    process that learns. The result is the same."""
+    ray: str | None = None
+    """Have the workers' environments on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same
+    result; trials then run in the process that learns. This machine must be one of its nodes, and the working directory
+    and the scenarios must lie at the same paths on all. Each decision takes a message to every worker and back, so take
+    it where environments are slow. Needs pip install 'aquanav[cluster]'."""
     init: str | None = None
     """A policy to begin with: the policy.zip or best.zip of another run, that run's folder, or baseline:reference. Its
     weights and its means and spreads of observations are taken over; spaces and network must be the same."""
@@ -173,6 +180,11 @@ class RunSettings:
             self.workers == 0 or self.backend == "pybullet",
             f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "
             "backend pybullet.",
+        )
+        _check(self.ray is None or self.workers > 0, "ray is given without workers. Say how many actors: workers.")
+        _check(
+            self.ray is None or bool(ADDRESS.fullmatch(self.ray)),
+            f"ray is {self.ray!r}; give auto, or the HOST:PORT that `ray start --head` shows.",
         )
 
 

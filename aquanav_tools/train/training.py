@@ -20,23 +20,23 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
+from aquanav_tools.train.callback import TrainingCallback
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
 from aquanav_tools.train.continuing import is_lesson_over
-from aquanav_tools.train.crew import training_env
+from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.fitting import decisions_of, described, fitted
 from aquanav_tools.train.initial import InitialPolicy, begin_with, check_initial, read_initial
 from aquanav_tools.train.journal import RunJournal
-from aquanav_tools.train.keeper import Keeper
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
 from aquanav_tools.train.mirror import MirroredEnvs
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.presenting import REPORT_FILE, present
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
+from aquanav_tools.train.reporting import REPORT_FILE, write_artifacts
 from aquanav_tools.train.settings import RunSettings, TrainSettings
-from aquanav_tools.train.validation import Trial, Validation
+from aquanav_tools.train.validation import Trial, open_trials
 
 
 def _tell_nobody(sentence: str) -> None:
@@ -114,7 +114,7 @@ def train(
                 run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
                 _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
             if not (was_finished and (output_dir / REPORT_FILE).is_file()):
-                present(output_dir, record.pipeline, journal)
+                write_artifacts(output_dir, record.pipeline, journal)
         return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
 
 
@@ -212,9 +212,10 @@ def _learn(
             journal.steps_before = journal.steps
         elif run.initial is not None:
             begin_with(learner, run.initial)
-        with _validation(run, number) as validation:
-            keeper = Keeper(run.pipeline, number, run.record, journal, validation, scenarios, bar)
-            _go_on(learner, settings.steps - learner.num_timesteps, keeper)
+        is_last, folder = number == len(run.pipeline.lessons) - 1, run.record.folder
+        with open_trials(run.pipeline.run, settings, run.validation, scenarios, folder, is_last=is_last) as trials:
+            callback = TrainingCallback(run.pipeline, number, run.record, journal, trials, bar)
+            _go_on(learner, settings.steps - learner.num_timesteps, callback)
         return _Learned(parameters_of(learner), spread_of(scale))
 
 
@@ -225,29 +226,20 @@ def _environments(
     if run.backend == "batch":
         envs = BatchedEnvs(scenarios, settings)
     else:
-        envs = TrainingEnvs(scenarios, settings, run.workers)
+        envs = TrainingEnvs(scenarios, settings, run.workers, run.ray)
     return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
 
 
-def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:
+def _go_on(learner: BaseAlgorithm, steps: int, callback: TrainingCallback) -> None:
     """Learn for a number of decisions; what diverging makes libraries raise becomes a sentence."""
     try:
-        learner.learn(steps, callback=keeper, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+        learner.learn(steps, callback=callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
     except (ValueError, InputError) as cause:
         try:
-            keeper.check()
+            callback.check()
         except Exception as diverged:
             raise diverged from cause
         raise
-
-
-@contextmanager
-def _validation(run: _Run, number: int) -> Iterator[Validation | None]:
-    if not run.validation:
-        yield None
-        return
-    with closing(Validation(run.validation, run.pipeline.lessons[number], run.pipeline.run.validation_episodes)) as it:
-        yield it
 
 
 @contextmanager

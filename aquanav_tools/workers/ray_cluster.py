@@ -9,6 +9,7 @@ import contextlib
 import ctypes
 import os
 import platform
+import re
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -18,6 +19,8 @@ from typing import Any
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
 from aquanav_tools.workers.worker import Reply, Served, WorkerLostError, WorkerSpec
 
+ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
+"""Of a cluster."""
 ANSWER_LIMIT = 30.0
 """Time that a cluster has to answer, s. Ray itself goes on trying for minutes."""
 START_LIMIT = 300.0

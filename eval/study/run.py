@@ -129,11 +129,11 @@ def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str,
 
 
 def curve(path: Path) -> list[list[float]]:
-    """Return decisions, and shares of success and of collision-free success of the last episodes, at some points."""
+    """Return decisions, and fractions of success and of collision-free success of the last episodes, at some points."""
     with path.open(encoding="utf-8") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["success_rate"] not in ("", "nan")]
+        rows = [with_new_names(row) for row in csv.DictReader(stream) if row["success_rate"] not in ("", "nan")]
     kept = rows[:: max(1, len(rows) // NUM_CURVE_POINTS)]
-    return [[float(row[key]) for key in ("steps", "success_rate", "clean_success_rate")] for row in kept]
+    return [[float(row[key]) for key in ("steps", "success_rate", "collision_free_success")] for row in kept]
 
 
 def scores(study: Study, episodes: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:

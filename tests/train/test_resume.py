@@ -22,6 +22,7 @@ from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
+from aquanav_tools.workers.pipe import PipeWorker
 from tests.caves import tube_scenario
 from tests.disks import fill, small_disk
 from tests.train.runs import learned, tiny_pipeline, tiny_tube
@@ -35,7 +36,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def after_checkpoint(monkeypatch: pytest.MonkeyPatch, number: int, act: Callable[[], None]) -> None:
@@ -104,16 +105,18 @@ def test_killed_command_goes_on_to_the_same_policy(
 def test_killed_worker_costs_nothing_and_workers_change_nothing(
     tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    crews: list[TrainingEnvs] = []
+    begun: list[TrainingEnvs] = []
     begin = TrainingEnvs.__init__
 
     def begin_and_keep(self: TrainingEnvs, *args: Any) -> None:
         begin(self, *args)
-        crews.append(self)
+        begun.append(self)
 
     def kill_worker() -> None:
-        assert crews[0].workers[1].pid is not None
-        os.kill(crews[0].workers[1].pid, signal.SIGKILL)
+        assert begun[0].pool is not None
+        worker = begun[0].pool.workers[1]
+        assert isinstance(worker, PipeWorker) and worker.pid is not None
+        os.kill(worker.pid, signal.SIGKILL)
 
     run = RunSettings(checkpoint_every=128, workers=2, final_episodes=0)
     with monkeypatch.context() as patch, pytest.raises(ResourceError, match=r"worker 2 of 2 .* ended by SIGKILL"):

@@ -46,7 +46,7 @@ def test_a_straight_tube_is_swum_through_by_who_goes_straight_ahead_for_long_eno
 def test_run_on_the_batch_ends_with_whole_episodes_where_its_curve_has_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
     pipeline = tiny_pipeline(
         tiny_tube(tmp_path / "tube"), run=RunSettings(backend="batch", final_episodes=5), steps=128, num_envs=32
     )  # 4 decisions of each vehicle, of the 40 of an episode
