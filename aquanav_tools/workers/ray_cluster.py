@@ -173,7 +173,7 @@ class RayTransport:
         """Return how many cores there are."""
         have, free = self._ray.cluster_resources(), self._ray.available_resources()
         return (
-            f": of {have.get('CPU', 0):g} cores of the cluster {free.get('CPU', 0):g} are free. The likely cause is "
+            f": of {have.get("CPU", 0):g} cores {free.get('CPU', 0):g} are free. The likely cause is "
             "that other work has them, or that nodes are gone; see ray status."
         )
 

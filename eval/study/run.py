@@ -29,6 +29,7 @@ import tomli_w
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the study is no part of the package
 
+from aquanav_tools.train.episodes import with_new_names
 from aquanav_tools.train.pipeline import read_pipeline
 from eval.study.commands import aquanav
 from eval.study.page import write_page
