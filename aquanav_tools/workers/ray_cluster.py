@@ -171,9 +171,9 @@ class RayTransport:
 
     def waiting_text(self) -> str:
         """Return how many cores there are."""
-        have, free = self._ray.cluster_resources(), self._ray.available_resources()
+        have, free = (found.get("CPU", 0) for found in (self._ray.cluster_resources(), self._ray.available_resources()))
         return (
-            f": of {have.get("CPU", 0):g} cores {free.get('CPU', 0):g} are free. The likely cause is "
+            f": of {have:g} cores {free:g} are free. The likely cause is "
             "that other work has them, or that nodes are gone; see ray status."
         )
 

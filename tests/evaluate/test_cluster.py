@@ -20,12 +20,9 @@ from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.store import locked
 from aquanav_tools.workers import ray_cluster
 from aquanav_tools.workers.ray_cluster import MakeAsAtHome, as_own_error
-from tests.conftest import REPOSITORY
+from tests.clusters import two_nodes
 from tests.evaluate.policies import ONCE, PROCESSES, TROUBLE, drifting_options, load_drifting
 from tests.evaluate.test_episode_runner import BAD, NUM_EPISODES, REASONS, assert_same_files
-
-NODE: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 80 << 20}
-"""The least store that Ray takes is 75 MB."""
 
 Run = Callable[..., list[tuple[int, int]]]
 
@@ -41,20 +38,10 @@ def calm(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
     """Two nodes of one core each, on this machine, that know the policies and troubles of tests."""
-    pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt 'aquanav[cluster]'.")
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv(ONCE, str(tmp_path / "once"))
     monkeypatch.setenv(PROCESSES, str(tmp_path / "processes"))
-    nodes = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
-    try:
-        nodes.add_node(**NODE)
-        nodes.wait_for_nodes()
+    with two_nodes(monkeypatch) as nodes:
         yield nodes
-    finally:
-        nodes.shutdown()
 
 
 @pytest.fixture

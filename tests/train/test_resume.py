@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import subprocess
@@ -18,11 +17,8 @@ from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, read_checkpoint
-from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.record import RunRecord
-from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
-from aquanav_tools.workers.pipe import PipeWorker
 from tests.caves import tube_scenario
 from tests.disks import fill, small_disk
 from tests.train.runs import learned, tiny_pipeline, tiny_tube
@@ -100,33 +96,6 @@ def test_killed_command_goes_on_to_the_same_policy(
     for name in ("curve.csv", "validation.csv"):  # all but the seconds
         rows = [(folder / name).read_text().splitlines() for folder in (killed, tmp_path / "whole")]
         assert len(rows[0]) == len(rows[1])
-
-
-def test_killed_worker_costs_nothing_and_workers_change_nothing(
-    tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    begun: list[TrainingEnvs] = []
-    begin = TrainingEnvs.__init__
-
-    def begin_and_keep(self: TrainingEnvs, *args: Any) -> None:
-        begin(self, *args)
-        begun.append(self)
-
-    def kill_worker() -> None:
-        assert begun[0].pool is not None
-        worker = begun[0].pool.workers[1]
-        assert isinstance(worker, PipeWorker) and worker.pid is not None
-        os.kill(worker.pid, signal.SIGKILL)
-
-    run = RunSettings(checkpoint_every=128, workers=2, final_episodes=0)
-    with monkeypatch.context() as patch, pytest.raises(ResourceError, match=r"worker 2 of 2 .* ended by SIGKILL"):
-        patch.setattr(TrainingEnvs, "__init__", begin_and_keep)
-        after_checkpoint(patch, 1, kill_worker)
-        train(tiny_pipeline(tube, run=run), 0, tmp_path / "killed")
-    alone = dataclasses.replace(run, workers=0)
-    train(tiny_pipeline(tube, run=alone), 0, tmp_path / "killed")
-    train(tiny_pipeline(tube, run=alone), 0, tmp_path / "whole")
-    assert learned(tmp_path / "killed") == learned(tmp_path / "whole")
 
 
 def test_full_disk_costs_nothing_once_there_is_room(
