@@ -86,8 +86,8 @@ def _refuse_old_names(arguments: Sequence[str]) -> None:
 def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     from aquanav_tools.train.pipeline import read_pipeline
 
-    said = {**_given(options.run, arguments), **_given(options.settings, arguments)}
-    pipeline = read_pipeline(options.pipeline, said)
+    overrides = {**_given(options.run, arguments), **_given(options.settings, arguments)}
+    pipeline = read_pipeline(options.pipeline, overrides)
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)

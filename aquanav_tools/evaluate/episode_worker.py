@@ -38,7 +38,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class EvaluationSpec:
-    """What an evaluation is told; travels to other processes."""
+    """What is evaluated and how; travels to other processes."""
 
     options: EvaluateOptions
     policy: str
@@ -71,7 +71,7 @@ class Task:
     """One episode to run."""
 
     index: int
-    """Its place in the evaluation."""
+    """Its number in the evaluation."""
     record: RecordRule
     """When to write its recording."""
     reason: str = ""
@@ -117,8 +117,8 @@ def _num_possible(
     if options.cases:
         return None
     counts = [
-        possible_episodes(place, task_under(condition, options), len(starts_in(place, condition)), policy.draws)
-        for place in scenarios
+        possible_episodes(scenario, task_under(condition, options), len(starts_in(scenario, condition)), policy.draws)
+        for scenario in scenarios
         for condition in conditions
     ]
     found = [count for count in counts if count is not None]

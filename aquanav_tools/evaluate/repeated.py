@@ -28,7 +28,7 @@ class RepeatedEvaluation:
 
         Args:
             options: Of `evaluate`, with one policy: a zip, which need not be there yet. Its output is not written.
-            scenarios: In memory, in place of those that the options name.
+            scenarios: In memory, instead of those that the options name.
         """
         self._path = Path(options.policies[0])
         self._spec = EvaluationSpec(options, str(self._path), None, load_policy, scenarios=tuple(scenarios))

@@ -99,8 +99,8 @@ class _Campaign:
 
     def _trial(self, index: int) -> Trial:
         case, metrics = self._cases[index], self._journal.episode(index)
-        way = self._scenario.starts[case.start].geodesic_to_goal
-        return Trial(case, metrics, danger(metrics, self._scenario.guide.length), way)
+        path_length = self._scenario.starts[case.start].geodesic_to_goal
+        return Trial(case, metrics, danger(metrics, self._scenario.guide.length), path_length)
 
     def _generations(self) -> Iterator[tuple[int, list[Array]]]:
         """Yield the first index and the points of each generation; the caller runs them before it asks for more."""

@@ -66,8 +66,8 @@ class TrainingCallback(BaseCallback):
             take_in(self.model, np.concatenate(self._seen), self._settings)
         self._seen.clear()
         self._marked = self.num_timesteps
-        told = {name: float(value) for name, value in self.logger.name_to_value.items()}
-        self._show(journal.mark(self._lesson + 1, told))
+        statistics = {name: float(value) for name, value in self.logger.name_to_value.items()}
+        self._show(journal.mark(self._lesson + 1, statistics))
         if is_lesson_over or _is_passed(self._run.validate_every, before, journal.steps):
             self._try_out()
         if is_lesson_over and self._trials.final is not None:

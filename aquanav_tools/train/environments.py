@@ -65,7 +65,7 @@ class TrainingEnvs(VecEnv):
             ResourceError: a worker does not start, or the cluster does not answer.
         """
         num = settings.num_envs
-        places = [
+        per_env = [
             scenario
             for scenario, part in zip(scenarios, slices_of(num, len(scenarios)), strict=True)
             for _ in range(part.stop - part.start)
@@ -76,10 +76,10 @@ class TrainingEnvs(VecEnv):
         """The workers; None where there are none."""
         if self._slices:
             transport: Transport = PipeTransport() if ray is None else self._held.enter_context(connected(ray))
-            specs = [_worker_spec(places[part], settings, is_on_ray=ray is not None) for part in self._slices]
+            specs = [_worker_spec(per_env[part], settings, is_on_ray=ray is not None) for part in self._slices]
             self.pool = self._held.enter_context(WorkerPool(transport, specs))
         else:
-            self._group = EnvironmentGroup(places, settings)
+            self._group = EnvironmentGroup(per_env, settings)
             self._held.callback(self._group.close)
         self.render_mode = None
         self._actions: Any = None

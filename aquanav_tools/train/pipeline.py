@@ -45,7 +45,7 @@ class Pipeline:
                 if here != first:
                     raise ValueError(
                         f"{name} is {first!r} in lesson 1 and {here!r} in lesson {number}; it makes the network, which "
-                        "all lessons share."
+                        "all lessons have in common."
                     )
 
     @property
@@ -60,29 +60,29 @@ class _Tables:
 
     run: dict[str, Any]
     common: dict[str, Any]
-    """What all lessons share."""
+    """What all lessons have in common."""
     lessons: tuple[dict[str, Any], ...]
-    """Each with what they share."""
+    """Each with what they have in common."""
 
     def changed(self, table: dict[str, Any], where: str) -> _Tables:
         """Return these tables with those of a file, or of a command line, above them."""
         run = {key: value for key, value in table.items() if key in RUN_KEYS}
-        said = {key: value for key, value in table.items() if key in LESSON_KEYS}
-        common = {**self.common, **said}
+        overrides = {key: value for key, value in table.items() if key in LESSON_KEYS}
+        common = {**self.common, **overrides}
         if "lessons" in table:
             own = _lesson_tables(table["lessons"], where)
             lessons = tuple({**common, **lesson} for lesson in own)
         else:
-            lessons = tuple({**lesson, **said} for lesson in self.lessons)
+            lessons = tuple({**lesson, **overrides} for lesson in self.lessons)
         return _Tables({**self.run, **run}, common, lessons)
 
 
-def read_pipeline(name: str | Path | None, said: dict[str, Any]) -> Pipeline:
+def read_pipeline(name: str | Path | None, overrides: dict[str, Any]) -> Pipeline:
     """Return the pipeline in a file, or the shipped one of a name, with other values above it.
 
     Args:
         name: A path, or a shipped name such as "paper"; None takes one lesson of defaults.
-        said: Values that count above those of the file, in all lessons.
+        overrides: Values that count above those of the file, in all lessons.
 
     Raises:
         InputError: there is no such file, or it has an unknown key or a senseless value; the message names it.
@@ -91,7 +91,7 @@ def read_pipeline(name: str | Path | None, said: dict[str, Any]) -> Pipeline:
     where = "The command line" if name is None else str(name)
     for path, table in _chain(name):
         tables = tables.changed(table, path.name)
-    tables = tables.changed(said, where)
+    tables = tables.changed(overrides, where)
     lessons = tuple(
         from_table(TrainSettings, lesson, f"{where}: lesson {number}" if len(tables.lessons) > 1 else where)
         for number, lesson in enumerate(tables.lessons, 1)

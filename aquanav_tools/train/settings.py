@@ -13,7 +13,7 @@ Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
 NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "masked_observations", "memory")
-"""Settings that make the network, so that all lessons of a run share them."""
+"""Settings that make the network, which all lessons of a run have in common."""
 RENAMED = {
     "also": "scenarios",
     "blind_to": "masked_observations",
@@ -34,7 +34,7 @@ class TrainSettings(TaskOptions):
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
     scenarios: tuple[str, ...] = ()
-    """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
+    """More scenarios to learn in during the same lesson; the environments are divided evenly, in this order."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole buffers, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""

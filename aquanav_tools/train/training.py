@@ -21,7 +21,7 @@ from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.callback import TrainingCallback
-from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
+from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, return_statistics, set_return_statistics
 from aquanav_tools.train.continuing import is_lesson_over
 from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
@@ -97,12 +97,12 @@ def train(
         [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.all_scenarios)]
         for lesson in pipeline.lessons
     ]
-    trials_in = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
-    places = [one for group in scenarios for one in group]
-    _check_task(pipeline, [*places, *trials_in])
-    say_left_out([*places, *trials_in])
-    initial = _initial(pipeline, places[0])
-    record = RunRecord(output_dir, pipeline, seed, places, trials_in, initial)
+    validation = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
+    all_scenarios = [one for group in scenarios for one in group]
+    _check_task(pipeline, [*all_scenarios, *validation])
+    say_left_out([*all_scenarios, *validation])
+    initial = _initial(pipeline, all_scenarios[0])
+    record = RunRecord(output_dir, pipeline, seed, all_scenarios, validation, initial)
     with _writable(output_dir):
         if overwrite:
             record.clear()
@@ -111,7 +111,7 @@ def train(
             journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
             was_finished = checkpoint is not None and record.is_finished(checkpoint)
             if not was_finished:
-                run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
+                run = _Run(record.pipeline, seed, record, journal, validation, initial)
                 _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
             if not (was_finished and (output_dir / REPORT_FILE).is_file()):
                 write_artifacts(output_dir, record.pipeline, journal)
@@ -120,7 +120,7 @@ def train(
 
 @dataclass(frozen=True)
 class _Run:
-    """What the lessons of a run share."""
+    """What the lessons of a run have in common."""
 
     pipeline: Pipeline
     seed: int
@@ -135,25 +135,25 @@ class _Learned:
     """What passes from lesson to lesson."""
 
     parameters: dict[str, Any]
-    spread: list[float]
+    returns: list[float]
     """Running mean, variance and count of the returns."""
 
 
-def _check_task(pipeline: Pipeline, places: list[Place]) -> None:
-    bays = [place.name for place in places if isinstance(place, Bay)]
-    caves = [place.name for place in places if not isinstance(place, Bay)]
+def _check_task(pipeline: Pipeline, scenarios: list[Place]) -> None:
+    bays = [one.name for one in scenarios if isinstance(one, Bay)]
+    caves = [one.name for one in scenarios if not isinstance(one, Bay)]
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
     if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
         raise InputError(f"mirrored and masked_observations are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
-def _initial(pipeline: Pipeline, place: Place) -> InitialPolicy | None:
+def _initial(pipeline: Pipeline, scenario: Place) -> InitialPolicy | None:
     """Return the policy to begin with, checked against the first lesson's task."""
     if pipeline.run.init is None:
         return None
     initial, lesson = read_initial(pipeline.run.init), fitted(pipeline.lessons[0])
-    with closing(training_env(place, lesson)) as env:
+    with closing(training_env(scenario, lesson)) as env:
         check_initial(initial, env.observation_space, env.action_space, lesson)
     return initial
 
@@ -207,7 +207,7 @@ def _learn(
             restore_learner(learner, envs, scale, checkpoint.learner)
         elif learned is not None:
             inherit(learner, learned.parameters, settings)
-            set_spread(scale, learned.spread)
+            set_return_statistics(scale, learned.returns)
             journal.curve.begin_lesson()
             journal.steps_before = journal.steps
         elif run.initial is not None:
@@ -216,7 +216,7 @@ def _learn(
         with open_trials(run.pipeline.run, settings, run.validation, scenarios, folder, is_last=is_last) as trials:
             callback = TrainingCallback(run.pipeline, number, run.record, journal, trials, bar)
             _go_on(learner, settings.steps - learner.num_timesteps, callback)
-        return _Learned(parameters_of(learner), spread_of(scale))
+        return _Learned(parameters_of(learner), return_statistics(scale))
 
 
 def _environments(

@@ -121,8 +121,8 @@ def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str,
     """Return what a variant's pipeline file says, with the study's settings and caves above it."""
     table = {**study.variants[name], **study.settings}
     if study.caves:
-        said = {key: value for key, value in table.items() if key != "extends"}
-        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(table["extends"], said).lessons]
+        overrides = {key: value for key, value in table.items() if key != "extends"}
+        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(table["extends"], overrides).lessons]
         for lesson in lessons:
             lesson["scenario"] = places[study.caves[lesson["scenario"]]]
         table["lessons"] = [{key: value for key, value in lesson.items() if value is not None} for lesson in lessons]
