@@ -147,7 +147,7 @@ class RunSettings:
     """Scenarios to try the policy in while it learns, each in its own water. The best policy is kept in best.zip, which
     there is with validation only."""
     validation_episodes: int = 20
-    """Episodes per scenario, from fixed starts."""
+    """Episodes per scenario: those that aquanav-eval runs with as many and seed 0."""
     validate_every: int = 250_000
     """Decisions between two trials; the first update after a multiple of these is tried."""
     checkpoint_every: int = 100_000

@@ -86,6 +86,7 @@ def train(
             fit, or the vehicle does not fit into a scenario.
         ScenarioError: a scenario cannot be read.
         ResourceError: the disk is full, or a worker was killed.
+        WorkerError: an environment in a worker raised an error, or took too long.
         TrainingError: learning diverged.
     """
     if pipeline.run.backend == "batch":
