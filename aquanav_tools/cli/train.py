@@ -106,8 +106,8 @@ def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
 def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     from aquanav_tools.train.pipeline import read_pipeline
 
-    said = {**_given(options.run, arguments), **_given(options.settings, arguments)}
-    pipeline = read_pipeline(options.pipeline, said)
+    overrides = {**_given(options.run, arguments), **_given(options.settings, arguments)}
+    pipeline = read_pipeline(options.pipeline, overrides)
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)
@@ -130,7 +130,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
         lines.append(
             f"The last policy reached the goal in {final.success_rate:.0%} of {final.episodes} whole episodes in "
             f"{_named(lesson.all_scenarios)} (PyBullet, without chance in its actions), in "
-            f"{final.clean_success_rate:.0%} without a collision; {final.mean_collisions:.1f} collisions per episode."
+            f"{final.collision_free_success:.0%} without a collision; {final.mean_collisions:.1f} collisions per "
+            "episode."
         )
     policy = folder / "policy.zip"
     if best is None:
@@ -138,8 +139,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
     else:
         policy = folder / "best.zip"
         lines.append(
-            f"Best in validation: after {best.steps:,} decisions, {best.clean_success_rate:.0%} collision-free success "
-            f"({policy})."
+            f"Best in validation: after {best.steps:,} decisions, {best.collision_free_success:.0%} collision-free "
+            f"success ({policy})."
         )
     vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
     score = f"aquanav-eval {policy} --scenario {lesson.scenario}{vehicle}"

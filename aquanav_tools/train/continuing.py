@@ -64,7 +64,7 @@ def is_lesson_over(lesson: TrainSettings, checkpoint: Checkpoint) -> bool:
     return bool(lesson.steps <= checkpoint.learner["num_timesteps"])
 
 
-def told(pipeline: Pipeline, tables: Tables, checkpoint: Checkpoint, folder: Path) -> str:
+def continuation_text(pipeline: Pipeline, tables: Tables, checkpoint: Checkpoint, folder: Path) -> str:
     """Return a sentence about where a run goes on."""
     lesson, before = pipeline.lessons[checkpoint.lesson], tables[checkpoint.lesson]["steps"]
     done = checkpoint.learner["num_timesteps"]

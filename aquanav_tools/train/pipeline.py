@@ -46,7 +46,7 @@ class Pipeline:
                 if here != first:
                     raise ValueError(
                         f"{name} is {first!r} in lesson 1 and {here!r} in lesson {number}; it makes the network, which "
-                        "all lessons share."
+                        "all lessons have in common."
                     )
 
     @property
@@ -61,29 +61,29 @@ class _Tables:
 
     run: dict[str, Any]
     common: dict[str, Any]
-    """What all lessons share."""
+    """What all lessons have in common."""
     lessons: tuple[dict[str, Any], ...]
-    """Each with what they share."""
+    """Each with what they have in common."""
 
     def changed(self, table: dict[str, Any], where: str) -> _Tables:
         """Return these tables with those of a file, or of a command line, above them."""
         run = {key: value for key, value in table.items() if key in RUN_KEYS}
-        said = {key: value for key, value in table.items() if key in LESSON_KEYS}
-        common = {**self.common, **said}
+        overrides = {key: value for key, value in table.items() if key in LESSON_KEYS}
+        common = {**self.common, **overrides}
         if "lessons" in table:
             own = _lesson_tables(table["lessons"], where)
             lessons = tuple({**common, **lesson} for lesson in own)
         else:
-            lessons = tuple({**lesson, **said} for lesson in self.lessons)
+            lessons = tuple({**lesson, **overrides} for lesson in self.lessons)
         return _Tables({**self.run, **run}, common, lessons)
 
 
-def read_pipeline(name: str | Path | None, said: dict[str, Any]) -> Pipeline:
+def read_pipeline(name: str | Path | None, overrides: dict[str, Any]) -> Pipeline:
     """Return the pipeline in a file, or the shipped one of a name, with other values above it.
 
     Args:
         name: A path, or a shipped name such as "paper"; None takes one lesson of defaults.
-        said: Values that count above those of the file, in all lessons.
+        overrides: Values that count above those of the file, in all lessons.
 
     Raises:
         InputError: there is no such file, or it has an unknown key or a senseless value; the message names it.
@@ -91,10 +91,10 @@ def read_pipeline(name: str | Path | None, said: dict[str, Any]) -> Pipeline:
     tables = _Tables({}, {}, ({},))
     where = "The command line" if name is None else str(name)
     chain = _chain(name)
-    _refuse_old_names(chain, said)
+    _refuse_old_names(chain, overrides)
     for path, table in chain:
         tables = tables.changed(table, path.name)
-    tables = tables.changed(said, where)
+    tables = tables.changed(overrides, where)
     lessons = tuple(
         from_table(TrainSettings, lesson, f"{where}: lesson {number}" if len(tables.lessons) > 1 else where)
         for number, lesson in enumerate(tables.lessons, 1)
@@ -124,11 +124,11 @@ def _chain(name: str | Path | None) -> list[tuple[Path, dict[str, Any]]]:
     return found
 
 
-def _refuse_old_names(chain: Sequence[tuple[Path, dict[str, Any]]], said: dict[str, Any]) -> None:
-    """Refuse settings by old names in files, the first of which the others extend, with `said` above them."""
+def _refuse_old_names(chain: Sequence[tuple[Path, dict[str, Any]]], overrides: dict[str, Any]) -> None:
+    """Refuse settings by old names in files, the first of which the others extend, with `overrides` above them."""
     tables = [table for _, table in chain]
     for number, (path, table) in enumerate(chain):
-        above, below = (said, *tables[:number:-1]), tables[number::-1]
+        above, below = (overrides, *tables[:number:-1]), tables[number::-1]
         lessons = _lesson_tables(table["lessons"], path.name) if "lessons" in table else []
         for part in (table, *lessons):
             found = [one["num_envs"] for one in (*above, part, *below) if "num_envs" in one]

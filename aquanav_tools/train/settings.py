@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
@@ -25,7 +26,7 @@ class TrainSettings(TaskOptions):
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
     scenarios: tuple[str, ...] = ()
-    """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
+    """More scenarios to learn in during the same lesson; the environments are divided evenly, in this order."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
@@ -151,7 +152,7 @@ class RunSettings:
     """Scenarios to try the policy in while it learns, each in its own water. The best policy is kept in best.zip, which
     there is with validation only."""
     validation_episodes: int = 20
-    """Episodes per scenario, from fixed starts."""
+    """Episodes per scenario: those that aquanav-eval runs with as many and seed 0."""
     validate_every: int = 250_000
     """Decisions between two trials; the first update after a multiple of these is tried."""
     checkpoint_every: int = 100_000
@@ -161,7 +162,13 @@ class RunSettings:
     them in one batch, faster by several times with hundreds of them (num_envs). Validation takes the former in any
     case."""
     workers: int = 0
-    """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
+    """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
+    process that learns. The result is the same."""
+    ray: str | None = None
+    """Have the workers' environments on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same
+    result; trials then run in the process that learns. This machine must be one of its nodes, and the working directory
+    and the scenarios must lie at the same paths on all. Each decision takes a message to every worker and back, so take
+    it where environments are slow. Needs pip install 'aquanav[cluster]'."""
     init: str | None = None
     """A policy to begin with: the policy.zip or best.zip of another run, that run's folder, or baseline:reference. Its
     weights and its means and spreads of observations are taken over; spaces and network must be the same."""
@@ -178,6 +185,11 @@ class RunSettings:
             self.workers == 0 or self.backend == "pybullet",
             f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "
             "backend pybullet.",
+        )
+        _check(self.ray is None or self.workers > 0, "ray is given without workers. Say how many actors: workers.")
+        _check(
+            self.ray is None or bool(ADDRESS.fullmatch(self.ray)),
+            f"ray is {self.ray!r}; give auto, or the HOST:PORT that `ray start --head` shows.",
         )
 
 

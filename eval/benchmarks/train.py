@@ -39,7 +39,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # eval and the tiny caves ar
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.train.batched import BatchedEnvs
-from aquanav_tools.train.crew import training_env
+from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.ppo import ParallelPPO

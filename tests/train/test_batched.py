@@ -41,7 +41,7 @@ def still_tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 @pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1)])

@@ -30,7 +30,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -138,10 +138,11 @@ def as_recorded_before(lesson: dict[str, Any]) -> dict[str, Any]:
     return {**named, "buffer": lesson["n_steps"] * lesson["num_envs"]}
 
 
-def test_run_recorded_with_the_old_names_of_settings_goes_on(
+def test_run_recorded_with_the_old_names_of_settings_and_numbers_goes_on(
     tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pipeline = tiny_pipeline(tube, steps=256, masked_observations=("distance",))
+    run = RunSettings(checkpoint_every=128, final_episodes=0, validation=(str(tube),), validate_every=128)
+    pipeline = tiny_pipeline(tube, steps=256, masked_observations=("distance",), run=run)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         stop_after(patch, 1)
@@ -152,6 +153,11 @@ def test_run_recorded_with_the_old_names_of_settings_goes_on(
     identity["lessons"] = [as_recorded_before(lesson) for lesson in identity["lessons"]]
     assert {"also", "blind_to", "trace", "warm_up", "entropy"} <= set(identity["lessons"][0])
     assert identity["lessons"][0]["buffer"] == 128 and "n_steps" not in identity["lessons"][0]
+    for numbers in (*checkpoint.journal["curve"]["points"], *checkpoint.journal["trials"]):
+        numbers["clean_success_rate"] = numbers.pop("collision_free_success")
     write_checkpoint(checkpoint, tmp_path / "old")
     train(pipeline, 3, tmp_path / "old")
     assert learned(tmp_path / "old") == learned(tmp_path / "whole")
+    assert rows_of(tmp_path / "old") == rows_of(tmp_path / "whole")
+    texts = [(tmp_path / name / "validation.csv").read_text() for name in ("old", "whole")]
+    assert texts[0] == texts[1] and "collision_free_success" in texts[0] and "clean" not in texts[0]

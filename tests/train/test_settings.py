@@ -4,7 +4,7 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.tables import from_table
-from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 
 
 def test_defaults_are_the_originals() -> None:
@@ -45,4 +45,18 @@ def test_defaults_are_the_originals() -> None:
 def test_senseless_settings_are_refused(table: dict[str, object], message: str) -> None:
     with pytest.raises(InputError) as error:
         from_table(TrainSettings, table, "mine.toml")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"workers": 2, "backend": "batch"}, "the batch runs in threads of its own"),
+        ({"ray": "auto"}, "ray is given without workers. Say how many actors: workers"),
+        ({"ray": "head", "workers": 2}, "ray is 'head'; give auto, or the HOST:PORT"),
+    ],
+)
+def test_senseless_settings_of_a_run_are_refused(table: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        from_table(RunSettings, table, "mine.toml")
     assert message in str(error.value)

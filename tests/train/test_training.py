@@ -46,7 +46,7 @@ def run(tube_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -99,7 +99,7 @@ def test_best_policy_is_that_of_the_best_trial(run: Path) -> None:
     trials = rows_of(run / "validation.csv")
     assert [row["steps"] for row in trials] == ["128", "256", "384", "512"]
     scores = [
-        tuple(float(row[name]) for name in ("clean_success_rate", "success_rate", "mean_reward")) for row in trials
+        tuple(float(row[name]) for name in ("collision_free_success", "success_rate", "mean_reward")) for row in trials
     ]
     best = PPO.load(run / "best.zip")
     lesson, step = divmod(scores.index(max(scores)), 2)
