@@ -61,10 +61,11 @@ def measured_range(
     Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
     """
     result = length
-    drawn = words(seed, purpose, decision)
-    if distance < length and share_of_one(drawn[2]) >= dropout_at(noise, incidence):
-        spread = noise.constant + noise.proportional * distance
-        result = wp.clamp(distance + spread * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
+    if distance < length:
+        drawn = words(seed, purpose, decision)
+        if share_of_one(drawn[2]) >= dropout_at(noise, incidence):
+            spread = noise.constant + noise.proportional * distance
+            result = wp.clamp(distance + spread * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
     return result
 
 
@@ -78,8 +79,8 @@ def is_dropped(disturbance: Disturbance, seed: int, ray: int, decision: int):
 def measured(distance: float, length: float, disturbance: Disturbance, seed: int, ray: int, decision: int):
     """Return a ray's distance with the errors that a task has."""
     noise = RangeNoise()
-    noise.constant, noise.dropout = disturbance.noise, disturbance.dropout
-    noise.grazing_from = 1.0
+    noise.constant = disturbance.noise
+    noise.dropout = disturbance.dropout
     return measured_range(distance, 0.0, length, noise, seed, RAYS + ray, decision)
 
 

@@ -52,14 +52,15 @@ class SensorBatch:
 
         Args:
             vehicles: The arrays.
-            caves: What `vehicles.caves` was made of: an array of structures does not keep alive what they point to.
+            caves: Around the vehicles, by `vehicles.cave_of`.
             num: Vehicles.
             decision_seconds: Duration of a decision, s.
             device: Warp's.
             num_threads: On the processor; None takes as many as the process may use.
         """
         self.vehicles, self.num, self.device = vehicles, num, device
-        self._caves = tuple(caves)
+        self._kept = tuple(caves)  # an array of structures does not keep alive what they point to
+        self.caves = wp.array(list(caves), dtype=Walls, device=device)
         self.decision_seconds = decision_seconds
         self.only_restarted = False
         """Whether only the rows of vehicles are needed whose episodes have just begun; others may stay as they are."""
@@ -106,7 +107,7 @@ class KernelSensor:
         """Prepare.
 
         Args:
-            kernel: Takes (first, only_restarted, stream, vehicles, ...own inputs, out), an index counts from `first`.
+            kernel: Takes (first, only_restarted, stream, vehicles, caves, ...own inputs, out); indices count from `first`.
             min_slice: Indices for which a further thread is worth its start.
         """
         self._kernel, self._min_slice = kernel, min_slice
@@ -140,7 +141,7 @@ class KernelSensor:
             wp.launch(
                 self._kernel,
                 dim=last - first,
-                inputs=[first, *self._told, batch.vehicles, *own, self._out],
+                inputs=[first, *self._told, batch.vehicles, batch.caves, *own, self._out],
                 device=batch.device,
                 record_cmd=True,
             )
@@ -185,9 +186,6 @@ def make_sensor_batch(
         "velocities": np.zeros((num, 6)),
     }
     for name, field in Vehicles.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
-        if name == "caves":
-            setattr(vehicles, name, wp.array(list(caves), dtype=Walls, device=device))
-            continue
         values = np.asarray({**known, **arrays}.get(name, np.zeros(num)))
         if name == "seeds":
             values = values.astype(np.uint32).view(np.int32)

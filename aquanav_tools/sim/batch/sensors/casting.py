@@ -20,22 +20,20 @@ class Walls:
     """A cave's walls, and the height from which depth counts."""
 
     grid: Grid
-    mesh: wp.uint64
-    """Triangles about `middle`; read only where `exact` is 1."""
+    ray_wall: wp.uint64
+    """Mesh about `middle` that exact rays meet; 0 where they are traced through the grid."""
     middle: wp.vec3d
-    exact: wp.int32
-    """Whether rays go to the mesh; otherwise they are traced through the field."""
-    datum: wp.float64
-    """Height of the water's surface, or of the entrance where there is none, m."""
+    entrance_height: wp.float64
+    """m."""
 
 
 def make_walls(scenario: Scenario, device: Any, mesh: Any = None) -> Walls:
     """Return a scenario's walls on a device; rays go to `mesh` (a `wp.Mesh` of `upload_mesh`) where there is one."""
-    walls, surface = Walls(), scenario.settings.water.surface
+    walls = Walls()
     walls.grid = make_grid(scenario.field, device)
     walls.middle = wp.vec3d(*scenario.cavity.mesh.vertices.mean(axis=0))
-    walls.mesh, walls.exact = (wp.uint64(0), 0) if mesh is None else (mesh.id, 1)
-    walls.datum = float(scenario.guide.centres[0][2]) if surface is None else surface
+    walls.ray_wall = wp.uint64(0) if mesh is None else mesh.id
+    walls.entrance_height = float(scenario.guide.centres[0][2])
     return walls
 
 
@@ -64,7 +62,7 @@ def origin_of(walls: Walls, position: wp.vec3d):
     """Return a place in the water as the origin of rays."""
     origin = Origin()
     origin.position = position
-    if walls.exact == 1:
+    if walls.ray_wall != wp.uint64(0):
         origin.centre = wp.vec3(position - walls.middle)
     else:
         origin.place = on_grid(walls.grid, position)
@@ -80,8 +78,8 @@ def cast(walls: Walls, origin: Origin, way: wp.vec3, length: float):
     """
     distance = length
     normal = wp.vec3()
-    if walls.exact == 1:
-        hit = wp.mesh_query_ray(walls.mesh, origin.centre, way, length)
+    if walls.ray_wall != wp.uint64(0):
+        hit = wp.mesh_query_ray(walls.ray_wall, origin.centre, way, length)
         if hit.result:
             distance = hit.t
             normal = hit.normal
@@ -98,7 +96,7 @@ def normal_at(walls: Walls, origin: Origin, way: wp.vec3, distance: float, norma
     In the field it is where the clearance grows. A ray that met a place where this has no direction has met it head on.
     """
     found = normal
-    if walls.exact == 0:
+    if walls.ray_wall == wp.uint64(0):
         _, away = sloping_room(walls.grid, origin.position + wp.float64(distance) * wp.vec3d(way))
         found = wp.vec3(away)
     size = wp.length(found)

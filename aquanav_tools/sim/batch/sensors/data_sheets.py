@@ -38,15 +38,16 @@ def read_sheet(cls: type[T], source: T | Mapping[str, Any] | str | Path, kind: s
     if isinstance(source, cls):
         return source
     if isinstance(source, Mapping):
-        return from_table(cls, dict(source), f"The {kind}'s table")
+        return from_table(cls, dict(source), f"The table of the sensor '{kind}'")
     if not isinstance(source, str | Path):
         raise InputError(
-            f"The data of a {kind} must be a {cls.__name__}, a table, a name or a path, not a {type(source).__name__}."
+            f"The data of the sensor '{kind}' must be a {cls.__name__}, a table, a name or a path, not a "
+            f"{type(source).__name__}."
         )
     if isinstance(source, str) and re.fullmatch(r"[\w-]+", source):
         known = sheet_names(kind)
         if source not in known:
-            raise InputError(f"There is no data sheet '{source}' of a {kind}.{did_you_mean(source, known)}")
+            raise InputError(f"There is no data sheet '{source}' for the sensor '{kind}'.{did_you_mean(source, known)}")
         source = FOLDER / f"{kind}-{source}.toml"
     return from_table(cls, read_toml(Path(source)), str(source))
 

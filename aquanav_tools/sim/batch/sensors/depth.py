@@ -14,6 +14,7 @@ from gymnasium import spaces
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
+from aquanav_tools.sim.batch.sensors.casting import Walls
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
 from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
@@ -66,17 +67,18 @@ def measure_depth(
     only_restarted: int,
     stream: int,
     vehicles: Vehicles,
+    caves: wp.array(dtype=Walls),
     errors: DepthErrors,
     out: wp.array2d(dtype=wp.float32),
 ):
-    """Write the depth below the datum of each vehicle's cave."""
+    """Write the depth below the entrance of each vehicle's cave."""
     i = chosen(vehicles, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    walls = vehicles.caves[vehicles.cave_of[i]]
+    walls = caves[vehicles.cave_of[i]]
     device = normals(vehicles.seeds[i], stream, ONCE)
     drawn = normals(vehicles.seeds[i], stream, vehicles.decisions[i])
-    depth = float(walls.datum - vehicles.positions[i][2])
+    depth = float(walls.entrance_height - vehicles.positions[i][2])
     read = (1.0 + errors.scale_error * device[0]) * depth + errors.bias * device[1] + errors.noise * drawn[0]
     if errors.resolution > 0.0:
         read = errors.resolution * wp.rint(read / errors.resolution)
@@ -84,7 +86,7 @@ def measure_depth(
 
 
 class DepthCell(KernelSensor):
-    """Depth below the water's surface, or below the entrance of a flooded cave: (N, 1), m."""
+    """Depth below the cave's entrance, as the observation "full" counts it: (N, 1), m."""
 
     def __init__(self, sheet: DepthSheet | Mapping[str, Any] | str | Path = "ms5837-30ba") -> None:
         """Take a data sheet: its name, a `DepthSheet`, its fields as a table, or the path of a TOML file.

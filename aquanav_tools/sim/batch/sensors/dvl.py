@@ -15,7 +15,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.motion import linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, origin_of
+from aquanav_tools.sim.batch.sensors.casting import Walls, cast, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
 from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
@@ -89,6 +89,7 @@ def measure_velocity(
     only_restarted: int,
     stream: int,
     vehicles: Vehicles,
+    caves: wp.array(dtype=Walls),
     beams: wp.array(dtype=wp.vec3d),
     errors: DopplerErrors,
     out: wp.array2d(dtype=wp.float32),
@@ -97,7 +98,7 @@ def measure_velocity(
     i = chosen(vehicles, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    walls = vehicles.caves[vehicles.cave_of[i]]
+    walls = caves[vehicles.cave_of[i]]
     origin = origin_of(walls, vehicles.positions[i])
     turn = wp.mat33(rotation_of(vehicles.orientations[i]))
     velocity = linear(vehicles.velocities[i])

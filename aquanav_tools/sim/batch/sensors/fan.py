@@ -15,7 +15,7 @@ from aquanav_tools.sim.batch.disturbance import RangeNoise, measured_range
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
+from aquanav_tools.sim.batch.sensors.casting import Walls, cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
 from aquanav_tools.sim.batch.sensors.fan_spec import FanSpec, RangeErrors, paper_fan
 from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
@@ -44,6 +44,7 @@ def measure_ranges(
     only_restarted: int,
     stream: int,
     vehicles: Vehicles,
+    caves: wp.array(dtype=Walls),
     num_parts: int,
     directions: wp.array(dtype=wp.vec3),
     lengths: wp.array(dtype=wp.float32),
@@ -55,7 +56,7 @@ def measure_ranges(
     i = chosen(vehicles, index // num_parts, only_restarted)
     if i < 0:
         return
-    walls = vehicles.caves[vehicles.cave_of[i]]
+    walls = caves[vehicles.cave_of[i]]
     origin = origin_of(walls, vehicles.positions[i])
     turn = wp.mat33(rotation_of(vehicles.orientations[i]))
     errs = noise.constant > 0.0 or noise.proportional > 0.0 or noise.dropout > 0.0 or noise.grazing_dropout > 0.0

@@ -34,7 +34,9 @@ class RangeErrors:
             if not 0.0 <= value <= high:
                 raise ValueError(f"A fan's noise has {name} = {value}, which must be from 0 to {high:g}.")
         if not 0.0 <= self.grazing_from_deg < 90.0:
-            raise ValueError(f"A fan's noise has grazing_from_deg = {self.grazing_from_deg}, which must be from 0 to 90.")
+            raise ValueError(
+                f"A fan's noise has grazing_from_deg = {self.grazing_from_deg}, which must be from 0 to 90."
+            )
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.motion import angular, linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
+from aquanav_tools.sim.batch.sensors.casting import Walls
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normal_vector
 from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
@@ -166,6 +167,7 @@ def measure_inertia(
     only_restarted: int,
     stream: int,
     vehicles: Vehicles,
+    caves: wp.array(dtype=Walls),
     seconds: f64,
     accelerometer: TriadErrors,
     gyroscope: TriadErrors,

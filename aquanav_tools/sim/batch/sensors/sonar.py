@@ -29,7 +29,7 @@ from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.random import share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
+from aquanav_tools.sim.batch.sensors.casting import Walls, cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
 from aquanav_tools.sim.batch.sensors.sonar_sheet import SonarSheet
 from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
@@ -125,6 +125,7 @@ def measure_echoes(
     only_restarted: int,
     stream: int,
     vehicles: Vehicles,
+    caves: wp.array(dtype=Walls),
     sonar: SonarNumbers,
     out: wp.array3d(dtype=wp.float32),
 ):
@@ -134,7 +135,7 @@ def measure_echoes(
     i = chosen(vehicles, index // sonar.num_beams, only_restarted)
     if i < 0:
         return
-    walls = vehicles.caves[vehicles.cave_of[i]]
+    walls = caves[vehicles.cave_of[i]]
     origin = origin_of(walls, vehicles.positions[i])
     turn = wp.mat33(rotation_of(vehicles.orientations[i]))
     for n in range(sonar.num_bins):

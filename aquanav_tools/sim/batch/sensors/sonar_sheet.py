@@ -60,7 +60,7 @@ class SonarSheet:
 
     @property
     def bin_size(self) -> float:
-        """m."""
+        """M."""
         return (self.max_range - self.min_range) / self.num_bins
 
     @property

@@ -6,7 +6,6 @@ import warp as wp
 
 from aquanav_tools.sim.batch.motion import vec6
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.sensors.casting import Walls
 
 wp.set_module_options(OPTIONS)
 
@@ -30,8 +29,7 @@ class Vehicles:
     decisions: wp.array(dtype=wp.int32)
     """Made so far in each episode."""
     cave_of: wp.array(dtype=wp.int32)
-    caves: wp.array(dtype=Walls)
-    """(C,) which the vehicles share."""
+    """Index of the cave that each vehicle is in."""
 
 
 @wp.func
