@@ -11,6 +11,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from PIL import Image
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.places import read_place
@@ -29,21 +30,22 @@ def main() -> None:
     parser.add_argument("--scenario", default="cave-test-1", help="a scenario folder, or the name of one that ships")
     parser.add_argument("--start", type=int, default=0)
     parser.add_argument("--max-range", type=float, default=10.0, help="m")
-    parser.add_argument("--width", type=int, default=900, help="px")
+    parser.add_argument("--width", type=int, default=720, help="px")
     parser.add_argument("--out", type=Path, default=Path("sonar.png"))
     options = parser.parse_args()
     sonar = ImagingSonar(SonarSheet(max_range=options.max_range, dynamic_range_db=40.0))
     env = CaveEnv(read_place(options.scenario), observation={"sonar": sonar}, contacts="own")
     observation, _ = env.reset(seed=1, options={"start": options.start})
     env.close()
-    cv2.imwrite(str(options.out), drawn(observation["sonar"], sonar.data, options.width))
+    picture = drawn(observation["sonar"], sonar.data, options.width)
+    Image.fromarray(picture[..., ::-1]).quantize(64).save(options.out, optimize=True)
     print(f"{options.out}: {options.out.stat().st_size / 1e3:.0f} kB")
 
 
 def drawn(ping: Any, sonar: SonarSheet, width: int) -> Any:
     """Return a (beams, bins) ping as a picture (H, W, 3), blue, green, red."""
     half = 0.5 * np.radians(sonar.horizontal_aperture_deg)
-    per_metre = 0.47 * width / (sonar.max_range * np.sin(min(half, 0.5 * np.pi)))
+    per_metre = 0.45 * width / (sonar.max_range * np.sin(min(half, 0.5 * np.pi)))
     height = int(per_metre * sonar.max_range) + 20
     ahead = (height - 10 - np.arange(height))[:, None] / per_metre
     left = (0.5 * width - np.arange(width))[None, :] / per_metre

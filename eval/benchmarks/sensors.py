@@ -15,11 +15,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
+from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.runtime import find_device
-from aquanav_tools.sim.batch.sensors.base import SensorBatch, make_sensor_batch
-from aquanav_tools.sim.batch.sensors.casting import make_walls, upload_mesh
+from aquanav_tools.sim.batch.sensors.base import SensorBatch
 from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.sim.batch.sensors.fan_spec import FanSpec
 from aquanav_tools.sim.batch.sensors.sonar import ImagingSonar
@@ -42,18 +41,15 @@ def spread_fan(num: int) -> RangeFan:
 
 
 def batch_of(scenario: Scenario, num: int, rays: str) -> SensorBatch:
-    """Return vehicles around the scenario's starts, turned at random about the vertical."""
-    device, rng = find_device("cpu"), np.random.default_rng(0)
-    starts = [scenario.starts[n].pose for n in rng.integers(len(scenario.starts), size=num)]
-    yaws = 0.5 * rng.uniform(-np.pi, np.pi, num)
-    arrays = {
-        "positions": np.array([pose.position for pose in starts]) + rng.uniform(-0.2, 0.2, (num, 3)),
-        "orientations": np.stack([np.cos(yaws), 0.0 * yaws, 0.0 * yaws, np.sin(yaws)], axis=1),
-        "velocities": rng.uniform(-0.5, 0.5, (num, 6)),
-        "seeds": np.arange(num),
-    }
-    mesh = upload_mesh(scenario.cavity.mesh, device) if rays == "mesh" else None
-    return make_sensor_batch([make_walls(scenario, device, mesh)], arrays, 0.1, device)
+    """Return vehicles around the scenario's starts, in motion, turned at random about the vertical."""
+    rng = np.random.default_rng(0)
+    cave = CaveBatch(scenario, num, next_step=True, rays=rays)
+    cave.reset(list(range(num)))
+    arrays, yaws = cave.world.arrays, 0.5 * rng.uniform(-np.pi, np.pi, num)
+    arrays.positions.assign(cave.view_of("positions") + rng.uniform(-0.2, 0.2, (num, 3)))
+    arrays.orientations.assign(np.stack([np.cos(yaws), 0.0 * yaws, 0.0 * yaws, np.sin(yaws)], axis=1))
+    arrays.velocities.assign(rng.uniform(-0.5, 0.5, (num, 6)))
+    return SensorBatch(arrays, cave.world.caves, cave.decision_seconds, cave.world.device)
 
 
 def times(sensors: list[Any], batch: SensorBatch, repeats: int) -> tuple[Any, Any]:
@@ -109,8 +105,8 @@ def report_sonar(batch: SensorBatch, rays: str, repeats: int) -> None:
     (cpu,), (clock,) = times([sonar], batch, repeats)
     size = f"{sonar.data.num_beams} x {sonar.data.num_bins}, {sonar.data.num_sub_rays} sub-rays"
     print(
-        f"  {rays}: sonar of {size}, one vehicle, {batch.num_threads} threads: {1e3 * clock:.1f} ms a ping by the clock "
-        f"({1.0 / clock:.0f} pings/s), {1e3 * cpu:.1f} ms of CPU time ({1.0 / cpu:.0f} per CPU second)"
+        f"  {rays}: sonar of {size}, one vehicle, {batch.num_threads} threads: {1e3 * clock:.1f} ms a ping by the "
+        f"clock ({1.0 / clock:.0f} pings/s), {1e3 * cpu:.1f} ms of CPU time ({1.0 / cpu:.0f} per CPU second)"
     )
 
 

@@ -197,8 +197,17 @@ class BatchWorld:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.retire(vehicles)
 
-    def step(self) -> None:
-        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+    @property
+    def caves(self) -> tuple[Cave, ...]:
+        """What is on the device of each cave."""
+        return tuple(self._cave_parts)
+
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
+
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
+        """
         if self._next_step:
             self._draw_starts()
         self._run(self._decision)
@@ -207,6 +216,8 @@ class BatchWorld:
             while self._link.answer():
                 self._run(self._resumption)
             self._run(self._outlook)
+        if judge is not None:
+            judge()
         if not self._next_step:
             self._draw_starts()
             self._run(self._succession)

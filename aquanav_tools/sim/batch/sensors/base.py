@@ -13,10 +13,10 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.random import RAYS
-from aquanav_tools.sim.batch.sensors.casting import Walls
 from aquanav_tools.sim.batch.sensors.noise import draw_normals
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 Reading = npt.NDArray[np.float32]
@@ -41,9 +41,8 @@ class SensorBatch:
 
     def __init__(
         self,
-        vehicles: Vehicles,
-        caves: Sequence[Walls],
-        num: int,
+        state: BatchState,
+        caves: Sequence[Cave],
         decision_seconds: float,
         device: Any,
         num_threads: int | None = None,
@@ -51,16 +50,15 @@ class SensorBatch:
         """Take arrays on a device as they are; they change between measurements.
 
         Args:
-            vehicles: The arrays.
-            caves: Around the vehicles, by `vehicles.cave_of`.
-            num: Vehicles.
+            state: The vehicles'.
+            caves: Around them, by `state.cave_of`.
             decision_seconds: Duration of a decision, s.
             device: Warp's.
             num_threads: On the processor; None takes as many as the process may use.
         """
-        self.vehicles, self.num, self.device = vehicles, num, device
+        self.state, self.num, self.device = state, len(state.order), device
         self._kept = tuple(caves)  # an array of structures does not keep alive what they point to
-        self.caves = wp.array(list(caves), dtype=Walls, device=device)
+        self.caves = wp.array(list(caves), dtype=Cave, device=device)
         self.decision_seconds = decision_seconds
         self.only_restarted = False
         """Whether only the rows of vehicles are needed whose episodes have just begun; others may stay as they are."""
@@ -71,13 +69,13 @@ class SensorBatch:
         self._threads = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
 
     def view_of(self, name: str) -> Any:
-        """Return an array of `Vehicles`, (N, ...), as NumPy's; later steps change it."""
-        return getattr(self.vehicles, name).numpy()
+        """Return an array of `BatchState`, (N, ...), as NumPy's; later steps change it."""
+        return getattr(self.state, name).numpy()
 
     def normals(self, count: int) -> Reading:
         """Return (N, count) standard normal numbers that depend on seed, sensor and decision alone."""
         out = wp.zeros((self.num, count), dtype=wp.float32, device=self.device)
-        inputs = [self.vehicles.seeds, self.vehicles.decisions, self.stream, out]
+        inputs = [self.state.seeds, self.state.decisions, self.stream, out]
         wp.launch(draw_normals, dim=(self.num, (count + 3) // 4), inputs=inputs, device=self.device)
         drawn: Reading = out.numpy()
         return drawn
@@ -107,7 +105,7 @@ class KernelSensor:
         """Prepare.
 
         Args:
-            kernel: Takes (first, only_restarted, stream, vehicles, caves, ...own inputs, out); indices count from `first`.
+            kernel: Takes (first, only_restarted, stream, state, caves, ...own inputs, out); indices count from `first`.
             min_slice: Indices for which a further thread is worth its start.
         """
         self._kernel, self._min_slice = kernel, min_slice
@@ -130,6 +128,19 @@ class KernelSensor:
         readings: Reading = self._out.numpy()
         return readings
 
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of what the sensor remembers of earlier decisions: nothing, where it remembers nothing."""
+        return {name: np.array(array.numpy()) for name, array in self._memory().items()}
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Take back what `state` returned."""
+        for name, array in self._memory().items():
+            array.assign(state[name])
+
+    def _memory(self) -> dict[str, Any]:
+        """Return the arrays in which the sensor remembers earlier decisions."""
+        return {}
+
     def _prepare(self, batch: SensorBatch) -> None:
         """Make room for a batch's readings and record the launches, one for each thread."""
         count = batch.num * self._work_per_vehicle(batch)
@@ -141,7 +152,7 @@ class KernelSensor:
             wp.launch(
                 self._kernel,
                 dim=last - first,
-                inputs=[first, *self._told, batch.vehicles, batch.caves, *own, self._out],
+                inputs=[first, *self._told, batch.state, batch.caves, *own, self._out],
                 device=batch.device,
                 record_cmd=True,
             )
@@ -160,34 +171,3 @@ class KernelSensor:
     def _inputs(self, batch: SensorBatch) -> list[Any]:
         """Return the kernel's own inputs."""
         raise NotImplementedError
-
-
-def make_sensor_batch(
-    caves: Sequence[Walls],
-    arrays: dict[str, npt.NDArray[Any]],
-    decision_seconds: float,
-    device: Any,
-    num_threads: int | None = None,
-) -> SensorBatch:
-    """Return a batch of vehicles given as NumPy's arrays, which are copied.
-
-    Args:
-        caves: Around the vehicles.
-        arrays: Some fields of `Vehicles`, with (N, ...) rows; positions at least. What is left out is at rest, level,
-            in the first cave, at the beginning of an episode with seed 0.
-        decision_seconds: Duration of a decision, s.
-        device: Warp's.
-        num_threads: On the processor; None takes as many as the process may use.
-    """
-    num, vehicles = len(arrays["positions"]), Vehicles()
-    known = {
-        "order": np.arange(num),
-        "orientations": np.tile([1.0, 0.0, 0.0, 0.0], (num, 1)),
-        "velocities": np.zeros((num, 6)),
-    }
-    for name, field in Vehicles.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
-        values = np.asarray({**known, **arrays}.get(name, np.zeros(num)))
-        if name == "seeds":
-            values = values.astype(np.uint32).view(np.int32)
-        setattr(vehicles, name, wp.array(values, dtype=field.type.dtype, device=device))
-    return SensorBatch(vehicles, caves, num, decision_seconds, device, num_threads)

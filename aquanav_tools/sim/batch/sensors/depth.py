@@ -12,12 +12,13 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import Walls
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
+from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 wp.set_module_options(OPTIONS)
@@ -66,19 +67,19 @@ def measure_depth(
     first: int,
     only_restarted: int,
     stream: int,
-    vehicles: Vehicles,
-    caves: wp.array(dtype=Walls),
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
     errors: DepthErrors,
     out: wp.array2d(dtype=wp.float32),
 ):
     """Write the depth below the entrance of each vehicle's cave."""
-    i = chosen(vehicles, first + wp.tid(), only_restarted)
+    i = chosen(state, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    walls = caves[vehicles.cave_of[i]]
-    device = normals(vehicles.seeds[i], stream, ONCE)
-    drawn = normals(vehicles.seeds[i], stream, vehicles.decisions[i])
-    depth = float(walls.entrance_height - vehicles.positions[i][2])
+    cave = caves[state.cave_of[i]]
+    device = normals(state.seeds[i], stream, ONCE)
+    drawn = normals(state.seeds[i], stream, state.decisions[i])
+    depth = float(cave.rules.entrance_height - state.positions[i][2])
     read = (1.0 + errors.scale_error * device[0]) * depth + errors.bias * device[1] + errors.noise * drawn[0]
     if errors.resolution > 0.0:
         read = errors.resolution * wp.rint(read / errors.resolution)

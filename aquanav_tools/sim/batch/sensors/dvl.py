@@ -12,13 +12,15 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import Walls, cast, origin_of
+from aquanav_tools.sim.batch.sensors.casting import cast, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
+from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
 
@@ -88,28 +90,28 @@ def measure_velocity(
     first: int,
     only_restarted: int,
     stream: int,
-    vehicles: Vehicles,
-    caves: wp.array(dtype=Walls),
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
     beams: wp.array(dtype=wp.vec3d),
     errors: DopplerErrors,
     out: wp.array2d(dtype=wp.float32),
 ):
     """Write velocity, altitude and whether they are valid: least squares over the beams that get an echo."""
-    i = chosen(vehicles, first + wp.tid(), only_restarted)
+    i = chosen(state, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    walls = caves[vehicles.cave_of[i]]
-    origin = origin_of(walls, vehicles.positions[i])
-    turn = wp.mat33(rotation_of(vehicles.orientations[i]))
-    velocity = linear(vehicles.velocities[i])
-    device = normals(vehicles.seeds[i], stream, ONCE)
-    drawn = normals(vehicles.seeds[i], stream, vehicles.decisions[i])
+    cave = caves[state.cave_of[i]]
+    origin = origin_of(cave, state.positions[i])
+    turn = wp.mat33(rotation_of(state.orientations[i]))
+    velocity = linear(state.velocities[i])
+    device = normals(state.seeds[i], stream, ONCE)
+    drawn = normals(state.seeds[i], stream, state.decisions[i])
     matrix, heard = wp.mat33d(), wp.vec3d()
     count = int(0)
     altitude = float(0.0)
     for beam in range(4):
         way = beams[beam]
-        distance, _ = cast(walls, origin, turn * wp.vec3(way), errors.max_range)
+        distance, _ = cast(cave, origin, turn * wp.vec3(way), errors.max_range)
         if distance < errors.max_range and distance >= errors.min_range:
             radial = wp.dot(way, velocity) + f64(errors.noise * drawn[beam])
             matrix += wp.outer(way, way)

@@ -11,14 +11,16 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.disturbance import RangeNoise, measured_range
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import Walls, cast, normal_at, origin_of
+from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
 from aquanav_tools.sim.batch.sensors.fan_spec import FanSpec, RangeErrors, paper_fan
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
+from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 wp.set_module_options(OPTIONS)
@@ -43,8 +45,8 @@ def measure_ranges(
     first: int,
     only_restarted: int,
     stream: int,
-    vehicles: Vehicles,
-    caves: wp.array(dtype=Walls),
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
     num_parts: int,
     directions: wp.array(dtype=wp.vec3),
     lengths: wp.array(dtype=wp.float32),
@@ -53,22 +55,22 @@ def measure_ranges(
 ):
     """Write each ray's distance; an index casts a share of its vehicle's rays."""
     index = first + wp.tid()
-    i = chosen(vehicles, index // num_parts, only_restarted)
+    i = chosen(state, index // num_parts, only_restarted)
     if i < 0:
         return
-    walls = caves[vehicles.cave_of[i]]
-    origin = origin_of(walls, vehicles.positions[i])
-    turn = wp.mat33(rotation_of(vehicles.orientations[i]))
+    cave = caves[state.cave_of[i]]
+    origin = origin_of(cave, state.positions[i])
+    turn = wp.mat33(rotation_of(state.orientations[i]))
     errs = noise.constant > 0.0 or noise.proportional > 0.0 or noise.dropout > 0.0 or noise.grazing_dropout > 0.0
     for ray in range(index % num_parts, directions.shape[0], num_parts):
         length, way = lengths[ray], turn * directions[ray]
-        distance, face = cast(walls, origin, way, length)
+        distance, face = cast(cave, origin, way, length)
         if errs:
             incidence = float(0.0)
             if noise.grazing_dropout > 0.0 and distance < length:
-                normal = normal_at(walls, origin, way, distance, face)
+                normal = normal_at(cave, origin, way, distance, face)
                 incidence = wp.acos(wp.clamp(-wp.dot(normal, way), 0.0, 1.0))
-            seed, decision = vehicles.seeds[i], vehicles.decisions[i]
+            seed, decision = state.seeds[i], state.decisions[i]
             distance = measured_range(distance, incidence, length, noise, seed, stream + ray, decision)
         out[i, ray] = distance
 

@@ -12,13 +12,14 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import angular, linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import Walls
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normal_vector
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
+from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import GRAVITY, Vehicle
 
 wp.set_module_options(OPTIONS)
@@ -118,7 +119,7 @@ def make_triads(sheet: InertialSheet, seconds: float) -> tuple[TriadErrors, Tria
 
 
 @wp.struct
-class InertialState:
+class InertialMemory:
     """What a unit knows of the decision before, (N,) each."""
 
     decisions: wp.array(dtype=wp.int32)
@@ -144,21 +145,21 @@ def erring(true: wp.vec3, bias: wp.vec3, errors: TriadErrors, seed: int, purpose
 
 
 @wp.func
-def advance_state(i: int, velocity: wp.vec3d, vehicles: Vehicles, stream: int, state: InertialState,
+def remember(i: int, velocity: wp.vec3d, state: BatchState, stream: int, memory: InertialMemory,
                   accelerometer: TriadErrors, gyroscope: TriadErrors):  # fmt: skip
-    """Bring a vehicle's state to the decision at hand; nothing changes where it is there."""
-    seed, decision = vehicles.seeds[i], vehicles.decisions[i]
+    """Bring a vehicle's memory to the decision at hand; nothing changes where it is there."""
+    seed, decision = state.seeds[i], state.decisions[i]
     if decision == 0:
-        state.latest[i] = velocity
-        state.velocities[i] = velocity
-        state.force_bias[i] = accelerometer.bias * normal_vector(seed, stream, ONCE)
-        state.turn_bias[i] = gyroscope.bias * normal_vector(seed, stream + 4, ONCE)
-    elif state.decisions[i] != decision:
-        state.velocities[i] = state.latest[i]
-        state.latest[i] = velocity
-        state.force_bias[i] = state.force_bias[i] + accelerometer.walk * normal_vector(seed, stream, decision)
-        state.turn_bias[i] = state.turn_bias[i] + gyroscope.walk * normal_vector(seed, stream + 4, decision)
-    state.decisions[i] = decision
+        memory.latest[i] = velocity
+        memory.velocities[i] = velocity
+        memory.force_bias[i] = accelerometer.bias * normal_vector(seed, stream, ONCE)
+        memory.turn_bias[i] = gyroscope.bias * normal_vector(seed, stream + 4, ONCE)
+    elif memory.decisions[i] != decision:
+        memory.velocities[i] = memory.latest[i]
+        memory.latest[i] = velocity
+        memory.force_bias[i] = memory.force_bias[i] + accelerometer.walk * normal_vector(seed, stream, decision)
+        memory.turn_bias[i] = memory.turn_bias[i] + gyroscope.walk * normal_vector(seed, stream + 4, decision)
+    memory.decisions[i] = decision
 
 
 @wp.kernel
@@ -166,27 +167,27 @@ def measure_inertia(
     first: int,
     only_restarted: int,
     stream: int,
-    vehicles: Vehicles,
-    caves: wp.array(dtype=Walls),
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
     seconds: f64,
     accelerometer: TriadErrors,
     gyroscope: TriadErrors,
-    state: InertialState,
+    memory: InertialMemory,
     out: wp.array2d(dtype=wp.float32),
 ):
     """Write specific force and rate of turn."""
-    i = chosen(vehicles, first + wp.tid(), only_restarted)
+    i = chosen(state, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    turn = rotation_of(vehicles.orientations[i])
-    velocity = turn * linear(vehicles.velocities[i])
-    advance_state(i, velocity, vehicles, stream, state, accelerometer, gyroscope)
-    acceleration = (state.latest[i] - state.velocities[i]) / seconds
+    turn = rotation_of(state.orientations[i])
+    velocity = turn * linear(state.velocities[i])
+    remember(i, velocity, state, stream, memory, accelerometer, gyroscope)
+    acceleration = (memory.latest[i] - memory.velocities[i]) / seconds
     force = wp.transpose(turn) * (acceleration + wp.vec3d(f64(0.0), f64(0.0), G))
-    seed, decision = vehicles.seeds[i], vehicles.decisions[i]
-    felt = erring(wp.vec3(force), state.force_bias[i], accelerometer, seed, stream, decision)
-    turning = wp.vec3(angular(vehicles.velocities[i]))
-    turned = erring(turning, state.turn_bias[i], gyroscope, seed, stream + 4, decision)
+    seed, decision = state.seeds[i], state.decisions[i]
+    felt = erring(wp.vec3(force), memory.force_bias[i], accelerometer, seed, stream, decision)
+    turning = wp.vec3(angular(state.velocities[i]))
+    turned = erring(turning, memory.turn_bias[i], gyroscope, seed, stream + 4, decision)
     for axis in range(3):
         out[i, axis] = felt[axis]
         out[i, 3 + axis] = turned[axis]
@@ -207,6 +208,7 @@ class InertialUnit(KernelSensor):
             InputError: there is no such sheet, or it makes no sense.
         """
         self.data = read_sheet(InertialSheet, sheet, "imu")
+        self._kept: dict[str, Any] = {}
         super().__init__(measure_inertia, MIN_SLICE)
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
@@ -218,9 +220,13 @@ class InertialUnit(KernelSensor):
     def _shape(self) -> tuple[int, ...]:
         return (6,)
 
+    def _memory(self) -> dict[str, Any]:
+        return self._kept
+
     def _inputs(self, batch: SensorBatch) -> list[Any]:
-        state = InertialState()
-        for name, field in InertialState.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
-            setattr(state, name, wp.zeros(batch.num, dtype=field.type.dtype, device=batch.device))
-        state.decisions.fill_(-1)
-        return [batch.decision_seconds, *make_triads(self.data, batch.decision_seconds), state]
+        memory = InertialMemory()
+        for name, field in InertialMemory.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
+            self._kept[name] = wp.zeros(batch.num, dtype=field.type.dtype, device=batch.device)
+            setattr(memory, name, self._kept[name])
+        memory.decisions.fill_(-1)
+        return [batch.decision_seconds, *make_triads(self.data, batch.decision_seconds), memory]

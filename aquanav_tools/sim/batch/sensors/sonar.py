@@ -1,4 +1,4 @@
-"""A forward imaging sonar: the echo of the walls by azimuth and range.
+"""A forward imaging sonar: the echo of the cave by azimuth and range.
 
 Each beam sends sub-rays over its elevation. Where one meets a wall at range r, at an angle t from the wall's normal,
 what comes back is its share of the beam's power times
@@ -25,14 +25,16 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.random import share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import Walls, cast, normal_at, origin_of
+from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
+from aquanav_tools.sim.batch.sensors.rows import chosen
 from aquanav_tools.sim.batch.sensors.sonar_sheet import SonarSheet
-from aquanav_tools.sim.batch.sensors.vehicles import Vehicles, chosen
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 wp.set_module_options(OPTIONS)
@@ -124,32 +126,32 @@ def measure_echoes(
     first: int,
     only_restarted: int,
     stream: int,
-    vehicles: Vehicles,
-    caves: wp.array(dtype=Walls),
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
     sonar: SonarNumbers,
     out: wp.array3d(dtype=wp.float32),
 ):
     """Write the bins of one beam."""
     index = first + wp.tid()
     beam = index % sonar.num_beams
-    i = chosen(vehicles, index // sonar.num_beams, only_restarted)
+    i = chosen(state, index // sonar.num_beams, only_restarted)
     if i < 0:
         return
-    walls = caves[vehicles.cave_of[i]]
-    origin = origin_of(walls, vehicles.positions[i])
-    turn = wp.mat33(rotation_of(vehicles.orientations[i]))
+    cave = caves[state.cave_of[i]]
+    origin = origin_of(cave, state.positions[i])
+    turn = wp.mat33(rotation_of(state.orientations[i]))
     for n in range(sonar.num_bins):
         out[i, beam, n] = 0.0
     for ray in range(sonar.weights.shape[0]):
         way = turn * sonar.ways[beam, ray]
-        distance, face = cast(walls, origin, way, sonar.max_range)
+        distance, face = cast(cave, origin, way, sonar.max_range)
         if distance < sonar.max_range and distance > 0.0:
-            normal = normal_at(walls, origin, way, distance, face)
+            normal = normal_at(cave, origin, way, distance, face)
             cosine = -wp.dot(normal, way)
             slant = wp.abs(wp.dot(normal, turn * sonar.changes[beam, ray])) / wp.max(cosine, MIN_COSINE)
             echo = sonar.weights[ray] * cosine / (distance * distance) * wp.exp(-sonar.fading * distance)
             spread_echo(echo, distance, distance * slant * sonar.sub_angle, sonar, i, beam, out)
-    seed, decision = vehicles.seeds[i], vehicles.decisions[i]
+    seed, decision = state.seeds[i], state.decisions[i]
     drawn = wp.vec4ui()
     for n in range(sonar.num_bins):
         if n % 2 == 0:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -53,9 +53,32 @@ class SensorSuite:
         self._spaces: dict[str, spaces.Space[Any]] = {}
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Dict:
-        """Return the space of one vehicle's readings."""
+        """Return the space of one vehicle's readings.
+
+        Raises:
+            InputError: a sensor has another space than a box, or a discrete one.
+        """
         self._spaces = {name: sensor.spec(scenario, vehicle) for name, sensor in self.sensors.items()}
+        for name, space in self._spaces.items():
+            if getattr(space, "shape", None) is None:
+                raise InputError(f"The sensor '{name}' has {space!r} for a space. It must be a gymnasium.spaces.Box.")
         return spaces.Dict(self._spaces)
+
+    def common_spec(self, pairs: Sequence[tuple[Scenario, Vehicle]]) -> spaces.Dict:
+        """Return the space of one vehicle's readings, which must be the same in several scenarios.
+
+        Raises:
+            InputError: it is not; the message has the sensor and the scenarios.
+        """
+        first, *others = [self.spec(*pair) for pair in pairs]
+        for (scenario, _), other in zip(pairs[1:], others, strict=True):
+            for name in self.sensors:
+                if other[name] != first[name]:
+                    raise InputError(
+                        f"The sensor '{name}' has the space {first[name]} in {pairs[0][0].name} and {other[name]} in "
+                        f"{scenario.name}. In one batch it must be the same."
+                    )
+        return first
 
     def measure(self, batch: SensorBatch) -> Readings:
         """Return each sensor's readings, (N, ...), in memory of their own; `spec` comes first.
@@ -71,6 +94,22 @@ class SensorSuite:
                 measured.copy() if isinstance(sensor, KernelSensor) else self._checked(name, measured, batch.num)
             )
         return readings
+
+    def state(self) -> Readings:
+        """Return copies of what sensors remember of earlier decisions."""
+        return {
+            f"sensor/{name}/{key}": values
+            for name, sensor in self.sensors.items()
+            if isinstance(sensor, KernelSensor)
+            for key, values in sensor.state().items()
+        }
+
+    def restore(self, state: Readings) -> None:
+        """Take back what `state` returned."""
+        for name, sensor in self.sensors.items():
+            lead = f"sensor/{name}/"
+            if isinstance(sensor, KernelSensor):
+                sensor.restore({key.removeprefix(lead): state[key] for key in state if key.startswith(lead)})
 
     def _checked(self, name: str, measured: Any, num: int) -> npt.NDArray[Any]:
         """Return the readings of a user's sensor as its space has them."""

@@ -9,10 +9,11 @@ import trimesh
 import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField, field_from_dense
+from aquanav_tools.sim.batch.caves import Cave, shared_mesh
 from aquanav_tools.sim.batch.field import make_grid
 from aquanav_tools.sim.batch.runtime import find_device
-from aquanav_tools.sim.batch.sensors.base import SensorBatch, make_sensor_batch
-from aquanav_tools.sim.batch.sensors.casting import Walls, upload_mesh
+from aquanav_tools.sim.batch.sensors.base import SensorBatch
+from aquanav_tools.sim.batch.state import BatchState, make_state
 from aquanav_tools.types import Mesh
 
 LOW, HIGH = np.array([-6.0, -4.0, -3.0]), np.array([6.0, 4.0, 3.0])
@@ -34,22 +35,32 @@ def room_mesh() -> Mesh:
     return Mesh(np.array(box.vertices), np.array(box.faces, dtype=np.int64))
 
 
-_MESH = upload_mesh(room_mesh(), DEVICE)
-_FIELD = make_grid(room_field(), DEVICE)
+_MESH = room_mesh()
+_GRID = make_grid(room_field(), DEVICE)
+_WIDTHS = {name: 0 for name, field in BatchState.vars.items() if field.type.ndim == 2}  # type: ignore[attr-defined]
 
 
-def room_walls(source: str = "mesh") -> Walls:
+def room_cave(source: str = "mesh") -> Cave:
     """The room for rays to the "mesh" or through the "field"; its entrance is 1 m above the middle."""
-    walls = Walls()
-    walls.grid, walls.middle = _FIELD, wp.vec3d(*room_mesh().vertices.mean(axis=0))
-    walls.ray_wall = _MESH.id if source == "mesh" else wp.uint64(0)
-    walls.entrance_height = 1.0
-    return walls
+    cave, middle = Cave(), _MESH.vertices.mean(axis=0)
+    cave.grid, cave.middle = _GRID, wp.vec3d(*middle)
+    cave.ray_wall = shared_mesh(_MESH, middle, DEVICE).id if source == "mesh" else wp.uint64(0)
+    cave.rules.entrance_height = 1.0
+    return cave
 
 
 def room_batch(source: str = "mesh", num_threads: int | None = 1, **arrays: Any) -> SensorBatch:
-    """Return vehicles in the room; `positions`, (N, 3), and other arrays of `Vehicles`."""
-    return make_sensor_batch([room_walls(source)], arrays, SECONDS, DEVICE, num_threads)
+    """Return vehicles in the room: `positions`, (N, 3), and other arrays of `BatchState`.
+
+    What is left out is at rest and level, at the beginning of an episode with seed 0.
+    """
+    num = len(arrays["positions"])
+    state = make_state(num, _WIDTHS, DEVICE)
+    state.orientations.assign(np.tile([1.0, 0.0, 0.0, 0.0], (num, 1)))
+    for name, values in arrays.items():
+        array = np.asarray(values)
+        getattr(state, name).assign(array.astype(np.uint32).view(np.int32) if name == "seeds" else array)
+    return SensorBatch(state, [room_cave(source)], SECONDS, DEVICE, num_threads)
 
 
 def distance_to_room(positions: np.ndarray, ways: np.ndarray) -> np.ndarray:

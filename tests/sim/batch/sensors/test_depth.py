@@ -33,7 +33,7 @@ def test_errors_have_the_sheets_sizes_and_a_devices_own_stay() -> None:
     assert first.std() == pytest.approx(np.hypot(0.01 * depth, 0.02), rel=5 / np.sqrt(2 * num))
     noisy = DepthCell({"full_scale": 100.0, "noise": 0.05})
     before = noisy.measure(batch).copy()
-    batch.vehicles.decisions.fill_(1)
+    batch.state.decisions.fill_(1)
     assert np.array_equal(device.measure(batch), first)
     change = noisy.measure(batch) - before
     assert change.std() == pytest.approx(np.sqrt(2.0) * 0.05, rel=5 / np.sqrt(2 * num))

@@ -46,7 +46,7 @@ def test_scale_and_bias_stay_for_an_episode_and_differ_between_devices() -> None
     moving = np.tile([1.0, 0.0, 0.0, 0.0, 0.0, 0.0], (num, 1))
     batch = room_batch(positions=np.zeros((num, 3)), seeds=np.arange(num), velocities=moving)
     first = log.measure(batch).copy()
-    batch.vehicles.decisions.fill_(7)
+    batch.state.decisions.fill_(7)
     assert np.array_equal(log.measure(batch), first)
     expected = [np.hypot(0.01, 0.002), 0.002, 0.002]
     assert np.allclose(first[:, :3].std(axis=0), expected, rtol=5 / np.sqrt(2 * num))

@@ -97,7 +97,7 @@ def test_only_vehicles_that_begin_anew_are_measured_where_only_they_are_asked_fo
         RangeFan(FanSpec((20.0,), (AHEAD,))),
     )
     assert np.allclose(fan.measure(batch)[:, 0], 6.0)
-    batch.vehicles.positions.assign(np.ones((2, 3)))
+    batch.state.positions.assign(np.ones((2, 3)))
     batch.only_restarted = True
     assert np.allclose(fan.measure(batch)[:, 0], [6.0, 5.0])
 

@@ -24,9 +24,9 @@ def unit(accelerometer: dict[str, float] | None = None, gyroscope: dict[str, flo
 
 def at(batch: SensorBatch, decision: int, **arrays: Any) -> SensorBatch:
     """Bring a batch to a decision with other arrays."""
-    batch.vehicles.decisions.fill_(decision)
+    batch.state.decisions.fill_(decision)
     for name, values in arrays.items():
-        getattr(batch.vehicles, name).assign(values)
+        getattr(batch.state, name).assign(values)
     return batch
 
 

@@ -47,7 +47,7 @@ def test_readings_are_copies_that_later_measurements_leave_alone() -> None:
     suite.spec(TUBE, VEHICLE)
     first = suite.measure(batch)["depth"]
     kept = first.copy()
-    batch.vehicles.positions.assign(np.ones((2, 3)))
+    batch.state.positions.assign(np.ones((2, 3)))
     suite.measure(batch)
     assert np.array_equal(first, kept)
 
@@ -68,7 +68,7 @@ def test_a_users_sensor_draws_from_seed_name_and_decision_alone() -> None:
         suite = SensorSuite({name: Thermometer()})
         suite.spec(TUBE, VEHICLE)
         batch = room_batch(positions=np.zeros((len(seeds), 3)), seeds=np.array(seeds))
-        batch.vehicles.decisions.fill_(decision)
+        batch.state.decisions.fill_(decision)
         return suite.measure(batch)[name][:, 0]
 
     together = read([5, 6, 7])
