@@ -91,8 +91,12 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self._parts = None if isinstance(observation, str) else DictObservation(observation, options.observation_delay)
-        preset = observation if self._parts is None else self._parts.preset
+        self._parts: DictObservation | None = None
+        if isinstance(observation, str):
+            preset = observation
+        else:
+            self._parts = DictObservation(observation, options.observation_delay)
+            preset = self._parts.preset
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""
