@@ -21,9 +21,9 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
-from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Pose
 
@@ -133,9 +133,9 @@ class BatchWorld:
 
     def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
         self._settings = settings = kernels.Settings()
-        settings.fan = make_fan(original_pattern(), self.device)
+        settings.fan = make_fan(PRESET_FANS[options.observation].pattern, self.device)
         settings.observation = PRESETS.index(options.observation)
-        settings.has_exact_rays, settings.has_engine = int(options.rays == "mesh"), int(has_engine)
+        settings.has_engine = int(has_engine)
         settings.next_step = int(options.next_step)
         settings.action_delay, settings.observation_delay = options.action_delay, options.observation_delay
 
