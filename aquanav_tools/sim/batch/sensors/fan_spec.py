@@ -88,7 +88,10 @@ class FanSpec:
             elevations = np.broadcast_to(np.radians(self.elevations_deg), azimuths.shape)
             level = np.cos(elevations)
             ways = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
-        lengths, radii = (np.broadcast_to(np.float64(each), (len(ways),)).copy() for each in (self.lengths, self.radii))
+        lengths, radii = (
+            np.broadcast_to(np.array(each, dtype=np.float64), (len(ways),)).copy()
+            for each in (self.lengths, self.radii)
+        )
         return RayPattern(ways, lengths, radii)
 
 
