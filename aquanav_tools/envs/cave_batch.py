@@ -13,8 +13,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats
+from aquanav_tools.envs.batch import BatchActions, Floats, copied
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.dict_observation import DictObservation, Parts
 from aquanav_tools.envs.episode import COLLISION_RULES
 from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.envs.reward import TERMS, cave_weights
@@ -48,7 +49,7 @@ class CaveBatch:
         num: int,
         *,
         next_step: bool,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
@@ -65,7 +66,8 @@ class CaveBatch:
                 evenly, in order.
             num: Number of vehicles.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: As `CaveEnv` takes it.
             max_decisions: Episode limit; None takes each scenario's, which grows with the way (`sim.time_limit`).
@@ -90,7 +92,12 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self.observation_space: spaces.Space[Any] = observation_space(observation)
+        self._parts: DictObservation | None = None
+        if isinstance(observation, str):
+            preset = observation
+        else:
+            self._parts = DictObservation(observation, options.observation_delay)
+            preset = self._parts.preset
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""
@@ -108,7 +115,7 @@ class CaveBatch:
         self.decision_seconds = _decision_seconds(self.scenarios)
         self._limits = np.array([setup.task.max_decisions for setup in setups])[self.cave_of]
         world_options = WorldOptions(
-            observation=observation,
+            observation=preset,
             rays="mesh" if rays == "mesh" else "field",
             action_delay=options.action_delay,
             observation_delay=options.observation_delay,
@@ -118,6 +125,9 @@ class CaveBatch:
             num_threads=num_threads,
         )
         self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        self.observation_space: spaces.Space[Any] = observation_space(preset)
+        if self._parts is not None:
+            self.observation_space = self._parts.prepare(self.world, pairs, self.decision_seconds, num_threads)
 
     def _engines(self, contacts: str) -> list[Any]:
         if contacts == "own":
@@ -161,6 +171,8 @@ class CaveBatch:
             first = np.array([-1 if start is None else check_start(start, count) for start, count in chosen], np.int32)
         given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
         self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
+        if self._parts is not None:
+            self._parts.begin()
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
@@ -180,26 +192,36 @@ class CaveBatch:
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
-        self.world.step()
+        if self._parts is None:
+            self.world.step()
+        else:
+            self.world.step(self._parts.judge)
+            self._parts.follow()
 
     def view_of(self, name: str) -> Any:
-        """Return an array of `sim.batch.state.BatchState`, which later steps change."""
+        """Return an array of `sim.batch.state.BatchState`, which later steps change; of a `Dict`, one for each part."""
+        if self._parts is not None and name in ("observations", "final_observations"):
+            return getattr(self._parts, name)
         return self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
-        """Return a copy of an array of `sim.batch.state.BatchState` that later steps leave alone."""
-        return np.array(self.world.as_numpy(name))
+        """Return a copy of what `view_of` returns that later steps leave alone."""
+        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
-        return self.world.state()
+        return self.world.state() | ({} if self._parts is None else self._parts.state())
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        self.world.restore(state)
+        self.world.restore({name: values for name, values in state.items() if "/" not in name})
+        if self._parts is not None:
+            self._parts.restore(state)
 
     def close(self) -> None:
         """End the threads, and let go of the physics. Closing twice does nothing."""
+        if self._parts is not None:
+            self._parts.close()
         self.world.close()
 
 

@@ -21,10 +21,10 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
 from aquanav_tools.sim.randomisation import Randomisation
-from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Pose
 
@@ -174,9 +174,9 @@ class BatchWorld:
 
     def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
         self._settings = settings = kernels.Settings()
-        settings.fan = make_fan(original_pattern(), self.device)
+        settings.fan = make_fan(PRESET_FANS[options.observation].pattern, self.device)
         settings.observation = PRESETS.index(options.observation)
-        settings.has_exact_rays, settings.has_engine = int(options.rays == "mesh"), int(has_engine)
+        settings.has_engine = int(has_engine)
         settings.next_step = int(options.next_step)
         settings.has_delayed_actions = int(self._delays[0] > 0)
 
@@ -239,8 +239,17 @@ class BatchWorld:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.retire(vehicles)
 
-    def step(self) -> None:
-        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+    @property
+    def caves(self) -> tuple[Cave, ...]:
+        """What is on the device of each cave."""
+        return tuple(self._cave_parts)
+
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
+
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
+        """
         if self._next_step:
             self._draw_successors()
         self._run(self._decision)
@@ -249,6 +258,8 @@ class BatchWorld:
             while self._link.answer():
                 self._run(self._resumption)
             self._run(self._outlook)
+        if judge is not None:
+            judge()
         if not self._next_step:
             self._draw_successors()
             self._run(self._succession)
