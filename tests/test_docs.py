@@ -16,7 +16,9 @@ from tests.conftest import REPOSITORY
 from tests.project import commands
 
 PAGES = sorted(
-    path.relative_to(REPOSITORY).as_posix() for path in [*REPOSITORY.glob("*.md"), *REPOSITORY.glob("docs/*.md")]
+    path.relative_to(REPOSITORY).as_posix()
+    for folder in (".", "docs", "examples")
+    for path in REPOSITORY.glob(f"{folder}/*.md")
 )
 MAX_README_LINES = 110
 """The README is for the first five minutes; everything else has a page by task."""
