@@ -11,13 +11,14 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES
+from aquanav_tools.envs.registry import is_own
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.oracle import OraclePolicy
-from aquanav_tools.evaluate.own_code import SPEC, CallablePolicy, OwnPolicy
+from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
@@ -169,7 +170,7 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
         return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted))
     if spec.startswith(PREFIX):
         return _baseline(spec)
-    if SPEC.fullmatch(spec):
+    if is_own(spec):
         return own_policy(OwnPolicy(spec), spec)
     path, name = Path(spec), Path(spec).name
     if path.is_dir():

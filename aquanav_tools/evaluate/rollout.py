@@ -5,23 +5,19 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import random
-import re
 import signal
 import sys
-import sysconfig
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import aquanav_tools
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.places import PlaceEnv
+from aquanav_tools.envs.registry import error_text
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.trajectory import FAILED, Trajectory
@@ -31,17 +27,6 @@ ACTION_TIME_LIMIT = 30.0
 """Wall time in which a policy must give an action, s: hundreds of times what any network here takes."""
 LOOKS = 4
 """Times that the clock is looked at within the time limit; a policy may overrun by one part of it."""
-
-
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
-"""In texts of objects; it changes from run to run."""
-_MAX_REASON = 500
-"""Characters kept of an error's text."""
-_LIBRARIES = (
-    str(Path(aquanav_tools.__file__).parent),
-    *(sysconfig.get_paths()[name] for name in ("stdlib", "purelib", "platlib")),
-)
-"""Folders of code that is not the user's own."""
 
 
 class _HangError(BaseException):
@@ -86,8 +71,7 @@ class CallTimeout:
         except _HangError:
             return None, self.reason
         except (Exception, SystemExit) as error:  # foreign code: whatever it raises costs this episode only
-            text = _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:_MAX_REASON]
-            return None, text + _line_of(error)
+            return None, error_text(error)
 
     @property
     def reason(self) -> str:
@@ -103,16 +87,6 @@ class CallTimeout:
     def _look(self, *_: object) -> None:
         if self.overrun > 0.0:
             raise _HangError
-
-
-def _line_of(error: BaseException) -> str:
-    """Return the last line of the user's own code on the way to an error: " (own.py, line 7)"; "" without any."""
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(("<", *_LIBRARIES))
-    ]
-    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
 
 
 def run_episode(
