@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
@@ -84,6 +84,14 @@ class Batch(Protocol):
     def close(self) -> None:
         """End the threads. Closing twice does nothing."""
 
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+
 
 class BatchActions:
     """One of the forms of `ActionModel` for N vehicles at once."""
@@ -129,3 +137,18 @@ def check_batched(observation: str) -> None:
         InputError: the preset is not batched; the message names it.
     """
     check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
+
+
+def raise_failures(batch: Batch) -> None:
+    """Raise an error that tells why code of the user's own failed in the last reset or step; nothing where none did.
+
+    Raises:
+        OwnCodeError: it failed, and for which vehicles.
+    """
+    failures = batch.failures
+    if not failures:
+        return
+    rows, seeds = sorted(failures), batch.view_of("seeds")
+    named = ", ".join(f"{row} (seed {int(seeds[row]) % (1 << 32)})" for row in rows[:3])
+    more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
+    raise OwnCodeError(f"{failures[rows[0]]} This was vehicle {named}{more}, of {batch.num}.", dict(failures))

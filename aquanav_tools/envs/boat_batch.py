@@ -129,6 +129,16 @@ class BoatBatch:
             delay(values, waiting, turns, chosen)
 
     @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return TERMS
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """None: boats have no code of the user's own."""
+        return {}
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) how far the goal was at the episodes' beginnings, m."""
         lengths: Array = self.copy_of("lengths")
@@ -189,6 +199,8 @@ class BoatBatch:
         """Return an array of a `Batch`, which later steps change."""
         if name == "clearances":
             return self.fleet.clearances()
+        if name == "rays":
+            return self.fleet.rays
         return self._moving_arrays()[name] if name in self._moving_arrays() else self._arrays[name]
 
     def copy_of(self, name: str) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,11 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
+from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.cave_env import _episode_rules, _water_of
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import EpisodeRules
+from aquanav_tools.envs.extensions import OWN_PREFIX, Extensions
 from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
 from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
 from aquanav_tools.envs.starting import Starts
@@ -77,25 +80,26 @@ class CaveBatch:
         self.scenario, craft = prepared(scenario, vehicle)
         check_choice("source of rays", rays, RAY_SOURCES)
         options = task_options(task)
-        check_batched(observation)
+        self._own = own = Extensions(options, observation)
+        check_batched(own.observation)
         check_choice("measure of progress", options.progress, MEASURES)
         water = _water_of(self.scenario, options.current)
         settings = self.scenario.settings
-        weights = cave_weights(options.reward, craft)
+        weights = cave_weights(own.reward, craft)
         rules = _episode_rules(self.scenario, craft, options, weights, max_decisions)
         goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
         self.ray_lengths = original_pattern().lengths
-        self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
+        preset = ObservationModel(own.observation, self.ray_lengths, goal, entrance).space
         self.max_decisions = rules.max_decisions
         self._starts = Starts(self.scenario, craft.capsule, options.starts)
         self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
         self.world = BatchWorld(
             self.scenario,
             craft,
-            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space, options),
+            _numbers(goal, float(entrance[2]), rules, weights, preset, options, own.observation_delay),
             num,
             water=water,
             current_range=options.current_range,
@@ -105,6 +109,20 @@ class CaveBatch:
             num_threads=num_threads,
             draw_start=self._draw_start if options.starts == "anywhere" else None,
         )
+        view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
+        self.observation_space = own.prepare(
+            view, self.world.as_numpy, self.world.write, preset, (self.scenario, craft)
+        )
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self._own.term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        return self._own.failures
 
     def _draw_start(self, seed: int) -> Pose:
         return self._starts.draw(np.random.default_rng(seed))
@@ -124,6 +142,7 @@ class CaveBatch:
         """Begin all episodes, each from a seed of its own."""
         first = None if starts is None else np.array([-1 if start is None else start for start in starts], np.int32)
         self.world.reset(np.array([seed % (1 << 32) for seed in seeds]), first)
+        self._own.begin()
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
@@ -143,23 +162,27 @@ class CaveBatch:
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
-        self.world.step()
+        self._own.before()
+        self.world.step(self._own.judge)
+        self._own.after()
 
     def view_of(self, name: str) -> Any:
         """Return an array of `sim.batch.fleet_arrays.Fleet`, which later steps change."""
-        return self.world.as_numpy(name)
+        own = self._own.arrays
+        return own[name] if name in own else self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
         """Return a copy of an array of `sim.batch.fleet_arrays.Fleet` that later steps leave alone."""
-        return np.array(self.world.as_numpy(name))
+        return np.array(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
-        return self.world.state()
+        return self.world.state() | self._own.state()
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        self.world.restore(state)
+        self.world.restore({name: values for name, values in state.items() if not name.startswith(OWN_PREFIX)})
+        self._own.restore(state)
 
     def close(self) -> None:
         """End the threads."""
@@ -173,6 +196,7 @@ def _numbers(
     weights: RewardWeights,
     observations: spaces.Space[Any],
     options: TaskOptions,
+    observation_delay: int,
 ) -> TaskNumbers:
     from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
 
@@ -189,5 +213,5 @@ def _numbers(
         sensor_noise=options.sensor_noise,
         sensor_dropout=options.sensor_dropout,
         action_delay=options.action_delay,
-        observation_delay=options.observation_delay,
+        observation_delay=observation_delay,
     )

@@ -12,12 +12,11 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquanav_tools.envs.batch import Batch, Floats
+from aquanav_tools.envs.batch import Batch, Floats, raise_failures
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.joint_batch import JointBatch
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
@@ -75,6 +74,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
         self.batch.reset(self._seeds(seed), starts)
+        raise_failures(self.batch)
         return self.batch.copy_of("observations"), self._infos()
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
@@ -87,6 +87,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         task = self.batch
         task.command(actions)
         task.step()
+        raise_failures(task)
         terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
         infos = self._infos()
         if self._is_same_step and (ended := terminated | truncated).any():
@@ -113,7 +114,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         }
         infos["progress"] = self.batch.route_lengths - infos["remaining"]
         terms = copy_of("terms")
-        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
+        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(self.batch.term_names)})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
 
     def _final_infos(self, ended: Flags) -> dict[str, Any]:

@@ -20,7 +20,6 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Batch, check_batched
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Place, make_batch
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
@@ -36,7 +35,7 @@ BATCH_SIZE = 256
 """Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
 KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
-    "observations", "terms", "rewards", "outcomes",
+    "rays", "observations", "terms", "rewards", "outcomes",
 )  # fmt: skip
 """Arrays of the fleet that a trajectory is made of."""
 
@@ -157,7 +156,7 @@ class BatchRunner:
             slot.reason = timeout.outcome(partial(begin_episode, slot.policy, slot.plan.seed))[1]
         commands = np.zeros((len(slots), 3), dtype=np.float32)
         rows = [{name: task.copy_of(name) for name in KEPT}]
-        running = [place for place, slot in enumerate(slots) if not slot.reason]
+        running = _unfailed(task, slots, range(len(slots)))
         while running:
             seen: Any = rows[-1]["observations"]
             if policy is not None:
@@ -173,7 +172,7 @@ class BatchRunner:
             task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
             was_running = running
-            running = [place for place in running if not slots[place].reason and rows[-1]["outcomes"][place] == 0]
+            running = [place for place in _unfailed(task, slots, running) if rows[-1]["outcomes"][place] == 0]
             task.rest([place for place in was_running if place not in running])
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
 
@@ -218,13 +217,19 @@ class EpisodeSlot:
     """Why it failed; empty unless it did."""
 
 
+def _unfailed(task: Batch, slots: Sequence[EpisodeSlot], places: Sequence[int]) -> list[int]:
+    """Return at which of some places nothing failed; where code of the user's own did, the slot gets the reason."""
+    for place in places:
+        slots[place].reason = slots[place].reason or task.failures.get(place, "")
+    return [place for place in places if not slots[place].reason]
+
+
 def _trajectory(
     task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float
 ) -> Trajectory:
     """Return the trajectory of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
     count = len(slot.actions)
     rows = {name: values[: count + 1] for name, values in states.items()}
-    rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
     touched = rows["touched"] > 0
     # The fleet keeps the current of where a decision began, with its end.
     currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
@@ -237,7 +242,7 @@ def _trajectory(
         orientations=rows["orientations"].astype(np.float64),
         velocities=rows["velocities"].astype(np.float64),
         currents=currents,
-        rays=rays,
+        rays=rows["rays"],
         clearances=rows["clearances"].astype(np.float64),
         collided=touched,
         progress=length - rows["remaining"],
@@ -245,7 +250,7 @@ def _trajectory(
         actions=np.array(slot.actions, dtype=np.float64).reshape(count, -1 if count else 0),
         commands=np.array(slot.commands, dtype=np.float64).reshape(-1, 3),
         rewards=rows["rewards"][1:].astype(np.float64),
-        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(TERMS)},
+        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(task.term_names)},
         num_collisions=int(rows["collisions"][-1]),
         reason=slot.reason,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Literal
 
@@ -148,11 +148,16 @@ class BatchWorld:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.rest(vehicles)
 
-    def step(self) -> None:
-        """Carry out `fleet.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out `fleet.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
+
+        `judge` is called when it is done, and no successor of an ended episode has begun in the same step.
+        """
         if self._next_step:
             self._draw_starts()
         self._run(self._decision)
+        if judge is not None:
+            judge()
         if not self._next_step:
             self._draw_starts()
             self._run(self._succession)
@@ -176,6 +181,10 @@ class BatchWorld:
     def as_numpy(self, name: str) -> Any:
         """Return an array of `Fleet` as NumPy's: the same memory on the processor, a copy from a GPU."""
         return getattr(self.fleet, name).numpy()
+
+    def write(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Change an array of `Fleet`."""
+        getattr(self.fleet, name).assign(values)
 
     def as_torch(self, name: str) -> Any:
         """Return an array of `Fleet` as a torch tensor in the same memory, which changes with each step."""

@@ -1,0 +1,289 @@
+"""Joining what is the user's own to a batch of vehicles: when each is asked, and where the answers go."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from aquanav_tools.envs.batch_view import BatchView
+from aquanav_tools.envs.definitions import OwnCode, WrongAnswerError, array_of
+from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.observation import PRESETS
+from aquanav_tools.envs.registry import Registry, error_text, is_own
+from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
+from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.task import TaskOptions
+
+OWN_PREFIX = "own/"
+"""Of the names of arrays in `state`."""
+ENDED = OUTCOMES.index("ended")
+Flags = npt.NDArray[np.bool_]
+
+
+class Extensions:
+    """All that is the user's own in one batch.
+
+    `prepare` first. Then `begin` after each reset, and for each decision `before` it, `judge` when it is done and no
+    successor of an ended episode has begun, and `after` when they have.
+    """
+
+    def __init__(self, options: TaskOptions, observation: str) -> None:
+        """Import what the options name.
+
+        Raises:
+            InputError: a name means nothing, or not what is asked for.
+        """
+        self._reward = OwnCode("reward", options.reward, "terms") if is_own(options.reward) else None
+        if self._reward is None:
+            Registry("reward", REWARDS).find(options.reward)
+        self._observation = OwnCode("observation", observation) if is_own(observation) else None
+        self._sensors = [OwnCode("sensor", name, "measure") for name in options.sensors]
+        self._termination = options.termination and OwnCode("termination rule", options.termination)
+        self._act, self._blur = _disturbances(options.disturbance)
+        self._delay = options.observation_delay
+        self.failures: dict[int, str] = {}
+        """Why something failed since the last decision began, by vehicle."""
+        self.reward = options.reward if self._reward is None else _base(self._reward, NOTHING, (NOTHING, *REWARDS))
+        """The reward of aquanav's that is paid as well."""
+        self.observation = observation if self._observation is None else _base(self._observation, "full", PRESETS)
+        """The preset in the vehicles' own arrays."""
+        self.term_names: tuple[str, ...] = () if self.reward == NOTHING else TERMS
+        self.arrays: dict[str, npt.NDArray[Any]] = {}
+        """(N, ...) that stand for those of the same name in the batch."""
+
+    @property
+    def is_used(self) -> bool:
+        """Whether anything is the user's own."""
+        return self._changes_observations or bool(self._reward or self._termination or self._act)
+
+    @property
+    def observation_delay(self) -> int:
+        """Decisions by which the vehicles' own arrays are late; where more is observed, all of it is made late here."""
+        return 0 if self._changes_observations else self._delay
+
+    @property
+    def _changes_observations(self) -> bool:
+        return bool(self._observation or self._sensors or self._blur)
+
+    def prepare(
+        self,
+        view: Callable[[Callable[[str], npt.NDArray[Any]]], BatchView],
+        read: Callable[[str], npt.NDArray[Any]],
+        write: Callable[[str, npt.NDArray[Any]], None],
+        base: spaces.Box,
+        where: tuple[Any, Any],
+    ) -> spaces.Box:
+        """Return the space of observations.
+
+        Args:
+            view: Returns the view of arrays that a function reads by name.
+            read: Returns an array of the batch.
+            write: Changes an array of the batch.
+            base: Space of the preset `observation`.
+            where: Scenario and vehicle, for the sensors.
+
+        Raises:
+            InputError: a sensor or an observation has no space of a fixed shape.
+        """
+        self._read, self._write = read, write
+        self._view = view(self._shown)
+        num = self._view.num
+        self.arrays["last_commands"] = np.zeros((num, 3), dtype=np.float32)
+        space = base if self._observation is None else _box(self._observation, lambda own: own.space)
+        parts = [space, *(_box(sensor, lambda own: own.spec(*where)) for sensor in self._sensors)]
+        self._shapes = [part.shape for part in parts]
+        if self._changes_observations:
+            low, high = (np.concatenate([getattr(part, end).ravel() for part in parts]) for end in ("low", "high"))
+            space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+            for name in ("observations", "final_observations"):
+                self.arrays[name] = np.zeros((num, len(low)), dtype=np.float32)
+            self.arrays["waiting"] = np.zeros((num, self._delay, len(low)), dtype=np.float32)
+        if self._reward is not None:
+            self.arrays["terms"] = np.zeros((num, len(self.term_names)), dtype=np.float32)
+        return space
+
+    def begin(self) -> None:
+        """Look at the episodes that have just begun, all of them."""
+        if not self.is_used:
+            return
+        self.failures = {}
+        self.arrays["last_commands"][:] = 0.0
+        everyone = np.ones(self._view.num, dtype=np.bool_)
+        if self._reward is not None:
+            self._pay(np.zeros_like(everyone))
+        self._look(everyone, everyone)
+
+    def before(self) -> None:
+        """Disturb the commands of the decision that is about to be carried out."""
+        self.failures = {}
+        if self._act is not None:
+            commands = self._read("commands")
+            acting = self._act.ask(self._view, _check_commands, self.failures, commands.copy())
+            if acting is not None:
+                self._write("commands", acting)
+
+    def judge(self) -> None:
+        """End episodes, pay for the decision, and observe what it led to."""
+        if not self.is_used:
+            return
+        is_moving = self._read("restarted") == 0
+        if self._termination:
+            self._end(is_moving)
+        if self._reward is not None:
+            self._pay(is_moving)
+        self._look(np.ones_like(is_moving), ~is_moving)
+        self.arrays["last_commands"][:] = np.where(is_moving[:, None], self._read("commands"), 0.0)
+
+    def after(self) -> None:
+        """Keep the last observations of episodes whose successors have begun in the same step, and look at these."""
+        if not self.is_used:
+            return
+        begun = self._read("restarted") > 0
+        self.arrays["last_commands"][begun] = 0.0
+        if self._changes_observations and begun.any():
+            self.arrays["final_observations"][begun] = self.arrays["observations"][begun]
+            self._look(begun, begun)
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of the arrays."""
+        return {OWN_PREFIX + name: values.copy() for name, values in self.arrays.items()}
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Take back what `state` returned."""
+        for name, values in self.arrays.items():
+            values[:] = state[OWN_PREFIX + name]
+
+    def _shown(self, name: str) -> npt.NDArray[Any]:
+        """Return an array for the view: the batch's own observations, not those that are made of them here."""
+        return self.arrays[name] if name == "last_commands" else self._read(name)
+
+    def _end(self, is_moving: Flags) -> None:
+        assert self._termination
+        flags = self._termination.ask(self._view, _check_flags, self.failures)
+        outcomes = self._read("outcomes").copy()
+        ends = is_moving & (outcomes == 0) & (np.zeros_like(is_moving) if flags is None else flags)
+        if ends.any():
+            outcomes[ends] = ENDED
+            for name in ("outcomes", "last_outcomes"):
+                self._write(name, outcomes)
+            self._write("terminated", self._read("terminated") | ends)
+
+    def _pay(self, is_moving: Flags) -> None:
+        """Add the reward's own terms to what is paid already."""
+        assert self._reward is not None
+        own = self._reward.ask(self._view, self._check_terms, self.failures)
+        num_base = 0 if self.reward == NOTHING else len(TERMS)
+        terms = np.zeros((self._view.num, len(self.term_names)), dtype=np.float32)
+        if num_base:
+            terms[:, :num_base] = self._read("terms")
+        if own is not None:
+            own[~is_moving] = 0.0
+            terms[:, num_base:] = own
+            paid = own.sum(axis=1)
+            for name in ("rewards", "returns", "last_returns"):
+                self._write(name, (self._read(name) + paid).astype(np.float32))
+        self.arrays["terms"] = terms
+
+    def _check_terms(self, given: Any, num: int) -> npt.NDArray[Any]:
+        """Return (num, U) terms; their names are those of the first answer."""
+        if not isinstance(given, dict) or not given:
+            raise WrongAnswerError(
+                f"returned a {type(given).__name__}, and a dict of terms by their names is asked for"
+            )
+        names = tuple(given)
+        base = () if self.reward == NOTHING else TERMS
+        if len(self.term_names) == len(base):
+            twice = sorted({str(name) for name in names} & set(base))
+            if twice:
+                raise WrongAnswerError(f"has a term '{twice[0]}', as the reward {self.reward} has beside it")
+            self.term_names = base + names
+        own = self.term_names[len(base) :]
+        if set(names) != set(own):
+            raise WrongAnswerError(f"returned the terms {', '.join(map(str, names))}, and before {', '.join(own)}")
+        return np.stack([array_of(given[name], (num,), np.float64) for name in own], axis=1)
+
+    def _look(self, rows: Flags, begins: Flags) -> None:
+        """Observe; `rows` of the arrays change, and in those that begin nothing waits yet."""
+        if not self._changes_observations:
+            return
+        num, seen = self._view.num, self._read("observations")
+        if self._observation is not None:
+            seen = self._flat(self._observation, self._shapes[0])
+        parts = [seen] + [self._flat(own, shape) for own, shape in zip(self._sensors, self._shapes[1:], strict=True)]
+        whole = np.concatenate(parts, axis=1)
+        if self._blur is not None:
+            check = partial(_check_floats, shape=whole.shape[1:])
+            blurred = self._blur.ask(self._view, check, self.failures, whole.copy())
+            whole = np.zeros_like(whole) if blurred is None else blurred
+        if self._delay:
+            waiting, places = self.arrays["waiting"], self._read("decisions") % self._delay
+            waiting[begins] = whole[begins, None]
+            moving = np.flatnonzero(rows & ~begins)
+            old = waiting[moving, places[moving]].copy()
+            waiting[moving, places[moving]] = whole[moving]
+            whole[moving] = old
+        assert whole.shape[0] == num
+        self.arrays["observations"][rows] = whole[rows]
+
+    def _flat(self, own: OwnCode, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+        """Return (N, K) readings; zeros where there are none."""
+        given = own.ask(self._view, partial(_check_floats, shape=shape), self.failures)
+        blank = np.zeros((self._view.num, int(np.prod(shape))), dtype=np.float32)
+        return blank if given is None else given.reshape(blank.shape)
+
+
+def _check_floats(given: Any, num: int, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+    return array_of(given, (num, *shape), np.float32)
+
+
+def _check_flags(given: Any, num: int) -> npt.NDArray[Any]:
+    return array_of(given, (num,), np.bool_)
+
+
+def _check_commands(given: Any, num: int) -> npt.NDArray[Any]:
+    commands = array_of(given, (num, 3), np.float32)
+    if (abs(commands) > 1.0).any():
+        raise WrongAnswerError(f"returned a command of {commands[abs(commands) > 1.0][0]:g}, outside of -1 to 1")
+    return commands
+
+
+def _disturbances(name: str | None) -> tuple[OwnCode | None, OwnCode | None]:
+    """Return what disturbs actions, and what disturbs observations."""
+    if name is None:
+        return None, None
+    made = Registry("disturbance", {}).find(name)
+    methods = [method if hasattr(made, method) else None for method in ("actions", "observations")]
+    if not any(methods):
+        raise InputError(
+            f"The disturbance {name} is a {type(made).__name__} with neither a method `actions` nor `observations`. "
+            "docs/extending.md shows what is asked for."
+        )
+    act, blur = (OwnCode("disturbance", name, method) if method else None for method in methods)
+    return act, blur
+
+
+def _base(own: OwnCode, usual: str, known: Sequence[str]) -> str:
+    """Return what of aquanav's a definition adds to."""
+    name = str(getattr(own.made, "base", usual))
+    if name not in known:
+        raise InputError(f"{own.label} has the base '{name}', which there is not.{did_you_mean(name, known)}")
+    return name
+
+
+def _box(own: OwnCode, space_of: Callable[[Any], Any]) -> spaces.Box:
+    """Return the space of what a definition returns."""
+    try:
+        space = space_of(own.made)
+    except Exception as cause:  # foreign code
+        raise InputError(f"{own.label} cannot tell its space: {error_text(cause)}. It has {_SPACE}.") from cause
+    if not isinstance(space, spaces.Box):
+        raise InputError(f"{own.label} has {space!r} for a space. It has {_SPACE}.")
+    return space
+
+
+_SPACE = "a gymnasium.spaces.Box: an observation as `space`, a sensor from `spec(scenario, vehicle)`"
