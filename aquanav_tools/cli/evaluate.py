@@ -105,7 +105,9 @@ def _defaults(arguments: Sequence[str]) -> EvaluateCommand | None:
         return None
     from aquanav_tools.evaluate.protocol import read_protocol
 
-    return EvaluateCommand(policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name)))
+    return EvaluateCommand(
+        policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name), "--trust" in arguments)
+    )
 
 
 def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation:

@@ -20,12 +20,20 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Batch, check_batched
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Place, make_batch
+from aquanav_tools.envs.registry import is_own
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import Adapting, LoadedPolicy, Policy, PrivilegedPolicy, Vectorised
+from aquanav_tools.evaluate.policies import (
+    Adapting,
+    LoadedPolicy,
+    Policy,
+    PrivilegedPolicy,
+    Vectorised,
+    check_size,
+)
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
 from aquanav_tools.report.trajectory import FAILED, Trajectory
@@ -51,7 +59,8 @@ def check_plan(plan: Plan) -> None:
             f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
             "have. Leave out --backend batch."
         )
-    check_batched(plan.policy.observation)
+    if not is_own(plan.policy.observation):
+        check_batched(plan.policy.observation)
 
 
 def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
@@ -144,6 +153,7 @@ class BatchRunner:
                 **choices_of(place[1]),
             )
             self._place = place
+            check_size(self._policies[0], self._task.observation_space)
         return self._task
 
     def _run(self, task: Batch, slots: Sequence[EpisodeSlot]) -> dict[str, npt.NDArray[Any]]:

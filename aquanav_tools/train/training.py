@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from aquanav_tools.envs.batch import check_batched
 from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
-from aquanav_tools.errors import InputError
+from aquanav_tools.envs.registry import is_own
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
@@ -90,7 +91,8 @@ def train(
     """
     if pipeline.run.backend == "batch":
         for lesson in pipeline.lessons:
-            check_batched(lesson.observation)
+            if not is_own(lesson.observation):
+                check_batched(lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [
@@ -233,6 +235,8 @@ def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:
     """Learn for a number of decisions; what diverging makes libraries raise becomes a sentence."""
     try:
         learner.learn(steps, callback=keeper, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+    except OwnCodeError as cause:
+        raise OwnCodeError(f"{cause} {keeper.kept}", cause.reasons) from cause
     except (ValueError, InputError) as cause:
         try:
             keeper.check()
