@@ -62,6 +62,9 @@ class Disturbance(Protocol):
         """Return what is observed, (N, O), of what would be."""
 
 
+KINDS = ("reward", "sensor", "observation", "termination rule", "disturbance")
+
+
 class WrongAnswerError(Exception):
     """What a definition returned is not what is asked for."""
 
@@ -149,3 +152,8 @@ def array_of(given: Any, shape: tuple[int, ...], dtype: type) -> npt.NDArray[Any
         row = np.flatnonzero(~np.isfinite(array.reshape(len(array), -1)).all(axis=1))[0]
         raise WrongAnswerError(f"returned {array[row]}, which is not finite")
     return array.astype(dtype)
+
+
+def is_own_code(reason: str) -> bool:
+    """Return whether an episode's failure was that of code of the user's own, by its reason; else it is the policy's."""
+    return reason.startswith(tuple(f"The {kind} " for kind in KINDS))

@@ -28,7 +28,7 @@ from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
-from aquanav_tools.policy.run_folder import KINDS, best_policy
+from aquanav_tools.policy.run_folder import KINDS, best_policy, observed_in
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
@@ -190,7 +190,10 @@ def load_policy(spec: str, is_trusted: bool = False, observation: str | None = N
         path = best_policy(path)
         name = f"{path.resolve().parent.name}/{path.name}"
     found = _load_file(path, is_trusted)
-    fit = fitting_presets(found.observation_space, found.action_space, spec, observation)
+    try:
+        fit = fitting_presets(found.observation_space, found.action_space, spec, observation)
+    except InputError as cause:
+        raise InputError(f"{cause}{observed_in(Path(spec))}") from cause
     draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
     size = None if observation is None else spaces.flatdim(found.observation_space)
     return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws, size)

@@ -73,7 +73,8 @@ class RunRecord:
         if checkpoint is None:
             return None
         begun = checkpoint.journal["identity"]
-        begun["lessons"] = [{RENAMED.get(key, key): value for key, value in one.items()} for one in begun["lessons"]]
+        lessons = [{RENAMED.get(key, key): value for key, value in one.items()} for one in begun["lessons"]]
+        begun["lessons"] = [{"sensors": [], **lesson} for lesson in lessons]  # runs of old had none
         different = list(_differences(begun, self._as_begun(begun)))
         if different:
             raise InputError(
