@@ -155,5 +155,5 @@ def array_of(given: Any, shape: tuple[int, ...], dtype: type) -> npt.NDArray[Any
 
 
 def is_own_code(reason: str) -> bool:
-    """Return whether an episode's failure was that of code of the user's own, by its reason; else it is the policy's."""
+    """Return whether an episode failed by code of the user's own, by the reason; else by the policy."""
     return reason.startswith(tuple(f"The {kind} " for kind in KINDS))

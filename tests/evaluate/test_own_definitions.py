@@ -65,7 +65,7 @@ def test_a_reward_that_fails_costs_the_episodes_it_fails_in(cave: Path, own_modu
         if now.seed % 2:
             assert now.outcome == "failed" and now.time == pytest.approx(0.6)
             assert now.reason == (
-                f"The reward {own}:Odd raised RuntimeError: odd ({own}.py, line 9), after 6 decisions of the episode."
+                f"The reward {own}:Odd raised RuntimeError: odd ({own}.py, line 10), after 6 decisions of the episode."
             )
         else:
             assert (now.outcome, now.path_length, now.reward) == (before.outcome, before.path_length, before.reward)
