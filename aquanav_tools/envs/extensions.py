@@ -187,7 +187,10 @@ class Extensions:
             paid = own.sum(axis=1)
             for name in ("rewards", "returns", "last_returns"):
                 self._write(name, (self._read(name) + paid).astype(np.float32))
-        self.arrays["terms"] = terms
+        if self.arrays["terms"].shape == terms.shape:
+            self.arrays["terms"][:] = terms  # in place: others hold the array
+        else:
+            self.arrays["terms"] = terms
 
     def _check_terms(self, given: Any, num: int) -> npt.NDArray[Any]:
         """Return (num, U) terms; their names are those of the first answer."""

@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.places import PlaceEnv
 from aquanav_tools.envs.registry import error_text
+from aquanav_tools.errors import OwnCodeError
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.report.trajectory import FAILED, Trajectory
@@ -104,7 +106,12 @@ def run_episode(
     `conditions` are options of reset: what this episode has of its own.
     """
     timeout = timeout or CallTimeout()
-    observation, info = env.reset(seed=plan.seed, options={**_start(plan), **(conditions or {})})
+    try:
+        observation, info = env.reset(seed=plan.seed, options={**_start(plan), **(conditions or {})})
+    except OwnCodeError as error:
+        if not isinstance(env, CaveEnv):
+            raise
+        observation, info, reason = np.zeros(0, dtype=np.float32), env.info, error.reasons[0]
     if isinstance(policy, Adapting):
         policy.adapt(env.action_space)
     if isinstance(policy, PrivilegedPolicy):
@@ -118,7 +125,11 @@ def run_episode(
             if reason:
                 break
             action, command = chosen
-            observation, reward, terminated, truncated, info = env.step(action)
+            try:
+                observation, reward, terminated, truncated, info = env.step(action)
+            except OwnCodeError as error:
+                reason = error.reasons[0]
+                break
             is_over = terminated or truncated
             infos.append(info)
             actions.append(action)

@@ -22,9 +22,10 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel, Command
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.observation import RATE_SCALE, SPEED_SCALE, layout, unsoft
+from aquanav_tools.envs.observation import layout, unsoft
 from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
 from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, Pose, yaw_quaternion
 

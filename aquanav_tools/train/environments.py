@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.joint_batch import shares
+from aquanav_tools.envs.cave_batch import shares
 from aquanav_tools.envs.places import Place
 from aquanav_tools.train.crew import Crew, Floats, Stepped
 from aquanav_tools.train.rewinding import Moment

@@ -14,9 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
-from aquanav_tools.envs.batch import check_batched
 from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
-from aquanav_tools.envs.registry import is_own
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
@@ -89,10 +87,6 @@ def train(
         ResourceError: the disk is full, or a worker was killed.
         TrainingError: learning diverged.
     """
-    if pipeline.run.backend == "batch":
-        for lesson in pipeline.lessons:
-            if not is_own(lesson.observation):
-                check_batched(lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [
