@@ -15,7 +15,7 @@ ORIGINAL_DECISIONS = 2400
 """Episode limit of the original benchmark, in decisions of 0.1 s."""
 MAX_DECISIONS = 1_000_000
 """Longest episode, in decisions."""
-OWN_FIELDS = ("reward", "sensors", "termination", "disturbance")
+OWN_FIELDS = ("reward", "sensors", "termination", "disturbance", "motion")
 """Options that may name code of the user's own."""
 MAX_DELAY = 100
 """Decisions; ten seconds at the original's ten per second."""
@@ -57,6 +57,8 @@ class TaskOptions:
     """A rule of your own that ends episodes, as module:Name, beside the task's."""
     disturbance: str | None = None
     """What of your own disturbs actions and observations, as module:Name."""
+    motion: str | None = None
+    """How vehicles move in free water, by a law of your own, as module:Name; contacts stay what they are."""
 
     def __post_init__(self) -> None:
         noise, dropout = self.sensor_noise, self.sensor_dropout

@@ -104,9 +104,10 @@ class BatchView:
         uniform = ((words + 0.5) / 2.0**32).reshape(2, count, self.num)
         return (np.sqrt(-2.0 * np.log(uniform[0])) * np.cos(2.0 * np.pi * uniform[1])).T  # Box and Muller
 
-    def only(self, row: int) -> BatchView:
-        """Return the view of one of the vehicles."""
-        view = BatchView(self._read, self.num, self.ray_lengths, self.decision_seconds, [row])
+    def only(self, rows: Sequence[int]) -> BatchView:
+        """Return the view of some of the vehicles."""
+        chosen = rows if self._rows is None else [self._rows[row] for row in rows]
+        view = BatchView(self._read, self.num, self.ray_lengths, self.decision_seconds, chosen)
         view.stream = self.stream
         return view
 

@@ -115,6 +115,7 @@ class CaveBatch:
             next_step=next_step,
             device=device,
             num_threads=num_threads,
+            law=own.law(self.scenarios[0].settings.limits.dt),
         )
         self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
         view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
@@ -228,6 +229,8 @@ def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) 
     check_choice("collision rule", options.on_collision, COLLISION_RULES)
     if contacts == "bullet" and device != "cpu":
         raise InputError(f"PyBullet's contacts are solved on the processor, not on {device}. Choose contacts='own'.")
+    if options.motion and device != "cpu":
+        raise InputError(f"A law of motion of your own is computed on the processor, not on {device}. Leave that out.")
 
 
 def _decision_seconds(scenarios: Sequence[Scenario]) -> float:

@@ -62,7 +62,28 @@ class Disturbance(Protocol):
         """Return what is observed, (N, O), of what would be."""
 
 
-KINDS = ("reward", "sensor", "observation", "termination rule", "disturbance")
+KINDS = ("reward", "sensor", "observation", "termination rule", "disturbance", "law of motion")
+
+
+class Motion(Protocol):
+    """How vehicles move in free water."""
+
+    def __call__(
+        self,
+        states: npt.NDArray[np.float64],
+        commands: npt.NDArray[np.float64],
+        currents: npt.NDArray[np.float64],
+        dt: float,
+    ) -> npt.ArrayLike:
+        """Return the (M, 13) states of vehicles a physics step later, of the moment alone.
+
+        Args:
+            states: (M, 13) positions (world, m), quaternions (w, x, y, z), velocities over ground (body, m/s) and rates
+                of turn (body, rad/s).
+            commands: (M, 3) ballast, steer and thrust, each in [-1, 1].
+            currents: (M, 3) velocities of the water (world, m/s).
+            dt: Duration of the step, s.
+        """  # fmt: skip
 
 
 class WrongAnswerError(Exception):
@@ -96,6 +117,11 @@ class OwnCode:
                 f"{self.label} is a {type(self.made).__name__}, which {what}. docs/extending.md shows what it takes."
             )
 
+    def without_batch(self, *more: Any) -> None:
+        """Call the definition with the other arguments of `ask` and these, and not with a batch."""
+        law: Any = self.made
+        self._call = lambda _, *values: law(*values, *more)
+
     def ask(
         self, batch: BatchView, check: Check, failures: dict[int, str], *values: npt.NDArray[Any]
     ) -> npt.NDArray[Any] | None:
@@ -119,7 +145,7 @@ class OwnCode:
         for row in range(batch.num):
             try:
                 alone = [value[row : row + 1] for value in values]
-                answers[row] = check(self._call(batch.only(row), *alone), 1)[0]  # type: ignore[misc]
+                answers[row] = check(self._call(batch.only([row]), *alone), 1)[0]  # type: ignore[misc]
             except Exception as cause:
                 failures.setdefault(row, self._reason(cause, batch, row))
         if len(answers) == batch.num:  # each alone is right, so that all of them are to blame

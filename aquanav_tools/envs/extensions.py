@@ -19,6 +19,8 @@ from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.task import TaskOptions
 
+MAX_MOVE = 1.0
+"""In a physics step, m: a vehicle at 50 m/s. A wall may be too thin to stop one that is faster."""
 OWN_PREFIX = "own/"
 """Of the names of arrays in `state`."""
 ENDED = OUTCOMES.index("ended")
@@ -45,6 +47,7 @@ class Extensions:
         self._sensors = [OwnCode("sensor", name, "measure") for name in options.sensors]
         self._termination = options.termination and OwnCode("termination rule", options.termination)
         self._act, self._blur = _disturbances(options.disturbance)
+        self._motion = OwnCode("law of motion", options.motion) if options.motion else None
         self._delay = options.observation_delay
         self.failures: dict[int, str] = {}
         """Why something failed since the last decision began, by vehicle."""
@@ -59,7 +62,7 @@ class Extensions:
     @property
     def is_used(self) -> bool:
         """Whether anything is the user's own."""
-        return self._changes_observations or bool(self._reward or self._termination or self._act)
+        return self._changes_observations or bool(self._reward or self._termination or self._act or self._motion)
 
     @property
     def observation_delay(self) -> int:
@@ -69,6 +72,13 @@ class Extensions:
     @property
     def _changes_observations(self) -> bool:
         return bool(self._observation or self._sensors or self._blur)
+
+    def law(self, dt: float) -> Callable[..., npt.NDArray[np.float64]] | None:
+        """Return how vehicles move in a physics step of a duration, s, as `sim.batch.engine.MotionLaw`."""
+        if self._motion is None:
+            return None
+        self._motion.without_batch(dt)
+        return self._move
 
     def prepare(
         self,
@@ -158,6 +168,28 @@ class Extensions:
         for name, values in self.arrays.items():
             values[:] = state[OWN_PREFIX + name]
 
+    def _move(
+        self,
+        states: npt.NDArray[np.float64],
+        commands: npt.NDArray[np.float64],
+        currents: npt.NDArray[np.float64],
+        rows: npt.NDArray[np.int64],
+    ) -> npt.NDArray[np.float64]:
+        """Return where the law leads; where it fails, vehicles stay where they are."""
+        assert self._motion is not None
+        failures: dict[int, str] = {}
+        values = states.copy(), commands, currents.copy()
+        moved = self._motion.ask(self._view.only(rows.tolist()), _check_states, failures, *values)
+        moved = states if moved is None else moved
+        is_left = np.zeros(len(rows), dtype=np.bool_)
+        is_left[list(failures)] = True
+        is_left |= np.linalg.norm(moved[:, :3] - states[:, :3], axis=1) > MAX_MOVE
+        for row in np.flatnonzero(is_left).tolist():
+            far = float(np.linalg.norm(moved[row, :3] - states[row, :3]))
+            why = f"{self._motion.label} moved a vehicle by {far:.3g} m in one physics step, more than {MAX_MOVE:g} m."
+            self.failures.setdefault(int(rows[row]), failures.get(row, why))
+        return np.where(is_left[:, None], states, moved)
+
     def _shown(self, name: str) -> npt.NDArray[Any]:
         """Return an array for the view: the batch's own observations, not those that are made of them here."""
         return self.arrays[name] if name == "last_commands" else self._read(name)
@@ -242,6 +274,15 @@ class Extensions:
 
 def _check_floats(given: Any, num: int, shape: tuple[int, ...]) -> npt.NDArray[Any]:
     return array_of(given, (num, *shape), np.float32)
+
+
+def _check_states(given: Any, num: int) -> npt.NDArray[Any]:
+    states = array_of(given, (num, 13), np.float64)
+    lengths = np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
+    if (abs(lengths - 1.0) > 0.1).any():
+        raise WrongAnswerError(f"returned a quaternion of length {lengths[abs(lengths - 1.0) > 0.1][0]:.3g}, not 1")
+    states[:, 3:7] /= lengths
+    return states
 
 
 def _check_flags(given: Any, num: int) -> npt.NDArray[Any]:
