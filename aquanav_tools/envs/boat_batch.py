@@ -17,6 +17,7 @@ from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules
@@ -90,6 +91,7 @@ class BoatBatch:
         """
         check_choice("device for boats", device, ("cpu",))
         options = task_options(task)
+        refuse_own(options, observation, "Boats")
         check_choice("batched observation preset", observation, ("paper", "full"))
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths

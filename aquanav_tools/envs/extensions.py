@@ -17,7 +17,7 @@ from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.envs.registry import Registry, error_text, is_own
 from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
 from aquanav_tools.errors import InputError, did_you_mean
-from aquanav_tools.task import TaskOptions
+from aquanav_tools.task import TaskOptions, choices_of, named_code
 
 MAX_MOVE = 1.0
 """In a physics step, m: a vehicle at 50 m/s. A wall may be too thin to stop one that is faster."""
@@ -25,6 +25,17 @@ OWN_PREFIX = "own/"
 """Of the names of arrays in `state`."""
 ENDED = OUTCOMES.index("ended")
 Flags = npt.NDArray[np.bool_]
+
+
+def refuse_own(options: TaskOptions, observation: str, who: str) -> None:
+    """Refuse code of the user's own where it is not joined yet.
+
+    Raises:
+        InputError: an option names some.
+    """
+    own = [name for name in (*named_code(choices_of(options)), observation) if is_own(name)]
+    if own:
+        raise InputError(f"{who} take no code of your own yet, and {' and '.join(own)} is named. Leave it out.")
 
 
 class Extensions:
@@ -43,6 +54,8 @@ class Extensions:
         self._reward = OwnCode("reward", options.reward, "terms") if is_own(options.reward) else None
         if self._reward is None:
             Registry("reward", REWARDS).find(options.reward)
+        if not is_own(observation):
+            Registry("observation preset", dict.fromkeys(PRESETS)).find(observation)
         self._observation = OwnCode("observation", observation) if is_own(observation) else None
         self._sensors = [OwnCode("sensor", name, "measure") for name in options.sensors]
         self._termination = options.termination and OwnCode("termination rule", options.termination)

@@ -14,6 +14,7 @@ from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.schema import Scenario
+from tests.caves import TUBE_RADIUS
 from tests.own_modules import WriteModule, own_module
 
 __all__ = ["own_module"]
@@ -54,6 +55,13 @@ def late(batch):
 class Off:
     def actions(self, batch, commands):
         return 0.0 * commands
+
+def glide(states, commands, currents, dt):
+    assert states.shape == (len(commands), 13) and currents.shape == (len(commands), 3)
+    after = states.copy()
+    after[:, 0] += dt * (0.5 * commands[:, 2] + currents[:, 0])
+    after[:, 2] += dt * 0.1 * commands[:, 0]
+    return after
 
 class Plus:
     def observations(self, batch, observations):
@@ -167,6 +175,55 @@ def test_a_disturbance_changes_what_acts_and_what_is_observed(tube: Scenario, ow
     assert all(np.array_equal(one[0] + 1.0, more[0]) for one, more in zip(plain, plus, strict=True))
 
 
+@pytest.mark.parametrize("contacts", ["own", "bullet"])
+def test_a_law_of_motion_says_where_vehicles_go(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {"motion": f"{own}:glide", "current": (0.2, 0.0, 0.0), "contacts": contacts}
+    envs = CaveVectorEnv(3, tube, **options)
+    begun = envs.reset(seed=[1, 2, 3], options={"start": [0, 1, 2]})[1]["position"]
+    actions = np.array([[1, 1, 2], [1, 1, 1], [0, 1, 2]])
+    for _ in range(10):
+        infos = envs.step(actions)[4]
+    assert np.allclose(infos["position"] - begun, [[0.7, 0.0, 0.0], [0.2, 0.0, 0.0], [0.7, 0.0, 0.1]])  # 1 s
+
+
+@pytest.mark.parametrize("contacts", ["own", "bullet"])
+def test_the_wall_stops_a_vehicle_whatever_law_moves_it(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
+    own = own_module(CODE)
+    envs = CaveVectorEnv(1, tube, motion=f"{own}:glide", contacts=contacts)
+    envs.reset(seed=1, options={"start": 0})
+    heights, touched = [], []
+    for _ in range(400):  # 4 m up, where there are less than 2
+        infos = envs.step([[0, 1, 1]])[4]
+        heights.append(infos["position"][0, 2])
+        touched.append(infos["collision"][0])
+    assert touched[-1] and not touched[10]
+    assert heights[-1] < np.sqrt(TUBE_RADIUS**2 - 0.5**2)  # it begins half a metre beside the axis
+    assert heights[-1] == pytest.approx(heights[-50], abs=0.02)
+
+
+def test_one_definition_is_for_one_vehicle_and_for_many(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {
+        "reward": f"{own}:Beside", "sensors": (f"{own}:Chance", f"{own}:Where"), "termination": f"{own}:late",
+        "disturbance": f"{own}:Plus", "motion": f"{own}:glide", "observation_delay": 1, "rays": "field",
+    }  # fmt: skip
+    many = CaveVectorEnv(3, tube, **options)
+    one = gymnasium.make("aquanav/Cave-v0", scenario=tube, contacts="own", **options)
+    seen, _ = many.reset(seed=[4, 5, 6])
+    alone, info = one.reset(seed=5)
+    assert one.observation_space.shape == (51,) and isinstance(info["reward/x"], float)
+    outcome = "running"
+    while outcome == "running":
+        assert np.array_equal(seen[1], alone)
+        seen, rewards, *_, infos = many.step(np.tile([1, 1, 2], (3, 1)))
+        alone, reward, terminated, truncated, info = one.step([1, 1, 2])
+        assert reward == rewards[1] and info["reward/turn"] == infos["reward/turn"][1]
+        outcome = info["outcome"]
+        assert outcome == infos["outcome"][1] and (terminated or truncated) == (outcome != "running")
+    assert outcome == "ended"
+
+
 def test_an_episode_is_the_same_alone_and_in_any_batch(tube: Scenario, own_module: WriteModule) -> None:
     own = own_module(CODE)
     options: dict[str, Any] = {
@@ -271,6 +328,12 @@ def test_a_reward_that_fails_says_how_when_and_for_whom(
          r"The termination rule own_\d+:rule returned int32, and bool are asked for"),
         ({"disturbance": "OWN:D"}, "class D:\n    actions = lambda self, b, c: c + 2.0",
          r"The disturbance own_\d+:D returned a command of \d, outside of -1 to 1"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states[:, :3]",
+         r"law of motion own_\d+:law returned an array of shape \(1, 3\), and \(1, 13\) is asked for"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states * 3.0",
+         r"law of motion own_\d+:law returned a quaternion of length 3, not 1"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states + 2.0 * (np.arange(13) == 1)",
+         r"law of motion own_\d+:law moved a vehicle by 2 m in one physics step, more than 1 m"),
         ({"reward": "OWN:R"}, "class R:\n    def terms(self, b):\n        b.positions[0] = 0.0",
          r"The reward own_\d+:R raised ValueError: assignment destination is read-only"),
         ({"reward": "OWN:R"}, "class R:\n    base = 'safe'\n    terms = lambda self, b: {'time': b.clearances}",
@@ -303,7 +366,7 @@ def test_whatever_else_fails_is_told_too(
         ({"reward": "OWN:Where"}, r"The reward own_\d+:Where is a Where, which has no method `terms`"),
         ({"sensors": ("depth",)}, "There is no sensor 'depth'. None comes with aquanav. Code of your own is named as "),
         ({"sensors": ("OWN:Own",)}, r"The sensor own_\d+:Own is a Own, which has no method `measure`"),
-        ({"observation": "ful"}, "There is no batched observation preset 'ful'. Did you mean 'full'"),
+        ({"observation": "ful"}, "There is no observation preset 'ful'. Did you mean 'full'"),
         ({"observation": "OWN:Where"}, r"The observation own_\d+:Where is a Where, which cannot be called"),
         ({"observation": "OWN:late"}, r"The observation own_\d+:late cannot tell its space: AttributeError"),
         ({"termination": "OWN:Off"}, "which cannot be called"),
