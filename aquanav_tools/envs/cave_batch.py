@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats
@@ -120,7 +121,7 @@ class CaveBatch:
         self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
         view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
         preset = observation_space(own.observation)
-        self.observation_space = own.prepare(view, world.as_numpy, world.write, preset, pairs[0])
+        self.observation_space: spaces.Space[Any] = own.prepare(view, world.as_numpy, world.write, preset, pairs[0])
 
     @property
     def term_names(self) -> tuple[str, ...]:

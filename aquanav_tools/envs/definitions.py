@@ -15,8 +15,8 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.batch_view import BatchView, stream_of
-from aquanav_tools.envs.registry import Registry, error_text
 from aquanav_tools.errors import InputError
+from aquanav_tools.registry import Registry, error_text
 
 
 class Reward(Protocol):

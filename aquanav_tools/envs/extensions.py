@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import Any
 
@@ -14,9 +14,9 @@ from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.definitions import OwnCode, WrongAnswerError, array_of
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.observation import PRESETS
-from aquanav_tools.envs.registry import Registry, error_text, is_own
 from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.registry import Registry, error_text, is_own
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 
 MAX_MOVE = 1.0
@@ -324,7 +324,7 @@ def _disturbances(name: str | None) -> tuple[OwnCode | None, OwnCode | None]:
     return act, blur
 
 
-def _base(own: OwnCode, usual: str, known: Sequence[str]) -> str:
+def _base(own: OwnCode, usual: str, known: Collection[str]) -> str:
     """Return what of aquanav's a definition adds to."""
     name = str(getattr(own.made, "base", usual))
     if name not in known:

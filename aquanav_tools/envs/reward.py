@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from aquanav_tools.envs.registry import Registry
+from aquanav_tools.registry import Registry
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 

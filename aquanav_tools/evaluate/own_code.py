@@ -12,8 +12,8 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ACTIONS
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.observation import PRESETS
-from aquanav_tools.envs.registry import import_own, module_file
 from aquanav_tools.errors import InputError
+from aquanav_tools.registry import import_own, module_file
 
 
 class CallablePolicy:

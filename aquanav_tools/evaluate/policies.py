@@ -13,7 +13,6 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES
-from aquanav_tools.envs.registry import is_own
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
@@ -30,6 +29,7 @@ from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
 from aquanav_tools.policy.run_folder import KINDS, best_policy, observed_in
 from aquanav_tools.provenance import file_hash
+from aquanav_tools.registry import is_own
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.envs.places import Place
-from aquanav_tools.envs.registry import refuse_recorded
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
 from aquanav_tools.evaluate.task_adapter import adapter_of
+from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.task import TaskOptions, choices_of, named_code, task_options

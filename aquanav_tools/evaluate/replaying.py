@@ -10,7 +10,6 @@ from typing import Any, get_args
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.pictures.film import film_size
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
-from aquanav_tools.envs.registry import is_own, refuse_recorded
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
@@ -20,6 +19,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
+from aquanav_tools.registry import is_own, refuse_recorded
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress

@@ -18,10 +18,10 @@ import numpy as np
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.places import PlaceEnv
-from aquanav_tools.envs.registry import error_text
 from aquanav_tools.errors import OwnCodeError
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
+from aquanav_tools.registry import error_text
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 
 TERM_PREFIX = "reward/"
