@@ -98,6 +98,16 @@ class Batch(Protocol):
         """Why code of the user's own failed in the last reset or step, by vehicle."""
 
 
+def copied(values: Any) -> Any:
+    """Return a copy of an array, or of a dictionary of them."""
+    return {name: part.copy() for name, part in values.items()} if isinstance(values, dict) else np.array(values)
+
+
+def row_of(values: Any, row: int) -> Any:
+    """Return a copy of a row of an array, or of each array of a dictionary."""
+    return {name: part[row].copy() for name, part in values.items()} if isinstance(values, dict) else values[row].copy()
+
+
 class BatchActions:
     """One of the forms of `ActionModel` for N vehicles at once."""
 

@@ -13,11 +13,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats
+from aquanav_tools.envs.batch import BatchActions, Floats, copied
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.dict_observation import DictObservation, Parts
 from aquanav_tools.envs.episode import COLLISION_RULES
-from aquanav_tools.envs.extensions import OWN_PREFIX, Extensions
+from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.envs.reward import TERMS, cave_weights
 from aquanav_tools.envs.starting import CONDITIONS, Starts, check_start
@@ -49,7 +50,7 @@ class CaveBatch:
         num: int,
         *,
         next_step: bool,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
@@ -66,7 +67,8 @@ class CaveBatch:
                 evenly, in order.
             num: Number of vehicles.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: As `CaveEnv` takes it.
             max_decisions: Episode limit; None takes each scenario's, which grows with the way (`sim.time_limit`).
@@ -83,15 +85,21 @@ class CaveBatch:
             InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
                 than caves.
         """
+        from aquanav_tools.sim.batch.sensors.base import SensorBatch
         from aquanav_tools.sim.batch.world import BatchWorld, WorldOptions
 
         several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
         self.task = options = task_options(task)
-        self._own = own = Extensions(options, observation)
         _check_choices(options, rays, contacts, device)
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
+        self._parts: DictObservation | None = None
+        if not isinstance(observation, str):
+            self._parts = DictObservation(observation, options.observation_delay)
+        self._own = own = Extensions(
+            options, self._parts.preset if self._parts else observation, self._parts is not None
+        )
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""
@@ -120,8 +128,12 @@ class CaveBatch:
         )
         self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
         view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
-        preset = observation_space(own.observation)
-        self.observation_space: spaces.Space[Any] = own.prepare(view, world.as_numpy, world.write, preset, pairs[0])
+        self.observation_space: spaces.Space[Any] = own.prepare(
+            view, world.as_numpy, world.write, observation_space(own.observation), pairs,
+            partial(SensorBatch, world.arrays, world.caves, self.decision_seconds, world.device, num_threads),
+        )  # fmt: skip
+        if self._parts is not None:
+            self.observation_space = self._parts.prepare(world, pairs, self.decision_seconds, num_threads, own)
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -171,6 +183,8 @@ class CaveBatch:
         given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
         self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
         self._own.begin()
+        if self._parts is not None:
+            self._parts.begin()
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
@@ -191,29 +205,44 @@ class CaveBatch:
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
         self._own.before()
-        self.world.step(self._own.judge)
+        self.world.step(self._judge)
         self._own.after()
+        if self._parts is not None:
+            self._parts.follow()
+
+    def _judge(self) -> None:
+        """Look at what the decision led to, before the successors of ended episodes begin."""
+        self._own.judge()
+        if self._parts is not None:
+            self._parts.judge()
 
     def view_of(self, name: str) -> Any:
-        """Return an array of `sim.batch.state.BatchState`, which later steps change."""
+        """Return an array of `sim.batch.state.BatchState`, which later steps change; of a `Dict`, one for each part."""
+        if self._parts is not None and name in ("observations", "final_observations"):
+            return getattr(self._parts, name)
         own = self._own.arrays
         return own[name] if name in own else self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
-        """Return a copy of an array of `sim.batch.state.BatchState` that later steps leave alone."""
-        return np.array(self.view_of(name))
+        """Return a copy of what `view_of` returns that later steps leave alone."""
+        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
-        return self.world.state() | self._own.state()
+        return self.world.state() | self._own.state() | ({} if self._parts is None else self._parts.state())
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        self.world.restore({name: values for name, values in state.items() if not name.startswith(OWN_PREFIX)})
+        self.world.restore({name: values for name, values in state.items() if "/" not in name})
         self._own.restore(state)
+        if self._parts is not None:
+            self._parts.restore(state)
 
     def close(self) -> None:
         """End the threads, and let go of the physics. Closing twice does nothing."""
+        self._own.close()
+        if self._parts is not None:
+            self._parts.close()
         self.world.close()
 
 

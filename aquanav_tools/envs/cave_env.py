@@ -10,9 +10,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch import raise_failures
+from aquanav_tools.envs.batch import raise_failures, row_of
 from aquanav_tools.envs.cave_batch import NUM_SEEDS, CaveBatch
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.dict_observation import Parts
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
 from aquanav_tools.envs.starting import CONDITIONS, episode_task
@@ -100,7 +101,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self,
         scenario: str | Path | Scenario,
         *,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
@@ -115,7 +116,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         Args:
             scenario: A scenario folder, or a scenario in memory.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's. Starts at which another hull
                 touches the wall are left out, with a warning.
@@ -181,7 +183,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=True)
-        return self._arrays["observations"][0].copy(), info
+        return row_of(self._arrays["observations"], 0), info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
@@ -193,7 +195,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         if self._live is not None:
             self._live.show(info, is_first=False)
         terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
-        return arrays["observations"][0].copy(), float(arrays["rewards"][0]), terminated, truncated, info
+        return row_of(arrays["observations"], 0), float(arrays["rewards"][0]), terminated, truncated, info
 
     @property
     def info(self) -> Info:

@@ -97,18 +97,19 @@ Check = Callable[[Any, int], npt.NDArray[Any]]
 class OwnCode:
     """One definition of the user's own: called, and what it returns checked."""
 
-    def __init__(self, kind: str, name: str, method: str | None = None) -> None:
-        """Import a definition.
+    def __init__(self, kind: str, name: str, method: str | None = None, made: Any = None) -> None:
+        """Take a definition, imported by its name if it is not there yet.
 
         Args:
             kind: "reward" and so on.
             name: module:Name.
             method: That is called; None calls the definition itself.
+            made: The definition; None imports it.
 
         Raises:
             InputError: the name is not module:Name, or it means nothing that can be called so.
         """
-        self.label, self.made = f"The {kind} {name}", Registry(kind, {}).find(name)
+        self.label, self.made = f"The {kind} {name}", Registry(kind, {}).find(name) if made is None else made
         self._stream = stream_of(name)
         self._call = self.made if method is None else getattr(self.made, method, None)
         if not callable(self._call):

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.registry import Registry, error_text, is_own
+from aquanav_tools.sim.batch.sensors import BUILT_IN
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 
 MAX_MOVE = 1.0
@@ -24,6 +25,9 @@ MAX_MOVE = 1.0
 OWN_PREFIX = "own/"
 """Of the names of arrays in `state`."""
 ENDED = OUTCOMES.index("ended")
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.sensors.base import SensorBatch
+
 Flags = npt.NDArray[np.bool_]
 
 
@@ -45,8 +49,13 @@ class Extensions:
     successor of an ended episode has begun, and `after` when they have.
     """
 
-    def __init__(self, options: TaskOptions, observation: str) -> None:
+    def __init__(self, options: TaskOptions, observation: str, is_dict: bool = False) -> None:
         """Import what the options name.
+
+        Args:
+            options: Of the task.
+            observation: A preset, or module:Name.
+            is_dict: Whether a preset is a part of a dictionary, which is observed as it is.
 
         Raises:
             InputError: a name means nothing, or not what is asked for.
@@ -57,11 +66,16 @@ class Extensions:
         if not is_own(observation):
             Registry("observation preset", dict.fromkeys(PRESETS)).find(observation)
         self._observation = OwnCode("observation", observation) if is_own(observation) else None
-        self._sensors = [OwnCode("sensor", name, "measure") for name in options.sensors]
+        self._sensors = {name: _sensor(name) for name in options.sensors}
         self._termination = options.termination and OwnCode("termination rule", options.termination)
         self._act, self._blur = _disturbances(options.disturbance)
         self._motion = OwnCode("law of motion", options.motion) if options.motion else None
         self._delay = options.observation_delay
+        if is_dict and self._changes_observations:
+            raise InputError(
+                "A dictionary of parts is observed as it is. Name sensors of your own in it, as module:Name, and leave "
+                "out the options sensors and what disturbs observations."
+            )
         self.failures: dict[int, str] = {}
         """Why something failed since the last decision began, by vehicle."""
         self.reward = options.reward if self._reward is None else _base(self._reward, NOTHING, (NOTHING, *REWARDS))
@@ -99,7 +113,8 @@ class Extensions:
         read: Callable[[str], npt.NDArray[Any]],
         write: Callable[[str, npt.NDArray[Any]], None],
         base: spaces.Box,
-        where: tuple[Any, Any],
+        pairs: Sequence[tuple[Any, Any]],
+        make_sensors: Callable[[], SensorBatch],
     ) -> spaces.Box:
         """Return the space of observations.
 
@@ -108,17 +123,26 @@ class Extensions:
             read: Returns an array of the batch.
             write: Changes an array of the batch.
             base: Space of the preset `observation`.
-            where: Scenario and vehicle, for the sensors.
+            pairs: Each scenario and its vehicle, for the sensors.
+            make_sensors: Returns what aquanav's own sensors measure from.
 
         Raises:
             InputError: a sensor or an observation has no space of a fixed shape.
         """
         self._read, self._write = read, write
-        self._view = view(self._shown)
-        num = self._view.num
+        self.view = view(self._shown)
+        num = self.view.num
+        from aquanav_tools.sim.batch.sensors.suite import SensorSuite
+
+        built_in = {name: own for name, own in self._sensors.items() if not isinstance(own, OwnCode)}
+        self._suite = SensorSuite(built_in) if built_in else None
+        self._sensor_batch = make_sensors() if built_in else None
+        known = {} if self._suite is None else self._suite.common_spec(pairs).spaces
         self.arrays["last_commands"] = np.zeros((num, 3), dtype=np.float32)
         space = base if self._observation is None else _box(self._observation, lambda own: own.space)
-        parts = [space, *(_box(sensor, lambda own: own.spec(*where)) for sensor in self._sensors)]
+        parts = [space]
+        for name, sensor in self._sensors.items():
+            parts.append(common_box(sensor, pairs) if isinstance(sensor, OwnCode) else known[name])
         self._shapes = [part.shape for part in parts]
         if self._changes_observations:
             low, high = (np.concatenate([getattr(part, end).ravel() for part in parts]) for end in ("low", "high"))
@@ -136,7 +160,7 @@ class Extensions:
             return
         self.failures = {}
         self.arrays["last_commands"][:] = 0.0
-        everyone = np.ones(self._view.num, dtype=np.bool_)
+        everyone = np.ones(self.view.num, dtype=np.bool_)
         if self._reward is not None:
             self._pay(np.zeros_like(everyone))
         self._look(everyone, everyone)
@@ -146,7 +170,7 @@ class Extensions:
         self.failures = {}
         if self._act is not None:
             commands = self._read("commands")
-            acting = self._act.ask(self._view, _check_commands, self.failures, commands.copy())
+            acting = self._act.ask(self.view, _check_commands, self.failures, commands.copy())
             if acting is not None:
                 self._write("commands", acting)
 
@@ -170,16 +194,24 @@ class Extensions:
         self.arrays["last_commands"][begun] = 0.0
         if self._changes_observations and begun.any():
             self.arrays["final_observations"][begun] = self.arrays["observations"][begun]
-            self._look(begun, begun)
+            self._look(begun, begun, only_restarted=True)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of the arrays."""
-        return {OWN_PREFIX + name: values.copy() for name, values in self.arrays.items()}
+        remembered = {} if self._suite is None else self._suite.state()
+        return remembered | {OWN_PREFIX + name: values.copy() for name, values in self.arrays.items()}
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Take back what `state` returned."""
         for name, values in self.arrays.items():
             values[:] = state[OWN_PREFIX + name]
+        if self._suite is not None:
+            self._suite.restore(state)
+
+    def close(self) -> None:
+        """End the threads of sensors. Closing twice does nothing."""
+        if self._sensor_batch is not None:
+            self._sensor_batch.close()
 
     def _move(
         self,
@@ -192,7 +224,7 @@ class Extensions:
         assert self._motion is not None
         failures: dict[int, str] = {}
         values = states.copy(), commands, currents.copy()
-        moved = self._motion.ask(self._view.only(rows.tolist()), _check_states, failures, *values)
+        moved = self._motion.ask(self.view.only(rows.tolist()), _check_states, failures, *values)
         moved = states if moved is None else moved
         is_left = np.zeros(len(rows), dtype=np.bool_)
         is_left[list(failures)] = True
@@ -209,7 +241,7 @@ class Extensions:
 
     def _end(self, is_moving: Flags) -> None:
         assert self._termination
-        flags = self._termination.ask(self._view, _check_flags, self.failures)
+        flags = self._termination.ask(self.view, _check_flags, self.failures)
         outcomes = self._read("outcomes").copy()
         ends = is_moving & (outcomes == 0) & (np.zeros_like(is_moving) if flags is None else flags)
         if ends.any():
@@ -221,9 +253,9 @@ class Extensions:
     def _pay(self, is_moving: Flags) -> None:
         """Add the reward's own terms to what is paid already."""
         assert self._reward is not None
-        own = self._reward.ask(self._view, self._check_terms, self.failures)
+        own = self._reward.ask(self.view, self._check_terms, self.failures)
         num_base = 0 if self.reward == NOTHING else len(TERMS)
-        terms = np.zeros((self._view.num, len(self.term_names)), dtype=np.float32)
+        terms = np.zeros((self.view.num, len(self.term_names)), dtype=np.float32)
         if num_base:
             terms[:, :num_base] = self._read("terms")
         if own is not None:
@@ -255,18 +287,25 @@ class Extensions:
             raise WrongAnswerError(f"returned the terms {', '.join(map(str, names))}, and before {', '.join(own)}")
         return np.stack([array_of(given[name], (num,), np.float64) for name in own], axis=1)
 
-    def _look(self, rows: Flags, begins: Flags) -> None:
+    def _look(self, rows: Flags, begins: Flags, only_restarted: bool = False) -> None:
         """Observe; `rows` of the arrays change, and in those that begin nothing waits yet."""
         if not self._changes_observations:
             return
-        num, seen = self._view.num, self._read("observations")
+        num, seen = self.view.num, self._read("observations")
         if self._observation is not None:
             seen = self._flat(self._observation, self._shapes[0])
-        parts = [seen] + [self._flat(own, shape) for own, shape in zip(self._sensors, self._shapes[1:], strict=True)]
+        readings: dict[str, npt.NDArray[Any]] = {}
+        if self._suite is not None and self._sensor_batch is not None:
+            self._sensor_batch.only_restarted = only_restarted
+            readings = self._suite.measure(self._sensor_batch)
+        parts = [seen]
+        for (name, own), shape in zip(self._sensors.items(), self._shapes[1:], strict=True):
+            flat = self._flat(own, shape) if isinstance(own, OwnCode) else readings[name].reshape(num, -1)
+            parts.append(flat)
         whole = np.concatenate(parts, axis=1)
         if self._blur is not None:
             check = partial(_check_floats, shape=whole.shape[1:])
-            blurred = self._blur.ask(self._view, check, self.failures, whole.copy())
+            blurred = self._blur.ask(self.view, check, self.failures, whole.copy())
             whole = np.zeros_like(whole) if blurred is None else blurred
         if self._delay:
             waiting, places = self.arrays["waiting"], self._read("decisions") % self._delay
@@ -280,8 +319,8 @@ class Extensions:
 
     def _flat(self, own: OwnCode, shape: tuple[int, ...]) -> npt.NDArray[Any]:
         """Return (N, K) readings; zeros where there are none."""
-        given = own.ask(self._view, partial(_check_floats, shape=shape), self.failures)
-        blank = np.zeros((self._view.num, int(np.prod(shape))), dtype=np.float32)
+        given = own.ask(self.view, partial(_check_floats, shape=shape), self.failures)
+        blank = np.zeros((self.view.num, int(np.prod(shape))), dtype=np.float32)
         return blank if given is None else given.reshape(blank.shape)
 
 
@@ -296,6 +335,11 @@ def _check_states(given: Any, num: int) -> npt.NDArray[Any]:
         raise WrongAnswerError(f"returned a quaternion of length {lengths[abs(lengths - 1.0) > 0.1][0]:.3g}, not 1")
     states[:, 3:7] /= lengths
     return states
+
+
+def check_reading(given: Any, num: int, like: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return readings with the shape and the type of other (N, ...) readings; a `definitions.Check`."""
+    return array_of(given, (num, *like.shape[1:]), like.dtype.type)
 
 
 def _check_flags(given: Any, num: int) -> npt.NDArray[Any]:
@@ -330,6 +374,30 @@ def _base(own: OwnCode, usual: str, known: Collection[str]) -> str:
     if name not in known:
         raise InputError(f"{own.label} has the base '{name}', which there is not.{did_you_mean(name, known)}")
     return name
+
+
+def common_box(own: OwnCode, pairs: Sequence[tuple[Any, Any]]) -> spaces.Box:
+    """Return the space of a sensor of the user's own, which must be the same in all scenarios of a batch.
+
+    Raises:
+        InputError: it is not, or it is no box.
+    """
+    first, *others = [_box(own, lambda sensor, pair=pair: sensor.spec(*pair)) for pair in pairs]
+    if any(other != first for other in others):
+        raise InputError(
+            f"{own.label} has other spaces in other scenarios of a batch. In one batch it must be the same."
+        )
+    return first
+
+
+def _sensor(name: str) -> OwnCode | Any:
+    """Return a sensor of the user's own, or one that comes with aquanav."""
+    if is_own(name):
+        return OwnCode("sensor", name, "measure")
+    Registry("sensor", BUILT_IN).find(name)
+    from aquanav_tools.sim.batch.sensors.suite import make_sensor
+
+    return make_sensor(name)
 
 
 def _box(own: OwnCode, space_of: Callable[[Any], Any]) -> spaces.Box:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.batch import Floats, raise_failures
+from aquanav_tools.envs.batch import Floats, raise_failures, row_of
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Spec, make_batch
 
@@ -68,7 +68,7 @@ class PlaceVecEnv(VecEnv):
         elapsed = round(time.time() - self._began, 6)
         for n in ended:
             infos[n] = {
-                "terminal_observation": finals[n].copy(),
+                "terminal_observation": row_of(finals, int(n)),
                 "TimeLimit.truncated": bool(truncated[n]),
                 "episode": {"r": float(returns[n]), "l": int(lengths[n]), "t": elapsed},
                 "outcome": OUTCOMES[outcomes[n]],

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquanav_tools.envs.batch import Batch, Floats, raise_failures
+from aquanav_tools.envs.batch import Batch, Floats, raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
@@ -121,9 +121,9 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
     def _final_infos(self, ended: Flags) -> dict[str, Any]:
         """Return what Gymnasium asks for of episodes that ended in this step, whose successors have begun."""
         observations = np.full(self.num_envs, None, dtype=object)
-        finals = self.batch.copy_of("final_observations")
+        finals = self.batch.view_of("final_observations")
         for vehicle in np.flatnonzero(ended):
-            observations[vehicle] = finals[vehicle]
+            observations[vehicle] = row_of(finals, int(vehicle))
         final_info = {
             "outcome": np.array(OUTCOMES)[self.batch.view_of("last_outcomes")],
             "num_collisions": self.batch.copy_of("last_collisions"),

@@ -200,10 +200,16 @@ class BatchWorld:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.retire(vehicles)
 
+    @property
+    def caves(self) -> tuple[Cave, ...]:
+        """What is on the device of each cave."""
+        return tuple(self._cave_parts)
+
     def step(self, judge: Callable[[], None] | None = None) -> None:
         """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
 
-        `judge` is called when it is done, and no successor of an ended episode has begun in the same step.
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
         """
         if self._next_step:
             self._draw_starts()
