@@ -10,13 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch import row_of
+from aquanav_tools.envs.batch import raise_failures, row_of
 from aquanav_tools.envs.cave_batch import NUM_SEEDS, CaveBatch
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import CONDITIONS, episode_task
 from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.schema import Scenario
@@ -27,7 +26,6 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-TERM_KEYS = [f"reward/{name}" for name in TERMS]
 ARRAYS = (
     "commands", "positions", "orientations", "velocities", "extra", "currents", "rays", "clearances", "touched",
     "collisions", "remaining", "outcomes", "start_indices", "gates", "terms", "decisions", "observations", "rewards",
@@ -178,6 +176,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.episode_seed = int(self.np_random.integers(NUM_SEEDS)) if seed is None else seed % NUM_SEEDS
         conditions = {name: getattr(self.task, name) for name in CONDITIONS}
         self._batch.reset([self.episode_seed], [given.get("start")], conditions)
+        self._arrays = {name: self._batch.view_of(name) for name in ARRAYS}
+        self._term_keys = [f"reward/{name}" for name in self._batch.term_names]
+        raise_failures(self._batch)
         if self._camera is not None:
             self._camera.reset()
         info = self._info()
@@ -190,11 +191,17 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         arrays = self._arrays
         arrays["commands"][0] = self.action_model.command(action)
         self._batch.step()
+        raise_failures(self._batch)
         info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=False)
         terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
         return row_of(arrays["observations"], 0), float(arrays["rewards"][0]), terminated, truncated, info
+
+    @property
+    def info(self) -> Info:
+        """What the last reset or step told: also where that raised an error of code of the user's own."""
+        return self._info()
 
     @property
     def state(self) -> Array:
@@ -276,6 +283,6 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "start_index": int(arrays["start_indices"][0]),
             "gate": int(arrays["gates"][0]),
         }
-        info.update(zip(TERM_KEYS, arrays["terms"][0].tolist(), strict=True))
+        info.update(zip(self._term_keys, arrays["terms"][0].tolist(), strict=True))
         info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
         return info

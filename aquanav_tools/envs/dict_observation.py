@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from aquanav_tools.envs.definitions import OwnCode
+from aquanav_tools.envs.extensions import Extensions, check_reading, common_box
 from aquanav_tools.envs.observation import PRESETS, observation_space
 from aquanav_tools.errors import InputError
+from aquanav_tools.registry import is_own
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle_base import Vehicle
 
@@ -21,7 +25,7 @@ if TYPE_CHECKING:
 Arrays = dict[str, npt.NDArray[Any]]
 Parts = Mapping[str, "str | Sensor"]
 """What is observed, by name: a preset ("paper", "full" or "original"), a sensor by its name ("fan", "depth", "imu",
-"dvl" or "sonar"), or a sensor."""
+"dvl" or "sonar"), a sensor of the user's own as module:Name, or a sensor."""
 
 
 class DictObservation:
@@ -37,6 +41,7 @@ class DictObservation:
         Raises:
             InputError: there are no parts, several presets, or no sensor of a name.
         """
+        from aquanav_tools.sim.batch.sensors.base import KernelSensor
         from aquanav_tools.sim.batch.sensors.suite import SensorSuite
 
         presets = [name for name, part in parts.items() if isinstance(part, str) and part in PRESETS]
@@ -50,6 +55,12 @@ class DictObservation:
         sensors = {name: part for name, part in parts.items() if name not in presets}
         if not presets and not sensors:
             raise InputError("An observation must have at least one part: a preset or a sensor.")
+        self._own = {
+            name: OwnCode("sensor", str(part), "measure") if is_own(part) else OwnCode("sensor", name, "measure", part)
+            for name, part in sensors.items()
+            if is_own(part) or not isinstance(part, str | KernelSensor)
+        }
+        sensors = {name: part for name, part in sensors.items() if name not in self._own}
         self._suite = SensorSuite(sensors) if sensors else None
         self._delay = delay
         self.observations: Arrays = {}
@@ -59,7 +70,12 @@ class DictObservation:
         self._waiting: Arrays = {}
 
     def prepare(
-        self, world: BatchWorld, pairs: list[tuple[Scenario, Vehicle]], decision_seconds: float, num_threads: int | None
+        self,
+        world: BatchWorld,
+        pairs: list[tuple[Scenario, Vehicle]],
+        decision_seconds: float,
+        num_threads: int | None,
+        extensions: Extensions,
     ) -> spaces.Dict:
         """Make room for the readings of a batch, and return the space of one vehicle's observation.
 
@@ -68,6 +84,7 @@ class DictObservation:
             pairs: Each scenario of the batch, and the vehicle in it.
             decision_seconds: Duration of a decision, s.
             num_threads: As `CaveBatch` takes it.
+            extensions: Has the view for sensors of the user's own, and is told where they fail.
 
         Raises:
             InputError: a sensor's space is not the same in all scenarios.
@@ -83,12 +100,14 @@ class DictObservation:
         if self._suite is not None:
             self._batch = SensorBatch(world.arrays, world.caves, decision_seconds, world.device, num_threads)
             known |= self._suite.common_spec(pairs).spaces
-            for name in self._suite.sensors:
-                shape, dtype = known[name].shape, known[name].dtype
-                assert shape is not None, "a suite's spaces have shapes"
-                self.observations[name] = np.zeros((num, *shape), dtype=dtype)
-                self.final_observations[name] = np.zeros((num, *shape), dtype=dtype)
-                self._waiting[name] = np.zeros((num, self._delay, *shape), dtype=dtype)
+        self._extensions = extensions
+        known |= {name: common_box(own, pairs) for name, own in self._own.items()}
+        for name in known.keys() - {self._preset_name}:
+            shape, dtype = known[name].shape, known[name].dtype
+            assert shape is not None, "a suite's spaces have shapes"
+            self.observations[name] = np.zeros((num, *shape), dtype=dtype)
+            self.final_observations[name] = np.zeros((num, *shape), dtype=dtype)
+            self._waiting[name] = np.zeros((num, self._delay, *shape), dtype=dtype)
         return spaces.Dict(known)
 
     def begin(self) -> None:
@@ -105,17 +124,14 @@ class DictObservation:
         """Keep what was seen last where a successor has begun in the same step, and observe its beginning."""
         self._refresh_preset()
         begun = np.flatnonzero(self._world.as_numpy("restarted"))
-        if len(begun) and self._suite is not None:
-            for name in self._suite.sensors:
+        if len(begun):
+            for name in self._waiting:
                 self.final_observations[name][begun] = self.observations[name][begun]
             self._look(begun, only_restarted=True)
 
     def _look(self, begun: npt.NDArray[np.integer], only_restarted: bool) -> None:
         """Read the sensors; readings of rows that have begun are seen at once, others wait their turn."""
-        if self._suite is None:
-            return
-        self._batch.only_restarted = only_restarted
-        for name, readings in self._suite.measure(self._batch).items():
+        for name, readings in self._measure(only_restarted).items():
             seen, waiting = self.observations[name], self._waiting[name]
             if only_restarted:
                 seen[begun] = readings[begun]
@@ -129,6 +145,18 @@ class DictObservation:
                 seen[:] = readings
             if self._delay:
                 waiting[begun] = readings[begun, None]
+
+    def _measure(self, only_restarted: bool) -> Arrays:
+        """Return (N, ...) of each sensor; zeros where one of the user's own fails."""
+        readings: Arrays = {}
+        if self._suite is not None:
+            self._batch.only_restarted = only_restarted
+            readings = self._suite.measure(self._batch)
+        for name, own in self._own.items():
+            space = self.observations[name]
+            given = own.ask(self._extensions.view, partial(check_reading, like=space), self._extensions.failures)
+            readings[name] = np.zeros_like(space) if given is None else given
+        return readings
 
     def _refresh_preset(self) -> None:
         """Take the preset from a GPU again, whose arrays are copies here."""

@@ -126,6 +126,17 @@ class JointBatch:
             lead = f"{n}/"
             batch.restore({name.removeprefix(lead): state[name] for name in state if name.startswith(lead)})
 
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self.batches[0].term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        pairs = zip(self.batches, self.shares, strict=True)
+        return {share.start + row: why for batch, share in pairs for row, why in batch.failures.items()}
+
     def close(self) -> None:
         """End the threads."""
         self._threads.shutdown()

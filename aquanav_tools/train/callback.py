@@ -12,7 +12,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
-from aquanav_tools.train.checkpoint import Checkpoint, learner_state
+from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
@@ -74,6 +74,17 @@ class TrainingCallback(BaseCallback):
             self._measure(self._trials.final)
         if is_lesson_over or _is_passed(self._run.checkpoint_every, before, journal.steps):
             self._save(is_lesson_over)
+
+    @property
+    def kept(self) -> str:
+        """What is said of the checkpoint where code of the user's own stops the run."""
+        folder = self._record.folder
+        if not (folder / CHECKPOINT_FILE).is_file():
+            return f"Nothing was learned yet, and {folder} has no checkpoint. Correct the code and train again."
+        return (
+            f"Training stopped in the rollout after {self._journal.steps:,} decisions. The last good checkpoint and "
+            f"its policy are in {folder}; correct the code, and the same command goes on from there."
+        )
 
     def check(self) -> None:
         """Check that the network can still compute.

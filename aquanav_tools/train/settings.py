@@ -12,7 +12,7 @@ from aquanav_tools.workers.ray_cluster import ADDRESS
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
-NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "masked_observations", "memory")
+NETWORK = ("algorithm", "observation", "sensors", "action", "hidden", "normalise", "masked_observations", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
 _POSITIVE = (
     "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
@@ -33,9 +33,9 @@ class TrainSettings(TaskOptions):
     algorithm: Algorithm = "ppo"
     """ppo; recurrent-ppo, with an LSTM (needs the extra: pip install 'aquanav[recurrent]'); sac or td3, which act
     continuously."""
-    observation: Literal["paper", "full", "original"] = "full"
-    """What the agent sees: the paper's 31 values, those and the vehicle's own motion, or the 120 of the original's
-    code."""
+    observation: str = "full"
+    """What the agent sees: the paper's 31 values (paper), those and the vehicle's own motion (full), the 120 of the
+    original's code (original), or an observation of your own, module:Name (docs/extending.md)."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
     num_envs: int = 8
@@ -128,8 +128,10 @@ class TrainSettings(TaskOptions):
             "Without normalise, the network sees all that is observed. Leave masked_observations out.",
         )
         _check(
-            self.observation != "original" or not (self.masked_observations or self.mirrored),
-            "mirrored and masked_observations need the observation paper or full, and it is original. Leave them out.",
+            (self.observation in ("paper", "full") and not self.sensors)
+            or not (self.masked_observations or self.mirrored),
+            "mirrored and masked_observations need the observation paper or full without sensors, and it is "
+            f"{' and '.join((self.observation, *self.sensors))}. Leave them out.",
         )
         _check(
             self.observation == "full" or "depth" not in self.masked_observations,

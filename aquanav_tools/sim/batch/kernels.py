@@ -28,7 +28,7 @@ from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
 from aquanav_tools.sim.batch.starts import DRAWN, UNLISTED
-from aquanav_tools.sim.batch.state import ASKED, NO_QUESTION, TOUCHED, BatchState, ContactExchange
+from aquanav_tools.sim.batch.state import ASKED, MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
 from aquanav_tools.sim.batch.water import current_at, drawn_fraction, drawn_phase, stir
 
 wp.set_module_options(OPTIONS)
@@ -46,6 +46,8 @@ class Settings:
     """Index in `observation.PRESETS`."""
     has_engine: wp.int32
     """Whether an engine outside of the kernels says what the wall does."""
+    has_law: wp.int32
+    """Whether a law outside of the kernels says how vehicles move where there is no wall."""
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
     has_delayed_actions: wp.int32
@@ -122,8 +124,30 @@ def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft)
 
 
 @wp.func
-def without_wall(i: int, moving: State, command: vec6, current: wp.vec3d, state: BatchState, craft: Craft, dt: f64):
+def given_motion(i: int, exchange: ContactExchange):
+    """Return where vehicle `i` would go were there no wall, as an exchange has it."""
+    free = State()
+    free.position = exchange.free_positions[i]
+    free.orientation = exchange.free_orientations[i]
+    free.velocity = exchange.free_velocities[i]
+    return free
+
+
+@wp.func
+def without_wall(
+    i: int,
+    moving: State,
+    command: vec6,
+    current: wp.vec3d,
+    state: BatchState,
+    craft: Craft,
+    dt: f64,
+    settings: Settings,
+    exchange: ContactExchange,
+):
     """Return the state of vehicle `i` one physics step later were there no wall."""
+    if settings.has_law == 1:
+        return given_motion(i, exchange)
     if craft.is_original == 1:
         return drag_along(moving, command, state.extra[i, 0], current, craft.dragged, dt)
     acting = command
@@ -170,10 +194,7 @@ def ask(i: int, step: int, moving: State, free: State, exchange: ContactExchange
 @wp.func
 def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cave: Cave):
     """Return where the engine's answer leads vehicle `i`."""
-    free = State()
-    free.position = exchange.free_positions[i]
-    free.orientation = exchange.free_orientations[i]
-    free.velocity = exchange.free_velocities[i]
+    free = given_motion(i, exchange)
     exchange.is_continued[i] = 1
     if exchange.status[i] != TOUCHED:
         return free
@@ -194,12 +215,15 @@ def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cav
 def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings, exchange: ContactExchange):
     """Hold the command of vehicle `i` for what is left of a decision; return whether it is over.
 
-    It is not where an engine is asked; then this is called again with its answer.
+    It is not where an engine or a law outside of the kernels is asked; then this is called again with the answer.
     """
     moving, touched, level, first = state_of(i, state), int(0), f64(state.levels[i]), int(0)
     hull, grid, dt = craft.hull, cave.grid, cave.rules.dt
-    zero, room = f64(0.0), f64(0.0)
-    if settings.has_engine == 1 and exchange.status[i] != NO_QUESTION:
+    zero, room, is_moved = f64(0.0), f64(0.0), int(0)
+    if settings.has_law == 1 and exchange.status[i] == MOVED:
+        touched, first, is_moved = state.touched[i] + int(0), exchange.steps[i] + int(0), int(1)
+        exchange.status[i] = NO_QUESTION
+    elif settings.has_engine == 1 and exchange.status[i] != NO_QUESTION:
         touched, first = state.touched[i] + int(exchange.status[i] == TOUCHED), exchange.steps[i] + 1
         moving = answered(i, moving, exchange, craft, cave)
         exchange.status[i] = NO_QUESTION
@@ -209,12 +233,18 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
     asked = wp.vec3d(f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2]))
     is_over = bool(True)
     for step in range(first, cave.rules.substeps):
+        if settings.has_law == 1 and is_moved == 0:
+            exchange.status[i] = UNMOVED
+            exchange.steps[i] = step
+            is_over = False
+            break
+        is_moved = int(0)
         command, after = actuated(asked, level, craft.controls)
         level = after
         if settings.observation == ORIGINAL and step == cave.rules.substeps - 1:
             state.previous_positions[i] = moving.position
             state.previous_orientations[i] = moving.orientation
-        free = without_wall(i, moving, command, current, state, craft, dt)
+        free = without_wall(i, moving, command, current, state, craft, dt, settings, exchange)
         way = largest_move(moving, free, hull)
         if room <= way:
             room = axis_clearance(grid, moving, hull) - hull.reach

@@ -60,8 +60,8 @@ def cast_ray(cave: Cave, origin: Origin, way: wp.vec3, length: float):
 def normal_at(cave: Cave, origin: Origin, way: wp.vec3, distance: float, normal: wp.vec3):
     """Return the unit normal of the wall that a ray met, out of the wall, towards where the ray came from.
 
-    Where no face is known, it is where the clearance grows. A ray that met a place where this has no direction has met it
-    head on.
+    Where no face is known, it is where the clearance grows. A ray that met a place where this has no direction has met
+    it head on.
     """
     found = normal
     if wp.length_sq(found) == 0.0:

@@ -17,7 +17,7 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.caves import Cave, CaveTask, make_cave
 from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
-from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
+from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
@@ -74,6 +74,8 @@ class WorldOptions:
     """"cpu", "cuda" or "cuda:0"."""
     num_threads: int | None = None
     """On the processor; None takes as many as the process may use."""
+    law: MotionLaw | None = None
+    """How vehicles move where there is no wall; None leaves it to the kernels. On the processor only."""
 
 
 class BatchWorld:
@@ -118,9 +120,10 @@ class BatchWorld:
         self._num_starts = np.array([len(cave.scenario.starts) for cave in caves])[np.asarray(cave_of)]
         draws = [CaveStarts(cave.scenario, cave.vehicle, cave.draw_start) for cave in caves if cave.draw_start]
         self._unlisted = UnlistedStarts(draws or None, num, self.as_numpy("extra").shape[1], device)
-        self._contacts = make_exchange(num if engines else 0, device)
-        self._link = EngineLink(engines, self.arrays, self._contacts) if engines else None
-        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not engines else 1
+        is_linked = bool(engines) or options.law is not None
+        self._contacts = make_exchange(num if is_linked else 0, device)
+        self._link = EngineLink(engines, options.law, self.arrays, self._contacts) if is_linked else None
+        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         self._record()
         self._steps_in_order = 0
@@ -177,7 +180,7 @@ class BatchWorld:
         settings.fan = make_fan(PRESET_FANS[options.observation].pattern, self.device)
         settings.observation = PRESETS.index(options.observation)
         settings.has_engine = int(has_engine)
-        settings.next_step = int(options.next_step)
+        settings.next_step, settings.has_law = int(options.next_step), int(options.law is not None)
         settings.has_delayed_actions = int(self._delays[0] > 0)
 
     def _widths(self, caves: Sequence[CaveSetup], options: WorldOptions) -> dict[str, int]:
@@ -295,6 +298,10 @@ class BatchWorld:
         if name not in self._views:
             self._views[name] = getattr(self.arrays, name).numpy()
         return self._views[name]
+
+    def write(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Change an array of `BatchState`."""
+        getattr(self.arrays, name).assign(values)
 
     def as_torch(self, name: str) -> Any:
         """Return an array of `BatchState` as a torch tensor in the same memory, which changes with each step."""
