@@ -94,12 +94,8 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self._parts: DictObservation | None = None
-        if not isinstance(observation, str):
-            self._parts = DictObservation(observation, options.observation_delay)
-        self._own = own = Extensions(
-            options, self._parts.preset if self._parts else observation, self._parts is not None
-        )
+        self._parts = None if isinstance(observation, str) else DictObservation(observation, options.observation_delay)
+        self._own = own = Extensions(options, observation if self._parts is None else self._parts.preset, self._parts)
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""

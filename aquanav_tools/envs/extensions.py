@@ -49,13 +49,13 @@ class Extensions:
     successor of an ended episode has begun, and `after` when they have.
     """
 
-    def __init__(self, options: TaskOptions, observation: str, is_dict: bool = False) -> None:
+    def __init__(self, options: TaskOptions, observation: str, parts: object = None) -> None:
         """Import what the options name.
 
         Args:
             options: Of the task.
             observation: A preset, or module:Name.
-            is_dict: Whether a preset is a part of a dictionary, which is observed as it is.
+            parts: A dictionary of parts that is observed as it is, of which the preset is one; None without.
 
         Raises:
             InputError: a name means nothing, or not what is asked for.
@@ -71,7 +71,7 @@ class Extensions:
         self._act, self._blur = _disturbances(options.disturbance)
         self._motion = OwnCode("law of motion", options.motion) if options.motion else None
         self._delay = options.observation_delay
-        if is_dict and self._changes_observations:
+        if parts is not None and self._changes_observations:
             raise InputError(
                 "A dictionary of parts is observed as it is. Name sensors of your own in it, as module:Name, and leave "
                 "out the options sensors and what disturbs observations."

@@ -39,7 +39,7 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.sim.scales import MIN_MOTION
 from aquanav_tools.sim.sensors import NOTHING, START_WALL, WALL
 from aquanav_tools.types import Array

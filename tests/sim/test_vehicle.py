@@ -8,9 +8,8 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.actuators import actuator_model
+from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.fossen import Body, FossenVehicle, WaterCoefficients
-from aquanav_tools.sim.motion import advance
 from aquanav_tools.sim.vehicle import VEHICLE_DIR, known_vehicles, load_vehicle
 from aquanav_tools.types import Pose, yaw_quaternion
 from tests.sim.batch.worlds import Dive
@@ -67,11 +66,8 @@ def test_every_shipped_vehicle_swims_ahead_at_the_speed_it_is_listed_with(name: 
     vehicle = load_vehicle(name)
     listed = float(vehicle.summary().split(" m/s")[0].split()[-1])
     start = vehicle.state_at(Pose(np.array([10.0, 0.0, 0.0]), yaw_quaternion(0.0)))
-    actuators, parameters = actuator_model(vehicle, 0.02, 5), vehicle.motion_parameters(1000.0)
-    state = start
-    for _ in range(1500):
-        for command in actuators.apply(0.0, 0.0, 1.0):
-            state = advance(state, command, STILL, parameters, 0.02)
+    ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 1500, 3))
+    state = Predictor(vehicle, 1000.0, 0.02, 5).predict(start[None], np.zeros(1), ahead, STILL).states[0, -1]
     assert np.linalg.norm(state[7:10]) == pytest.approx(listed, rel=0.01)  # the list has two digits
 
 

@@ -8,11 +8,11 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.actuators import Controls, make_controls
 from aquanav_tools.sim.batch.contact import Hull
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.fossen import FossenVehicle
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 
@@ -23,42 +23,6 @@ FRICTION = 0.09
 """Bullet multiplies the two bodies' 0.3."""
 CONTACT_MARGIN = 0.005
 """Bullet makes contacts between surfaces that overlap, or are within 0 to 7 mm of each other (measured), m."""
-
-
-@wp.struct
-class Controls:
-    """What a command does: thrust and moment, and a level (trim, or a floater's power) that ballast moves."""
-
-    surge: f64
-    reverse_share: f64
-    yaw: f64
-    steers_at_rest: wp.int32
-    level_step: f64
-    lowest: f64
-    neutral: f64
-    highest: f64
-    heave_per_level: f64
-
-
-def make_controls(vehicle: Vehicle, dt: float) -> Controls:
-    """Return the actuators of a vehicle, for physics steps of `dt` (s)."""
-    controls = Controls()
-    if isinstance(vehicle, FossenVehicle):
-        actuators = vehicle.actuators
-        controls.surge, controls.reverse_share = actuators.surge_force, actuators.reverse_share
-        controls.yaw, controls.steers_at_rest = vehicle.full_steer, 1
-        controls.level_step, controls.heave_per_level = actuators.trim_rate * dt, actuators.heave_force
-        controls.lowest, controls.neutral, controls.highest = -1.0, 0.0, 1.0
-    elif isinstance(vehicle, OriginalVehicle):
-        drive, ballast = vehicle.drive, vehicle.ballast
-        controls.surge, controls.reverse_share = drive.force, drive.reverse_share
-        controls.yaw, controls.steers_at_rest = drive.steer_moment, int(drive.steers_at_rest)
-        if ballast is not None:
-            controls.level_step, controls.heave_per_level = ballast.power_rate * dt, 1.0
-            controls.lowest, controls.neutral, controls.highest = ballast.min_power, ballast.power, ballast.max_power
-    else:
-        raise TypeError(f"No actuators are known for a {type(vehicle).__name__}.")
-    return controls
 
 
 @wp.struct

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
+from aquanav_tools.sim.batch.actuators import actuated
 from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import after_contact, axis_clearance, beside_wall, largest_move, mean_motion
 from aquanav_tools.sim.batch.craft import Craft
@@ -232,13 +233,7 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
     else:
         room = f64(surely_at(grid, on_grid(grid, moving.position))) * grid.spacing - hull.half_axis - hull.reach
     current = state.currents[i]
-    ballast, steer, ahead = f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2])
-    controls = craft.controls
-    surge, yaw = controls.surge * ahead, controls.yaw * steer
-    if ahead < zero:
-        surge *= controls.reverse_share
-    if controls.steers_at_rest == 0:
-        yaw *= ahead
+    asked = wp.vec3d(f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2]))
     is_over = bool(True)
     for step in range(first, cave.rules.substeps):
         if settings.has_law == 1 and is_moved == 0:
@@ -247,8 +242,8 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
             is_over = False
             break
         is_moved = int(0)
-        level = wp.clamp(level + ballast * controls.level_step, controls.lowest, controls.highest)
-        command = vec6(surge, zero, controls.heave_per_level * level, zero, zero, yaw)
+        command, after = actuated(asked, level, craft.controls)
+        level = after
         if settings.observation == ORIGINAL and step == cave.rules.substeps - 1:
             state.previous_positions[i] = moving.position
             state.previous_orientations[i] = moving.orientation
@@ -261,8 +256,8 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
                 ask(i, step, moving, free, exchange, dt)
                 is_over = False
                 break
-            after, is_touched = beside_wall(moving, free, hull, grid, cave.wall, cave.middle, dt)
-            moving = after
+            kept_off, is_touched = beside_wall(moving, free, hull, grid, cave.wall, cave.middle, dt)
+            moving = kept_off
             touched += int(is_touched)
             room = zero
         else:

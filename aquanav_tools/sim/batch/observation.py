@@ -8,7 +8,8 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.sim import scales
-from aquanav_tools.sim.batch.craft import Controls, Craft
+from aquanav_tools.sim.batch.actuators import trim_of
+from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.motion import angular, linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, START_WALL, WALL
@@ -60,17 +61,6 @@ def within(value: f64):
 def soft(value: f64, scale: f64):
     """Return value / (|value| + scale), as the observation has it."""
     return wp.float32(value / (wp.abs(value) + scale))
-
-
-@wp.func
-def trim_of(level: f64, controls: Controls):
-    """Return the state of the ballast in [-1, 1]: 0 floats, 1 is the most buoyancy and -1 the least."""
-    limit = controls.lowest
-    if level > controls.neutral:
-        limit = controls.highest
-    if limit == controls.neutral:
-        return f64(0.0)  # a vehicle afloat
-    return (level - controls.neutral) / wp.abs(limit - controls.neutral)
 
 
 @wp.func

@@ -288,8 +288,12 @@ class BatchWorld:
     def _record(self) -> None:
         """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
         bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
-        self._decision, self._resumption, self._outlook = [], [], []  # type: ignore[var-annotated]
-        self._succession, self._beginning, self._looks = [], [], []  # type: ignore[var-annotated]
+        self._decision: list[list[Any]] = []
+        self._resumption: list[list[Any]] = []
+        self._outlook: list[list[Any]] = []
+        self._succession: list[list[Any]] = []
+        self._beginning: list[list[Any]] = []
+        self._looks: list[list[Any]] = []
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         state, caves, crafts, settings = self.arrays, self._caves, self._crafts, self._settings
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
