@@ -194,10 +194,12 @@ def check_reading(given: Any, num: int, like: npt.NDArray[Any]) -> npt.NDArray[A
 
 
 def check_flags(given: Any, num: int) -> npt.NDArray[Any]:
+    """Return (num,) bool; a `Check`."""
     return array_of(given, (num,), np.bool_)
 
 
 def check_commands(given: Any, num: int) -> npt.NDArray[Any]:
+    """Return (num, 3) commands in [-1, 1]; a `Check`."""
     commands = array_of(given, (num, 3), np.float32)
     if (abs(commands) > 1.0).any():
         raise WrongAnswerError(f"returned a command of {commands[abs(commands) > 1.0][0]:g}, outside of -1 to 1")

@@ -223,7 +223,7 @@ class Extensions:
         assert self._motion is not None
         failures: dict[int, str] = {}
         values = states.copy(), commands, currents.copy()
-        moved = self._motion.ask(self.view.only(rows.tolist()), check_states, failures, *values)
+        moved = self._motion.ask(self.view.only(rows.tolist()), _check_states, failures, *values)
         moved = states if moved is None else moved
         is_left = np.zeros(len(rows), dtype=np.bool_)
         is_left[list(failures)] = True
@@ -303,7 +303,7 @@ class Extensions:
             parts.append(flat)
         whole = np.concatenate(parts, axis=1)
         if self._blur is not None:
-            check = partial(check_floats, shape=whole.shape[1:])
+            check = partial(_check_floats, shape=whole.shape[1:])
             blurred = self._blur.ask(self.view, check, self.failures, whole.copy())
             whole = np.zeros_like(whole) if blurred is None else blurred
         if self._delay:
@@ -318,16 +318,16 @@ class Extensions:
 
     def _flat(self, own: OwnCode, shape: tuple[int, ...]) -> npt.NDArray[Any]:
         """Return (N, K) readings; zeros where there are none."""
-        given = own.ask(self.view, partial(check_floats, shape=shape), self.failures)
+        given = own.ask(self.view, partial(_check_floats, shape=shape), self.failures)
         blank = np.zeros((self.view.num, int(np.prod(shape))), dtype=np.float32)
         return blank if given is None else given.reshape(blank.shape)
 
 
-def check_floats(given: Any, num: int, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+def _check_floats(given: Any, num: int, shape: tuple[int, ...]) -> npt.NDArray[Any]:
     return array_of(given, (num, *shape), np.float32)
 
 
-def check_states(given: Any, num: int) -> npt.NDArray[Any]:
+def _check_states(given: Any, num: int) -> npt.NDArray[Any]:
     states = array_of(given, (num, 13), np.float64)
     lengths = np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
     if (abs(lengths - 1.0) > 0.1).any():

@@ -137,6 +137,30 @@ def test_sensors_are_late_like_all_that_is_observed(tube: Scenario, own_module: 
         assert np.array_equal(observations[:, :44], plain[n][0]), "as the batch itself delays"
 
 
+def test_sensors_that_come_with_aquanav_stand_beside_ones_own(tube: Scenario, own_module: WriteModule) -> None:
+    """Depth counts from the entrance, which is at the height 0; the sheet's error is 2 cm."""
+    own = own_module(CODE)
+    rows = run(tube, 40, sensors=("depth", f"{own}:Where", "imu"), autoreset_mode="SameStep", motion=f"{own}:glide")
+    assert {row[0].shape for row in rows} == {(5, 44 + 1 + 3 + 6)}
+    errors = [row[0][:, 44] + row[4]["position"][:, 2] for row in rows]
+    assert 0.001 < np.std(errors) < 0.1
+    assert all(np.allclose(row[0][:, 45:48], row[4]["position"]) for row in rows)
+
+
+def test_a_dictionary_of_parts_takes_ones_own_by_name(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE + "\nclass Bad(Where):\n    def measure(self, batch):\n        return batch.decisions\n")
+    parts = {"preset": "paper", "where": f"{own}:Where", "depth": "depth"}
+    prompt = run(tube, 40, observation=parts, autoreset_mode="SameStep", reward=f"{own}:Along")
+    late = run(tube, 20, observation=parts, autoreset_mode="SameStep", observation_delay=2)
+    for n, (observations, *_, infos) in enumerate(prompt):
+        assert np.allclose(observations["where"], infos["position"])
+        assert n > 20 or np.array_equal(late[n][0]["where"], prompt[max(n - 2, 0)][0]["where"])
+    with pytest.raises(OwnCodeError, match=rf"The sensor {own}:Bad returned an array of shape \(1,\), and \(1, 3\)"):
+        run(tube, 1, observation={**parts, "bad": f"{own}:Bad"})
+    with pytest.raises(InputError, match="A dictionary of parts is observed as it is"):
+        run(tube, 1, observation=parts, sensors=(f"{own}:Where",))
+
+
 def test_an_observation_stands_for_the_preset(tube: Scenario, own_module: WriteModule) -> None:
     own = own_module(CODE)
     envs = gymnasium.make_vec(
@@ -364,7 +388,7 @@ def test_whatever_else_fails_is_told_too(
         ({"reward": "OWN:Alonk"}, r"The module own_\d+ has no Alonk. Did you mean 'Along'\?"),
         ({"reward": "no_such:Along"}, "no_such cannot be imported: ModuleNotFoundError"),
         ({"reward": "OWN:Where"}, r"The reward own_\d+:Where is a Where, which has no method `terms`"),
-        ({"sensors": ("depth",)}, "There is no sensor 'depth'. None comes with aquanav. Code of your own is named as "),
+        ({"sensors": ("dept",)}, "There is no sensor 'dept'. Did you mean 'depth'\\? Code of your own is named as "),
         ({"sensors": ("OWN:Own",)}, r"The sensor own_\d+:Own is a Own, which has no method `measure`"),
         ({"observation": "ful"}, "There is no observation preset 'ful'. Did you mean 'full'"),
         ({"observation": "OWN:Where"}, r"The observation own_\d+:Where is a Where, which cannot be called"),
