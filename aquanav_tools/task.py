@@ -45,6 +45,9 @@ class TaskOptions:
     """Decisions between choosing an action and its effect."""
     observation_delay: int = 0
     """Decisions by which observations are late."""
+    randomisation: str | None = None
+    """Ranges from which each episode draws its vehicle's mass, damping, thrust and more: "mild" (what a data sheet
+    leaves open), "wide" (a vehicle that is hardly known), or a TOML file of your own. The vehicle's file without."""
     current: Literal["still", "half", "full", "flood"] | float | tuple[float, float, float] | None = None
     """Current of the water: a preset; the mean speed through the cave's narrowest section, m/s; or one velocity X Y Z
     everywhere, m/s. The scenario's own when not given."""

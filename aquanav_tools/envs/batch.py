@@ -37,6 +37,10 @@ class Batch(Protocol):
     """(R,) m."""
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name; nothing without a randomisation."""
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) from which progress is counted: progress is this less what remains, m."""
 

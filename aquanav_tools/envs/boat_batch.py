@@ -132,6 +132,11 @@ class BoatBatch:
             delay(values, waiting, turns, chosen)
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
     def term_names(self) -> tuple[str, ...]:
         """Of the columns of "terms"."""
         return TERMS

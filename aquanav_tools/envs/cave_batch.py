@@ -25,6 +25,7 @@ from aquanav_tools.envs.starting import CONDITIONS, Starts, check_start
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
@@ -117,6 +118,7 @@ class CaveBatch:
             rays="mesh" if rays == "mesh" else "field",
             action_delay=options.action_delay,
             observation_delay=own.observation_delay,
+            randomisation=None if options.randomisation is None else read_randomisation(options.randomisation),
             next_step=next_step,
             device=device,
             num_threads=num_threads,
@@ -152,6 +154,11 @@ class CaveBatch:
     def limits(self) -> npt.NDArray[np.int64]:
         """(N,) decisions after which an episode is truncated."""
         return self._limits.copy()
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name: see `sim.randomisation`."""
+        return self.world.dynamics
 
     @property
     def route_lengths(self) -> Array:

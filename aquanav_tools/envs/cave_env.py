@@ -93,6 +93,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
     remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index,
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
+    With a randomisation, "dynamics/<name>" of what the episode drew (`sim.randomisation.Randomisation.names`).
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
@@ -283,4 +284,5 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "gate": int(arrays["gates"][0]),
         }
         info.update(zip(self._term_keys, arrays["terms"][0].tolist(), strict=True))
+        info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
         return info

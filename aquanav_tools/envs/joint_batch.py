@@ -56,6 +56,11 @@ class JointBatch:
         self._threads = ThreadPoolExecutor(min(available, len(makes)))
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) from which progress is counted, m."""
         return np.concatenate([batch.route_lengths for batch in self.batches])

@@ -116,6 +116,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         infos["progress"] = self.batch.route_lengths - infos["remaining"]
         terms = copy_of("terms")
         infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(self.batch.term_names)})
+        infos.update({f"dynamics/{name}": values.copy() for name, values in self.batch.dynamics.items()})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
 
     def _final_infos(self, ended: Flags) -> dict[str, Any]:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
-ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
-"""Of a Ray cluster."""
 MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
@@ -25,13 +23,13 @@ class Grid:
     """Conditions to vary: every combination of the values given is evaluated. What has none stays as it is."""
 
     current: tuple[float, ...] = ()
-    """Shares of the water's own speed."""
+    """Fractions of the water's own speed."""
     sensor_noise: tuple[float, ...] = ()
     """Standard deviations of the error of each ray's distance, m."""
     action_delay: tuple[int, ...] = ()
     """Decisions between choosing an action and its effect."""
     region: tuple[Region, ...] = ()
-    """Thirds of the route to start in, by the way to the goal; needs the scenario's own starts, of which those that
+    """Thirds of the route to start in, by the path to the goal; needs the scenario's own starts, of which those that
     aquanav chooses keep off the last third."""
 
 
@@ -46,7 +44,7 @@ class Case:
     sensor_noise: float = 0.0
     """Standard deviation of the error of each ray's distance, m."""
     current: float = 1.0
-    """Share of the water's own speed."""
+    """Fraction of the water's own speed."""
 
     def __post_init__(self) -> None:
         if self.start < 0 or self.seed < 0:
@@ -173,7 +171,7 @@ class StressOptions(TaskOptions):
     max_noise: float = 0.2
     """The search may give rays errors of this standard deviation, m."""
     max_current: float = 1.5
-    """The search may let the water flow with this share of its speed."""
+    """The search may let the water flow with this fraction of its speed."""
     seeds: int = 8
     """Number of seeds to choose from, for gusts and noise."""
     worst: int = 20
@@ -203,7 +201,7 @@ class StressOptions(TaskOptions):
                 raise InputError(f"--{name.replace('_', '-')} is {getattr(self, name)}; choose 0 or more.")
         if self.starts == "anywhere" or self.sensor_noise or self.current_range != (1.0, 1.0):
             raise InputError(
-                "The search chooses starts, sensor noise and the share of the current itself: leave out --starts, "
+                "The search chooses starts, sensor noise and the fraction of the current itself: leave out --starts, "
                 "--sensor-noise and --current-range. --max-noise and --max-current bound the search."
             )
 

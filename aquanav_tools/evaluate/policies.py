@@ -67,10 +67,10 @@ class Adapting(Protocol):
 class Vectorised(Policy, Protocol):
     """A policy that can compute logits for many vehicles at once."""
 
-    def logits(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
-        """Return a row of anything for each of (N, O) observations, of the vehicles at so many (N,) places.
+    def logits(self, observations: npt.NDArray[np.float32], slots: IntArray) -> npt.NDArray[np.float32]:
+        """Return a row of anything for each of (N, O) observations, of the vehicles in (N,) slots.
 
-        What is remembered of a vehicle belongs to its place. A call that raises an error remembers nothing.
+        What is remembered of a vehicle belongs to its slot. A call that raises an error remembers nothing.
         """
 
     def decide(self, logits: npt.NDArray[np.float32]) -> Any:

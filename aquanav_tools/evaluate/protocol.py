@@ -93,7 +93,7 @@ def plan_case(scenario: Place, case: Case) -> EpisodePlan:
     Raises:
         InputError: the scenario has no such start.
     """
-    count = len(adapter_of(scenario).ways)
+    count = len(adapter_of(scenario).path_lengths)
     if case.start >= count:
         raise InputError(
             f"A case begins at start {case.start}, and {scenario.name} has {count} listed starts, counted from 0: the "
@@ -135,10 +135,10 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
         InputError: none of the scenario's starts lies in the condition's region.
     """
     starts = starts_in(scenario, condition)
-    is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).ways
+    is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).path_lengths
     if not starts and (condition.region is not None or not is_anywhere):
         raise InputError(
-            f"None of the {len(adapter_of(scenario).ways)} listed starts of {scenario.name} lies in the "
+            f"None of the {len(adapter_of(scenario).path_lengths)} listed starts of {scenario.name} lies in the "
             f"{condition.region} of its route. Leave out that region, or build the scenario with more starts."
         )
     count = options.episodes or usual_episodes(scenario, task_under(condition, options), len(starts))
@@ -150,8 +150,8 @@ def starts_in(scenario: Place, condition: Condition) -> list[int]:
     adapter = adapter_of(scenario)
     return [
         index
-        for index, way in enumerate(adapter.ways)
-        if condition.region in (None, region_of(way, adapter.reference.route_length or way))
+        for index, length in enumerate(adapter.path_lengths)
+        if condition.region in (None, region_of(length, adapter.reference.route_length or length))
     ]
 
 
@@ -170,6 +170,6 @@ def _condition(combination: tuple[tuple[str, Any, str], ...]) -> Condition:
     values = {key: value for key, value, _ in combination}
     region = values.pop("region", None)
     if "current" in values:
-        share = values.pop("current")
-        values["current_range"] = (share, share)
+        fraction = values.pop("current")
+        values["current_range"] = (fraction, fraction)
     return Condition(", ".join(text for *_, text in combination) or NOMINAL, values, region)

@@ -85,6 +85,15 @@ def test_a_fan_sees_the_rays_of_the_preset() -> None:
     env.close()
 
 
+def test_a_fan_of_spheres_sees_what_the_preset_original_sees() -> None:
+    """Whose every fourth value is the share of a ray's length; to the rounding of that product."""
+    env = CaveVectorEnv(20, TUBE, observation={"base": "original", "spheres": RangeFan("original")})
+    seen, _ = env.reset(seed=3)
+    assert np.allclose(seen["spheres"], seen["base"][:, 3:112:4] * RangeFan().pattern.lengths, rtol=1e-6)
+    assert (seen["spheres"] < RangeFan().pattern.lengths.astype(np.float32)).any()
+    env.close()
+
+
 def test_the_last_observation_of_an_episode_is_kept_where_its_successor_begins_at_once() -> None:
     """Of two batches with the same seeds, one goes on at the next step: there the last observation is the step's."""
     options = {"observation": parts(), "max_decisions": 5, "num_threads": 1}

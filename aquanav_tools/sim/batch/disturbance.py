@@ -71,13 +71,18 @@ def measured(distance: float, length: float, noise: float, dropout: float, seed:
 
 
 @wp.func
-def exchange(values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int):
-    """Put row `i` of the values into its queue, in place of the row that has waited longest, which it gets.
+def exchange(
+    values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int, delay: int
+):
+    """Put row `i` of the values into its queue, in place of the row that has waited for `delay` turns, which it gets.
 
-    The queue has D rows of W one after the other, (N, D * W); `turn` counts up by one from call to call.
+    The queue has room for D rows of W one after the other, (N, D * W), of which a delay of up to D uses its number;
+    `turn` counts up by one from call to call.
     """
+    if delay == 0:
+        return
     width = values.shape[1]
-    first = turn % (waiting.shape[1] // width) * width
+    first = turn % delay * width
     for n in range(width):
         value = values[i, n]
         values[i, n] = waiting[i, first + n]
@@ -161,7 +166,7 @@ def delay_rows(
         if turns[i] < 0:
             fill_queue(values, waiting, i)
         else:
-            exchange(values, waiting, i, turns[i])
+            exchange(values, waiting, i, turns[i], waiting.shape[1] // values.shape[1])
 
 
 def delay(values: Any, waiting: Any, turns: Any, chosen: Any) -> None:

@@ -9,7 +9,7 @@ from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import after_contact, axis_clearance, beside_wall, largest_move, mean_motion
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
-from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at, traced
+from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.observation import (
@@ -24,6 +24,7 @@ from aquanav_tools.sim.batch.observation import (
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.progress import begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
+from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
 from aquanav_tools.sim.batch.starts import DRAWN, UNLISTED
@@ -43,18 +44,14 @@ class Settings:
     fan: Fan
     observation: wp.int32
     """Index in `observation.PRESETS`."""
-    has_exact_rays: wp.int32
-    """Whether rays go to the mesh; otherwise they are traced through the field."""
     has_engine: wp.int32
     """Whether an engine outside of the kernels says what the wall does."""
     has_law: wp.int32
     """Whether a law outside of the kernels says how vehicles move where there is no wall."""
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
-    action_delay: wp.int32
-    """Decisions."""
-    observation_delay: wp.int32
-    """Decisions."""
+    has_delayed_actions: wp.int32
+    """Whether any vehicle's are."""
 
 
 @wp.func
@@ -328,16 +325,16 @@ def advance(
     else:
         for n in range(3):
             state.acting[i, n] = state.commands[i, n]
-        if settings.action_delay > 0:
-            exchange(state.acting, state.waiting_commands, i, state.decisions[i])
+        if settings.has_delayed_actions == 1:
+            exchange(state.acting, state.waiting_commands, i, state.decisions[i], state.action_delays[i])
     if hold(i, state, cave, craft, settings, contacts):
         conclude(i, state, cave, craft)
 
 
 @wp.func
-def sense_ray(i: int, ray: int, room: float, state: BatchState, cave: Cave, settings: Settings):
-    """Cast a ray or a sphere of vehicle `i` and write what is seen of it; `room` is the clearance, spacings."""
-    position, rotation = state.positions[i], rotation_of(state.orientations[i])
+def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, settings: Settings):
+    """Cast a ray or a sphere of vehicle `i` and write what is seen of it."""
+    position, rotation = origin.position, rotation_of(state.orientations[i])
     length = settings.fan.lengths[ray]
     distance, tag = length, int(NOTHING)
     if settings.observation == ORIGINAL:
@@ -346,17 +343,13 @@ def sense_ray(i: int, ray: int, room: float, state: BatchState, cave: Cave, sett
         if come < f64(length):
             distance = float(come)
             tag = tag_at(position + come * exact_way, radius + f64(0.5) * cave.grid.spacing, cave.ends)
-    elif settings.has_exact_rays == 1:
-        way = wp.mat33(rotation) * settings.fan.directions[ray]
-        hit = wp.mesh_query_ray(cave.ray_wall, wp.vec3(position - cave.middle), way, length)
-        if hit.result:
-            distance = hit.t
     else:
-        spacing = float(cave.grid.spacing)
-        way = wp.mat33(rotation) * settings.fan.directions[ray]
-        distance = spacing * traced(cave.grid, on_grid(cave.grid, position), way, length * (1.0 / spacing), room)
+        come_ray, _ = cast_ray(cave, origin, wp.mat33(rotation) * settings.fan.directions[ray], length)
+        distance = come_ray
     state.rays[i, ray] = distance
     noise, dropout = state.ray_noise[i], state.ray_dropout[i]
+    if distance < length:
+        distance = wp.clamp(state.ray_gain[i] * distance + state.ray_bias[i], 0.0, length)
     if noise > 0.0 or dropout > 0.0:
         seed, decision = state.seeds[i], state.decisions[i]
         distance = measured(distance, length, noise, dropout, seed, ray, decision)
@@ -385,12 +378,10 @@ def sense(
     if only_restarted == 1 and state.restarted[i] == 0:
         return
     cave = caves[state.cave_of[i]]
-    position, rotation = state.positions[i], rotation_of(state.orientations[i])
-    place = on_grid(cave.grid, position)
-    room = room_at(cave.grid, place)
+    origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
     num_rays = settings.fan.lengths.shape[0]
     for ray in range(part, num_rays, num_parts):
-        sense_ray(i, ray, room, state, cave, settings)
+        sense_ray(i, ray, origin, state, cave, settings)
     if part == 0:
         craft = crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:
@@ -401,7 +392,8 @@ def sense(
                 show_motion(i, num_rays + 3, state, craft, cave.rules.entrance_height, rotation)
         half = craft.hull.half_axis / cave.grid.spacing
         nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
-        nearest = wp.min(room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
+        place = origin.place
+        nearest = wp.min(origin.room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
         state.clearances[i] = float(cave.grid.spacing) * nearest - float(craft.hull.radius)
 
 
@@ -412,7 +404,7 @@ def deliver(first: int, only_restarted: int, state: BatchState):
     if state.restarted[i] == 1:
         fill_queue(state.observations, state.waiting_observations, i)
     elif only_restarted == 0:
-        exchange(state.observations, state.waiting_observations, i, state.decisions[i])
+        exchange(state.observations, state.waiting_observations, i, state.decisions[i], state.observation_delays[i])
 
 
 @wp.func

@@ -31,6 +31,14 @@ class BatchState:
     """(N,) standard deviation of an echo's distance, m."""
     ray_dropout: wp.array(dtype=wp.float32)
     """(N,) probability that a ray gets no echo."""
+    ray_gain: wp.array(dtype=wp.float32)
+    """(N,) factor of the distances that rays measure, where dynamics are drawn; so the next three."""
+    ray_bias: wp.array(dtype=wp.float32)
+    """(N,) what is added to them, m."""
+    action_delays: wp.array(dtype=wp.int32)
+    """(N,) decisions."""
+    observation_delays: wp.array(dtype=wp.int32)
+    """(N,) decisions."""
     current_ranges: wp.array(dtype=wp.vec2d)
     """(N,) between which an episode draws its fraction of the water's velocity."""
     commands: wp.array2d(dtype=wp.float32)

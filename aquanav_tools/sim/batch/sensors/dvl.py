@@ -14,9 +14,9 @@ from gymnasium import spaces
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import linear, rotation_of
+from aquanav_tools.sim.batch.rays import cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
 from aquanav_tools.sim.batch.sensors.rows import chosen
@@ -111,7 +111,7 @@ def measure_velocity(
     altitude = float(0.0)
     for beam in range(4):
         way = beams[beam]
-        distance, _ = cast(cave, origin, turn * wp.vec3(way), errors.max_range)
+        distance, _ = cast_ray(cave, origin, turn * wp.vec3(way), errors.max_range)
         if distance < errors.max_range and distance >= errors.min_range:
             radial = wp.dot(way, velocity) + f64(errors.noise * drawn[beam])
             matrix += wp.outer(way, way)

@@ -14,12 +14,14 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.disturbance import RangeNoise, measured_range
 from aquanav_tools.sim.batch.motion import rotation_of
+from aquanav_tools.sim.batch.observation import Fan, make_fan
+from aquanav_tools.sim.batch.rays import cast_ray, normal_at, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
-from aquanav_tools.sim.batch.sensors.fan_spec import FanSpec, RangeErrors, paper_fan
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS, FanSpec, RangeErrors
 from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.spheres import cast
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 
@@ -27,6 +29,7 @@ wp.set_module_options(OPTIONS)
 
 PARTS_ON_GPU = 4
 """Threads that share the rays of a vehicle."""
+f64 = wp.float64
 MIN_SLICE = 256
 """Vehicles for which a further thread is worth its start."""
 
@@ -48,8 +51,7 @@ def measure_ranges(
     state: BatchState,
     caves: wp.array(dtype=Cave),
     num_parts: int,
-    directions: wp.array(dtype=wp.vec3),
-    lengths: wp.array(dtype=wp.float32),
+    fan: Fan,
     noise: RangeNoise,
     out: wp.array2d(dtype=wp.float32),
 ):
@@ -60,11 +62,19 @@ def measure_ranges(
         return
     cave = caves[state.cave_of[i]]
     origin = origin_of(cave, state.positions[i])
-    turn = wp.mat33(rotation_of(state.orientations[i]))
+    rotation = rotation_of(state.orientations[i])
+    turn = wp.mat33(rotation)
     errs = noise.constant > 0.0 or noise.proportional > 0.0 or noise.dropout > 0.0 or noise.grazing_dropout > 0.0
-    for ray in range(index % num_parts, directions.shape[0], num_parts):
-        length, way = lengths[ray], turn * directions[ray]
-        distance, face = cast(cave, origin, way, length)
+    for ray in range(index % num_parts, fan.lengths.shape[0], num_parts):
+        length = fan.lengths[ray]
+        way = turn * fan.directions[ray]
+        distance, face = float(length), wp.vec3()
+        if fan.radii[ray] > f64(0.0):
+            exact = rotation * fan.exact_directions[ray]
+            distance = float(wp.min(cast(cave.grid, origin.position, exact, f64(length), fan.radii[ray]), f64(length)))
+        else:
+            come, met = cast_ray(cave, origin, way, length)
+            distance, face = come, met
         if errs:
             incidence = float(0.0)
             if noise.grazing_dropout > 0.0 and distance < length:
@@ -82,12 +92,14 @@ class RangeFan(KernelSensor):
         """Take a fan's data.
 
         Args:
-            spec: "paper" for the benchmark's 28 rays, a `FanSpec`, its fields as a table, or the path of a TOML file.
+            spec: "paper" for the benchmark's 28 rays, "original" for its 28 spheres, a `FanSpec`, its fields as a
+                table, or the path of a TOML file.
 
         Raises:
             InputError: there is no such fan, or its data make no sense.
         """
-        self.data = paper_fan() if isinstance(spec, str) and spec == "paper" else read_sheet(FanSpec, spec, "fan")
+        is_preset = isinstance(spec, str) and spec in PRESET_FANS
+        self.data = PRESET_FANS[str(spec)] if is_preset else read_sheet(FanSpec, spec, "fan")
         self.pattern = self.data.pattern
         super().__init__(measure_ranges, MIN_SLICE)
 
@@ -105,7 +117,6 @@ class RangeFan(KernelSensor):
     def _inputs(self, batch: SensorBatch) -> list[Any]:
         return [
             self._work_per_vehicle(batch),
-            wp.array(self.pattern.directions.astype(np.float32), dtype=wp.vec3, device=batch.device),
-            wp.array(self.pattern.lengths.astype(np.float32), dtype=wp.float32, device=batch.device),
+            make_fan(self.pattern, batch.device),
             make_range_noise(self.data.noise),
         ]

@@ -28,9 +28,9 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.random import share_of_one, words
+from aquanav_tools.sim.batch.rays import cast_ray, normal_at, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
-from aquanav_tools.sim.batch.sensors.casting import cast, normal_at, origin_of
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
 from aquanav_tools.sim.batch.sensors.rows import chosen
 from aquanav_tools.sim.batch.sensors.sonar_sheet import SonarSheet
@@ -144,7 +144,7 @@ def measure_echoes(
         out[i, beam, n] = 0.0
     for ray in range(sonar.weights.shape[0]):
         way = turn * sonar.ways[beam, ray]
-        distance, face = cast(cave, origin, way, sonar.max_range)
+        distance, face = cast_ray(cave, origin, way, sonar.max_range)
         if distance < sonar.max_range and distance > 0.0:
             normal = normal_at(cave, origin, way, distance, face)
             cosine = -wp.dot(normal, way)

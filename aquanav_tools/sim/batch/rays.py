@@ -1,4 +1,4 @@
-"""Rays of sensors: through the distance field, or to the mesh."""
+"""Rays: through the distance field, or to the mesh."""
 
 from __future__ import annotations
 
@@ -31,19 +31,17 @@ def origin_of(cave: Cave, position: wp.vec3d):
     """Return a place in the water as the origin of rays."""
     origin = Origin()
     origin.position = position
-    if cave.ray_wall != wp.uint64(0):
-        origin.centre = wp.vec3(position - cave.middle)
-    else:
-        origin.place = on_grid(cave.grid, position)
-        origin.room = room_at(cave.grid, origin.place)
+    origin.centre = wp.vec3(position - cave.middle)
+    origin.place = on_grid(cave.grid, position)
+    origin.room = room_at(cave.grid, origin.place)
     return origin
 
 
 @wp.func
-def cast(cave: Cave, origin: Origin, way: wp.vec3, length: float):
+def cast_ray(cave: Cave, origin: Origin, way: wp.vec3, length: float):
     """Return how far a ray comes, at most `length` (m), and the normal of the face it meets, where rays go to a mesh.
 
-    The normal is zero where rays go through the field; `cosine_at` finds it there.
+    The normal is zero where rays go through the field; `normal_at` finds it there.
     """
     distance = length
     normal = wp.vec3()
@@ -54,7 +52,7 @@ def cast(cave: Cave, origin: Origin, way: wp.vec3, length: float):
             normal = hit.normal
     else:
         spacing = float(cave.grid.spacing)
-        distance = spacing * traced(cave.grid, origin.place, way, length / spacing, origin.room)
+        distance = spacing * traced(cave.grid, origin.place, way, length * (1.0 / spacing), origin.room)
     return distance, normal
 
 
@@ -62,10 +60,11 @@ def cast(cave: Cave, origin: Origin, way: wp.vec3, length: float):
 def normal_at(cave: Cave, origin: Origin, way: wp.vec3, distance: float, normal: wp.vec3):
     """Return the unit normal of the wall that a ray met, out of the wall, towards where the ray came from.
 
-    In the field it is where the clearance grows. A ray that met a place where this has no direction has met it head on.
+    Where no face is known, it is where the clearance grows. A ray that met a place where this has no direction has met
+    it head on.
     """
     found = normal
-    if cave.ray_wall == wp.uint64(0):
+    if wp.length_sq(found) == 0.0:
         _, away = sloping_room(cave.grid, origin.position + wp.float64(distance) * wp.vec3d(way))
         found = wp.vec3(away)
     size = wp.length(found)

@@ -13,11 +13,11 @@ import gymnasium
 import numpy as np
 from gymnasium.utils import seeding
 
-Moment = dict[str, Any]
+Snapshot = dict[str, Any]
 """Where an environment was: {"generator": JSON of the generator's state at the start, "actions": (T, ...) since}."""
 
 
-class Rewindable(gymnasium.Wrapper[Any, Any, Any, Any]):
+class SnapshotEnv(gymnasium.Wrapper[Any, Any, Any, Any]):
     """Remembers how its episode came about."""
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
@@ -33,14 +33,14 @@ class Rewindable(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._actions.append(np.array(action))
         return self.env.step(action)
 
-    def moment(self) -> Moment:
-        """Return what `rewind` needs to come back here; the episode must not be over."""
+    def snapshot(self) -> Snapshot:
+        """Return what `restore` needs to come back here; the episode must not be over."""
         return {"generator": self._generator, "actions": np.array(self._actions)}
 
-    def rewind(self, moment: Moment) -> Any:
-        """Go back to a moment, also of another environment of the same task, and return the observation there."""
-        self.unwrapped.np_random.bit_generator.state = json.loads(moment["generator"])
+    def restore(self, snapshot: Snapshot) -> Any:
+        """Go back to a snapshot, also of another environment of the same task, and return the observation there."""
+        self.unwrapped.np_random.bit_generator.state = json.loads(snapshot["generator"])
         observation, _ = self.reset()
-        for action in moment["actions"]:
+        for action in snapshot["actions"]:
             observation = self.step(action)[0]
         return observation

@@ -1,4 +1,4 @@
-"""Several training environments that are stepped together. Imports no torch: workers have one each."""
+"""Several training environments that are stepped together. Imports no torch: each worker has such a group."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ import numpy.typing as npt
 from aquanav_tools.envs.places import Place, make_env
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SummaryWrapper
-from aquanav_tools.train.rewinding import Moment, Rewindable
 from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.train.snapshots import Snapshot, SnapshotEnv
 
 Floats = npt.NDArray[np.float32]
 
@@ -29,7 +29,7 @@ class Stepped(NamedTuple):
     """Empty but for the last of an episode, which has what SB3 and the learning curve read."""
 
 
-class Crew:
+class EnvironmentGroup:
     """Environments of one lesson, in this process."""
 
     def __init__(self, scenarios: Sequence[Place], settings: TrainSettings) -> None:
@@ -39,12 +39,11 @@ class Crew:
     def __len__(self) -> int:
         return len(self._envs)
 
-    @property
     def spaces(self) -> tuple[gymnasium.Space[Any], gymnasium.Space[Any]]:
-        """Of observation and action."""
+        """Return the spaces of observation and action."""
         return self._envs[0].observation_space, self._envs[0].action_space
 
-    def reset(self, seeds: list[int | None]) -> Floats:
+    def reset(self, seeds: Sequence[int | None]) -> Floats:
         """Begin all episodes; return the (N, size) observations."""
         return np.stack([env.reset(seed=seed)[0] for env, seed in zip(self._envs, seeds, strict=True)])
 
@@ -53,13 +52,13 @@ class Crew:
         observations, rewards, dones, infos = zip(*map(_step, self._envs, actions), strict=True)
         return Stepped(np.stack(observations), np.array(rewards, np.float32), np.array(dones), list(infos))
 
-    def moments(self) -> list[Moment]:
+    def snapshots(self) -> list[Snapshot]:
         """Return where each environment is."""
-        return [env.moment() for env in self._envs]
+        return [env.snapshot() for env in self._envs]
 
-    def rewind(self, moments: list[Moment]) -> Floats:
-        """Bring each environment to a moment; return the (N, size) observations there."""
-        return np.stack([env.rewind(moment) for env, moment in zip(self._envs, moments, strict=True)])
+    def restore(self, snapshots: Sequence[Snapshot]) -> Floats:
+        """Bring each environment to a snapshot; return the (N, size) observations there."""
+        return np.stack([env.restore(snapshot) for env, snapshot in zip(self._envs, snapshots, strict=True)])
 
     def close(self) -> None:
         """Free all environments."""
@@ -67,13 +66,18 @@ class Crew:
             env.close()
 
 
-def training_env(scenario: Place, settings: TrainSettings) -> Rewindable:
+def training_env(scenario: Place, settings: TrainSettings) -> SnapshotEnv:
     """Return one environment of a lesson."""
     env = make_env(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
-    return Rewindable(SummaryWrapper(env))
+    return SnapshotEnv(SummaryWrapper(env))
 
 
-def _step(env: Rewindable, action: Any) -> tuple[Any, float, bool, dict[str, Any]]:
+def make_group(scenarios: Sequence[Place], settings: TrainSettings, clock: Any) -> EnvironmentGroup:
+    """Return a worker's environments, as `WorkerSpec.make` has it; each call is timed by the pool, not by the clock."""
+    return EnvironmentGroup(scenarios, settings)
+
+
+def _step(env: SnapshotEnv, action: Any) -> tuple[Any, float, bool, dict[str, Any]]:
     observation, reward, terminated, truncated, info = env.step(action)
     is_over = terminated or truncated
     if is_over:

@@ -1,4 +1,4 @@
-"""What a finished run leaves for people and for other programs: report, recording, and the policy in other forms."""
+"""Report on a finished run, its recording, and the policy in other forms."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ REPORT_FILE, RECORDING_FILE = "report.html", "curve.rrd"
 COLUMNS = ("lesson", "scenario", "water", "decisions", "learning rate", "clip", "reward", "success", "collision-free")
 
 
-def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
+def write_artifacts(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     """Write the policy as ONNX and TorchScript, the recording, and last the report."""
     notices = _export(folder, pipeline)
     record_learning(_series(journal), str(folder.resolve()), folder / RECORDING_FILE)
@@ -38,9 +38,11 @@ def present(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     ]
     if final is not None:
         about = f"of the last policy, in {final.episodes} whole episodes of the last lesson"
-        facts.insert(1, Fact("collision-free success", f"{final.clean_success_rate:.0%}", about))
+        facts.insert(1, Fact("collision-free success", f"{final.collision_free_success:.0%}", about))
     if best is not None:
-        facts.insert(1, Fact("best in validation", f"{best.clean_success_rate:.0%}", f"after {best.steps:,} decisions"))
+        facts.insert(
+            1, Fact("best in validation", f"{best.collision_free_success:.0%}", f"after {best.steps:,} decisions")
+        )
     caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.all_scenarios)
     page = Page(
         title=f"Training in {' and '.join(caves)}",
@@ -69,8 +71,8 @@ def _learning(journal: RunJournal) -> Learning:
     return Learning(
         reward=[(point.steps, point.mean_reward) for point in points],
         success=[(point.steps, point.success_rate) for point in points],
-        clean_success=[(point.steps, point.clean_success_rate) for point in points],
-        validation=[(trial.steps, trial.clean_success_rate) for trial in journal.trials],
+        collision_free_success=[(point.steps, point.collision_free_success) for point in points],
+        validation=[(trial.steps, trial.collision_free_success) for trial in journal.trials],
         lesson_ends=[one.steps for one, two in pairwise(points) if two.lesson != one.lesson],
     )
 
@@ -93,7 +95,7 @@ def _lessons(pipeline: Pipeline, points: Sequence[CurvePoint]) -> Table:
     for number, lesson in enumerate(pipeline.lessons, 1):
         last = [point for point in points if point.lesson == number][-1]
         water = "its own" if lesson.current is None else str(lesson.current)
-        rates = (f"{last.success_rate:.0%}", f"{last.clean_success_rate:.0%}")
+        rates = (f"{last.success_rate:.0%}", f"{last.collision_free_success:.0%}")
         numbers = (f"{lesson.steps:,}", f"{lesson.learning_rate:g}", f"{lesson.clip:g}")
         rows.append((str(number), ", ".join(lesson.all_scenarios), water, *numbers, lesson.reward, *rates))
     return Table("Lessons, with the rates of their last episodes", COLUMNS, tuple(rows))

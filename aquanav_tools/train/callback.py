@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecNormalize
 
-from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
@@ -18,13 +16,13 @@ from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, learner_
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
-from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
+from aquanav_tools.train.learners import MAX_WEIGHT, has_finite_weights, update_normalisers
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.record import RunRecord
-from aquanav_tools.train.validation import Validation, measure
+from aquanav_tools.train.validation import Trials, Validation
 
 
-class Keeper(BaseCallback):
+class TrainingCallback(BaseCallback):
     """Looks after one lesson."""
 
     def __init__(
@@ -33,15 +31,13 @@ class Keeper(BaseCallback):
         lesson: int,
         record: RunRecord,
         journal: RunJournal,
-        validation: Validation | None,
-        scenarios: Sequence[Place],
+        trials: Trials,
         bar: Any,
     ) -> None:
         super().__init__()
         self._run, self._settings = pipeline.run, pipeline.lessons[lesson]
         self._lesson, self._is_last = lesson, lesson == len(pipeline.lessons) - 1
-        self._record, self._journal, self._validation, self._bar = record, journal, validation, bar
-        self._scenarios = scenarios
+        self._record, self._journal, self._trials, self._bar = record, journal, trials, bar
         self._seen: list[np.ndarray] = []
         self._marked = 0
 
@@ -56,7 +52,7 @@ class Keeper(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         """Look after the update that was just finished: the next decision has not been chosen yet."""
-        if self.num_timesteps - self._marked >= self._settings.buffer:
+        if self.num_timesteps - self._marked >= self._settings.rollout_size:
             self._after_update(is_lesson_over=False)
 
     def _on_training_end(self) -> None:
@@ -67,15 +63,15 @@ class Keeper(BaseCallback):
         journal.steps = journal.steps_before + self.num_timesteps
         self.check()
         if self._settings.normalise and self._seen:
-            take_in(self.model, np.concatenate(self._seen), self._settings)
+            update_normalisers(self.model, np.concatenate(self._seen), self._settings)
         self._seen.clear()
         self._marked = self.num_timesteps
-        told = {name: float(value) for name, value in self.logger.name_to_value.items()}
-        self._show(journal.mark(self._lesson + 1, told))
+        statistics = {name: float(value) for name, value in self.logger.name_to_value.items()}
+        self._show(journal.mark(self._lesson + 1, statistics))
         if is_lesson_over or _is_passed(self._run.validate_every, before, journal.steps):
             self._try_out()
-        if is_lesson_over and self._is_last and self._run.final_episodes > 0:
-            self._measure()
+        if is_lesson_over and self._trials.final is not None:
+            self._measure(self._trials.final)
         if is_lesson_over or _is_passed(self._run.checkpoint_every, before, journal.steps):
             self._save(is_lesson_over)
 
@@ -96,7 +92,7 @@ class Keeper(BaseCallback):
         Raises:
             TrainingError: it cannot.
         """
-        if not is_sound(self.model):
+        if not has_finite_weights(self.model):
             raise TrainingError(
                 f"Learning diverged: after {self._journal.steps} decisions, in lesson {self._lesson + 1}, weights are "
                 f"not finite, or larger than {MAX_WEIGHT:g}. The learning rate of {self._settings.learning_rate:g} is "
@@ -105,18 +101,17 @@ class Keeper(BaseCallback):
             )
 
     def _try_out(self) -> None:
-        if self._validation is None:
+        if self._trials.validation is None:
             return
-        trial = self._validation.try_out(self.model, self._lesson + 1, self._journal.steps)
+        policy = self._policy()
+        trial = self._trials.validation.trial(policy, self._lesson + 1, self._journal.steps)
         if self._journal.add_trial(trial):
-            write_whole(self._record.folder / BEST_FILE, self._policy())
+            write_whole(self._record.folder / BEST_FILE, policy)
 
-    def _measure(self) -> None:
+    def _measure(self, validation: Validation) -> None:
         """Measure the last policy in whole episodes, which the curve's last are not always."""
         self._bar.set_postfix_str("measuring the last policy")
-        self._journal.final = measure(
-            self.model, self._scenarios, self._settings, self._run.final_episodes, self._lesson + 1, self._journal.steps
-        )
+        self._journal.final = validation.trial(self._policy(), self._lesson + 1, self._journal.steps)
 
     def _save(self, is_lesson_over: bool) -> None:
         scale: Any = self.training_env
@@ -139,7 +134,7 @@ class Keeper(BaseCallback):
     def _show(self, point: CurvePoint) -> None:
         self._bar.set_postfix_str(
             f"lesson {point.lesson}, reward {point.mean_reward:.0f}, success {point.success_rate:.0%}, "
-            f"clean {point.clean_success_rate:.0%}"
+            f"collision-free {point.collision_free_success:.0%}"
         )
 
 
