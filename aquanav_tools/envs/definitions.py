@@ -8,6 +8,7 @@ each of them alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -235,12 +236,16 @@ def common_box(own: OwnCode, pairs: Sequence[tuple[Any, Any]]) -> spaces.Box:
     Raises:
         InputError: it is not, or it is no box.
     """
-    first, *others = [box_of(own, lambda sensor, pair=pair: sensor.spec(*pair)) for pair in pairs]
+    first, *others = [box_of(own, partial(_spec_in, pair)) for pair in pairs]
     if any(other != first for other in others):
         raise InputError(
             f"{own.label} has other spaces in other scenarios of a batch. In one batch it must be the same."
         )
     return first
+
+
+def _spec_in(pair: tuple[Any, Any], sensor: Any) -> Any:
+    return sensor.spec(*pair)
 
 
 def find_sensor(name: str) -> OwnCode | Any:

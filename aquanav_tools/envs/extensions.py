@@ -65,6 +65,9 @@ class Extensions:
         if not is_own(observation):
             Registry("observation preset", dict.fromkeys(PRESETS)).find(observation)
         self._observation = OwnCode("observation", observation) if is_own(observation) else None
+        twice = [name for name in options.sensors if options.sensors.count(name) > 1]
+        if twice:
+            raise InputError(f"The sensor {twice[0]} is named twice, and would draw the same errors. Leave one out.")
         self._sensors = {name: find_sensor(name) for name in options.sensors}
         self._termination = options.termination and OwnCode("termination rule", options.termination)
         self._act, self._blur = find_disturbance(options.disturbance)
@@ -139,7 +142,7 @@ class Extensions:
         known = {} if self._suite is None else self._suite.common_spec(pairs).spaces
         self.arrays["last_commands"] = np.zeros((num, 3), dtype=np.float32)
         space = base if self._observation is None else box_of(self._observation, lambda own: own.space)
-        parts = [space]
+        parts: list[Any] = [space]
         for name, sensor in self._sensors.items():
             parts.append(common_box(sensor, pairs) if isinstance(sensor, OwnCode) else known[name])
         self._shapes = [part.shape for part in parts]

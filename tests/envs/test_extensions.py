@@ -389,6 +389,7 @@ def test_whatever_else_fails_is_told_too(
         ({"reward": "no_such:Along"}, "no_such cannot be imported: ModuleNotFoundError"),
         ({"reward": "OWN:Where"}, r"The reward own_\d+:Where is a Where, which has no method `terms`"),
         ({"sensors": ("dept",)}, "There is no sensor 'dept'. Did you mean 'depth'\\? Code of your own is named as "),
+        ({"sensors": ("depth", "depth")}, "The sensor depth is named twice"),
         ({"sensors": ("OWN:Own",)}, r"The sensor own_\d+:Own is a Own, which has no method `measure`"),
         ({"observation": "ful"}, "There is no observation preset 'ful'. Did you mean 'full'"),
         ({"observation": "OWN:Where"}, r"The observation own_\d+:Where is a Where, which cannot be called"),
