@@ -94,10 +94,8 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        delay = options.observation_delay
-        self._parts = None if isinstance(observation, str) else DictObservation(observation, delay)
-        preset = self._parts.preset if self._parts is not None else str(observation)
-        self._own = own = Extensions(options, preset, self._parts)
+        self._parts = _parts_of(observation, options.observation_delay)
+        self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
         pairs = [prepared(scenario, vehicle) for scenario in several]
@@ -265,6 +263,10 @@ def shares(num: int, num_parts: int) -> list[slice]:
     """Return the vehicles of each part, as even as can be; none of them goes empty."""
     bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
     return [slice(first, last) for first, last in pairwise(bounds)]
+
+
+def _parts_of(observation: str | Parts, delay: int) -> DictObservation | None:
+    return None if isinstance(observation, str) else DictObservation(observation, delay)
 
 
 def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) -> None:

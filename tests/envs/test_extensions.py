@@ -102,6 +102,54 @@ def test_a_reward_is_the_sum_of_its_terms_of_what_the_decision_led_to(tube: Scen
     assert "reward/progress" not in infos
 
 
+def test_the_command_before_an_episodes_first_is_idle_in_either_mode(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    last, num_ended = np.zeros(5), 0
+    for n, (_, _, terminated, truncated, infos) in enumerate(
+        run(tube, 70, reward=f"{own}:Along", autoreset_mode="SameStep")[1:]
+    ):
+        steer = 1.0 - wander(5, n)[:, 1]
+        assert np.allclose(infos["reward/turn"], -((steer - last) ** 2))
+        ended = terminated | truncated
+        last = np.where(ended, 0.0, steer)
+        num_ended += ended.sum()
+    assert num_ended == 10
+
+
+def test_a_rule_does_not_end_an_episode_before_its_first_decision(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module("def always(batch):\n    return batch.decisions >= 0")
+    rows = run(tube, 6, termination=f"{own}:always")
+    assert [row[2].tolist() for row in rows[1:]] == [[True] * 5, [False] * 5] * 3  # it ends, the next begins
+
+
+def test_where_a_sensor_fails_for_one_the_others_read_what_they_would_have(
+    tube: Scenario, own_module: WriteModule
+) -> None:
+    picky = """
+class Picky(Chance):
+    def measure(self, batch):
+        assert 8 not in batch.seeds
+        return batch.normals(4).reshape(-1, 2, 2)
+"""
+    own = own_module(CODE + picky)
+    seen = []
+    for seeds in ([7, 8, 9], [7, 6, 9]):
+        batch = CaveBatch(tube, 3, next_step=True, sensors=(f"{own}:Picky",))
+        batch.reset(seeds)
+        seen.append((batch.copy_of("observations")[:, 44:], list(batch.failures)))
+    assert [failed for _, failed in seen] == [[1], []]
+    assert np.array_equal(seen[0][0][[0, 2]], seen[1][0][[0, 2]]) and np.ptp(seen[0][0][0]) > 0.0
+    assert not seen[0][0][1].any()
+
+
+def test_quaternions_of_a_law_are_brought_to_unit_length(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module("law = lambda states, commands, currents, dt: states * np.where(np.arange(13) < 3, 1.0, 1.05)")
+    batch = CaveBatch(tube, 1, next_step=True, motion=f"{own}:law")
+    batch.reset([0])
+    batch.step()
+    assert np.linalg.norm(batch.view_of("orientations")) == pytest.approx(1.0)
+
+
 def test_a_reward_may_add_to_one_of_aquanavs(tube: Scenario, own_module: WriteModule) -> None:
     own = own_module(CODE)
     dense, beside = run(tube, 40, reward="dense"), run(tube, 40, reward=f"{own}:Beside")
