@@ -55,7 +55,8 @@ class TaskOptions:
     """The water flows with a share of its speed drawn evenly from this range for each episode."""
 
     sensors: tuple[str, ...] = ()
-    """Sensors of your own, each as module:Name; what they measure follows the values of the observation."""
+    """What is measured beside the values of the observation and follows them: sensors by name (depth, imu, dvl, fan,
+    sonar; docs/sensors.md), or of your own, as module:Name."""
     termination: str | None = None
     """A rule of your own that ends episodes, as module:Name, beside the task's."""
     disturbance: str | None = None

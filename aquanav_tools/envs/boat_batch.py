@@ -15,9 +15,9 @@ from aquanav_tools.envs.action import AFLOAT, DIVING
 from aquanav_tools.envs.batch import BatchActions, Floats
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.definitions import refuse_own
 from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules

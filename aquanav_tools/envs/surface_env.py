@@ -13,9 +13,9 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import AFLOAT, IDLE, ActionModel, Command
 from aquanav_tools.envs.bays import Bays, distance_to
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.definitions import refuse_own
 from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
-from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, boat_weights, reward_terms
