@@ -10,12 +10,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
-from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
-BATCHED_OBSERVATIONS = ("paper", "full")
 DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
 """What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
 
@@ -46,12 +44,19 @@ class Batch(Protocol):
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
 
-    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+    def reset(
+        self,
+        seeds: Sequence[int],
+        starts: Sequence[int | None] | None = None,
+        conditions: dict[str, Any] | None = None,
+    ) -> None:
         """Begin all episodes.
 
         Args:
             seeds: (N,) of the first episodes: each is what it is alone, whatever else is in the batch.
-            starts: The first episode's; None draws them.
+            starts: (N,) the first episode's, from the scenario's list; None draws them.
+            conditions: Options of the task, of those in `starting.CONDITIONS`, until the next reset: one value for all
+                vehicles, or (N,) of them; (N, 2) of a range. The task's own where they are not named.
         """
 
     def stagger(self, seed: int) -> None:
@@ -120,12 +125,3 @@ class BatchActions:
             actions = np.stack(np.unravel_index(actions, (NUM_CHOICES,) * self._parts), axis=-1)
         levels: Floats = (actions - 1.0).astype(np.float32) * DOWN_AND_RIGHT[-self._parts :]
         return levels
-
-
-def check_batched(observation: str) -> None:
-    """Refuse an observation preset that only an environment with one vehicle has: "original".
-
-    Raises:
-        InputError: the preset is not batched; the message names it.
-    """
-    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import AFLOAT, DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
+from aquanav_tools.envs.batch import BatchActions, Floats
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import draw_ray_seed
@@ -21,6 +21,7 @@ from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules
 from aquanav_tools.envs.surface_observation import SurfaceObservation, fill_surface
+from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.outlines import to_outline
 from aquanav_tools.sea.sea_map import SeaMap
@@ -89,7 +90,7 @@ class BoatBatch:
         """
         check_choice("device for boats", device, ("cpu",))
         options = task_options(task)
-        check_batched(observation)
+        check_choice("batched observation preset", observation, ("paper", "full"))
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths
         self._weights = boat_weights(options.reward)
@@ -140,8 +141,12 @@ class BoatBatch:
         ways: Array = self.copy_of("ways")
         return ways
 
-    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+    def reset(
+        self, seeds: Sequence[int], starts: Sequence[int | None] | None = None, conditions: dict[str, Any] | None = None
+    ) -> None:
         """Begin all episodes, each from a seed of its own."""
+        if conditions:
+            raise InputError(f"Boats take {', '.join(conditions)} from the task, not from reset.")
         arrays = self._arrays
         arrays["seeds"][:], arrays["episodes"][:] = seeds, 0
         arrays["asked"][:] = [-1 if start is None else start for start in starts or [None] * self.num]

@@ -26,7 +26,6 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.observation import (
-    RATE_SCALE,
     Reading,
     azimuth_to,
     fill_original,
@@ -35,6 +34,7 @@ from aquanav_tools.envs.observation import (
     soft_compiled,
 )
 from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.scales import RATE_SCALE
 from aquanav_tools.types import Array
 
 DISTANCE_SCALE = 50.0

@@ -16,9 +16,9 @@ from aquanav_tools.envs.batch import Batch, Floats
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.joint_batch import JointBatch
 from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.envs.starting import episode_conditions
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
@@ -63,18 +63,19 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         Args:
             seed: (N,) of the vehicles' episodes. One number counts on from vehicle to vehicle, as in Gymnasium's own
                 vector environments; None, also within a list, draws from this environment's generator.
-            options: {"start": index of a start, or (N,) indices}; later episodes draw theirs.
+            options: {"start": index of a start, or (N,) indices}; later episodes draw theirs. And, until the next
+                reset, sensor_noise, sensor_dropout and current_range of the task: one value for all vehicles, or (N,)
+                of them ((N, 2) of the range).
         """
         if isinstance(seed, list) and len(seed) != self.num_envs:
             raise InputError(f"A batch of {self.num_envs} vehicles takes as many seeds, or one; got {len(seed)}.")
         super().reset(seed=None if isinstance(seed, list) else seed)
-        for name in options or {}:
-            if name != "start":
-                raise InputError(f"reset has no option '{name}' here.{did_you_mean(str(name), ['start'])}")
-        starts = (options or {}).get("start")
+        given = options or {}
+        conditions = episode_conditions(given, self.num_envs)
+        starts = given.get("start")
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
-        self.batch.reset(self._seeds(seed), starts)
+        self.batch.reset(self._seeds(seed), starts, conditions)
         return self.batch.copy_of("observations"), self._infos()
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
@@ -153,11 +154,7 @@ class CaveVectorEnv(BatchVectorEnv):
             ScenarioError: a scenario cannot be read, or has no start.
             InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than caves.
         """
-        if isinstance(scenario, str | Path | Scenario):
-            make: Callable[..., Batch] = partial(CaveBatch, scenario, **options)
-        else:
-            make = partial(JointBatch, [partial(CaveBatch, one) for one in scenario], **options)
-        super().__init__(num_envs, autoreset_mode, make)
+        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
 
 
 class SurfaceVectorEnv(BatchVectorEnv):

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch import Batch, check_batched
+from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Place, make_batch
 from aquanav_tools.envs.reward import TERMS
@@ -47,14 +47,13 @@ def check_plan(plan: Plan) -> None:
     """Refuse what only PyBullet's backend can run, before anything is run.
 
     Raises:
-        InputError: the policy looks at PyBullet's world, or at the original's observation.
+        InputError: the policy looks at PyBullet's world.
     """
     if isinstance(plan.policy.policy, PrivilegedPolicy):
         raise InputError(
             f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
             "have. Leave out --backend batch."
         )
-    check_batched(plan.policy.observation)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aquanav_tools.errors import InputError, did_you_mean
-from aquanav_tools.sim.hydrodynamics import pack_parameters
+from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.vehicle_base import (
     Six,
     Three,
@@ -173,8 +173,8 @@ class Boat:
         """Return what `afloat.advance_afloat` takes of it in water of `density` (kg/m^3)."""
         coefficients = np.array([self.mass, density, self.normal_drag, self.friction])
         windage = NO_WINDAGE if self.windage is None else self.windage.coefficients()
-        parameters = pack_parameters(self.total_mass, np.array(self.linear_damping), np.zeros(6))
-        return Body(self.surface, coefficients, windage, parameters)
+        parameters = BodyParameters(np.diag(self.total_mass), np.array(self.linear_damping), np.zeros(6))
+        return Body(self.surface, coefficients, windage, parameters.packed())
 
     def command(self, steer: float, thrust: float) -> Array:
         """Return the (6,) wrench of steer (left) and thrust (ahead) in [-1, 1], body frame, N and N m."""

@@ -14,8 +14,7 @@ from aquanav_tools.sea.cast import cast_at_outline, cast_disc
 from aquanav_tools.sea.outlines import outlines_of
 from aquanav_tools.sea.sea_map import Outlines, SeaMap
 from aquanav_tools.sim.hydrodynamics import rotation_rows
-from aquanav_tools.sim.sensors import RayPattern
-from aquanav_tools.sim.spheres import NOTHING, UNTAGGED, WALL
+from aquanav_tools.sim.sensors import NOTHING, UNTAGGED, WALL, RayPattern
 from aquanav_tools.types import Array
 
 

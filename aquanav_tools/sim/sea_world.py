@@ -19,9 +19,9 @@ from aquanav_tools.sim import original_motion
 from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.afloat import advance_afloat
 from aquanav_tools.sim.boat import Boat, Body, Skin
+from aquanav_tools.sim.body_parameters import ORIGINAL
 from aquanav_tools.sim.hydrodynamics import rotation_rows
 from aquanav_tools.sim.original import OriginalVehicle
-from aquanav_tools.sim.original_motion import ORIGINAL
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.sim.windage import NO_WINDAGE
 from aquanav_tools.types import Array, Pose, yaw_quaternion
@@ -76,7 +76,7 @@ def body_of(boat: Boat | OriginalVehicle) -> tuple[Body, Array]:
         return boat.body(DENSITY), boat.total_mass
     # it stays level at its height
     mass = np.array([boat.body.mass, boat.body.mass, np.inf, np.inf, np.inf, boat.body.inertia[2]])
-    return Body(NO_SKIN, np.zeros(4), NO_WINDAGE, boat.motion_parameters(DENSITY)), mass
+    return Body(NO_SKIN, np.zeros(4), NO_WINDAGE, boat.motion_parameters(DENSITY).packed()), mass
 
 
 def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.joint_batch import shares as slices_of
+from aquanav_tools.envs.cave_batch import shares as slices_of
 from aquanav_tools.envs.places import Place
 from aquanav_tools.train.environment_group import EnvironmentGroup, Floats, Stepped, make_group
 from aquanav_tools.train.settings import TrainSettings

@@ -14,7 +14,6 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
-from aquanav_tools.envs.batch import check_batched
 from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import Bay
@@ -89,9 +88,6 @@ def train(
         WorkerError: an environment in a worker raised an error, or took too long.
         TrainingError: learning diverged.
     """
-    if pipeline.run.backend == "batch":
-        for lesson in pipeline.lessons:
-            check_batched(lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [

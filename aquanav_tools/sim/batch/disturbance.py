@@ -15,36 +15,22 @@ from aquanav_tools.types import Array
 wp.set_module_options(OPTIONS)
 
 
-@wp.struct
-class Disturbance:
-    """What a task disturbs; zeros leave everything as it is."""
-
-    noise: wp.float32
-    """Standard deviation of an echo's distance, m."""
-    dropout: wp.float32
-    """Probability that a ray gets no echo."""
-    action_delay: wp.int32
-    """Decisions."""
-    observation_delay: wp.int32
-    """Decisions."""
+@wp.func
+def is_dropped(dropout: float, seed: int, ray: int, decision: int):
+    """Return whether a ray gets no echo, which has the probability `dropout`."""
+    return share_of_one(words(seed, RAYS + ray, decision)[2]) < dropout
 
 
 @wp.func
-def is_dropped(disturbance: Disturbance, seed: int, ray: int, decision: int):
-    """Return whether a ray gets no echo."""
-    return share_of_one(words(seed, RAYS + ray, decision)[2]) < disturbance.dropout
-
-
-@wp.func
-def measured(distance: float, length: float, disturbance: Disturbance, seed: int, ray: int, decision: int):
-    """Return a ray's distance as a real sensor gives it.
+def measured(distance: float, length: float, noise: float, dropout: float, seed: int, ray: int, decision: int):
+    """Return a ray's distance as a real sensor gives it, with errors of standard deviation `noise`, m.
 
     Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
     """
     result = length
-    if distance < length and not is_dropped(disturbance, seed, ray, decision):
+    if distance < length and not is_dropped(dropout, seed, ray, decision):
         drawn = words(seed, RAYS + ray, decision)
-        result = wp.clamp(distance + disturbance.noise * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
+        result = wp.clamp(distance + noise * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
     return result
 
 
@@ -75,15 +61,16 @@ def disturb(
     rays: wp.array2d(dtype=wp.float32),
     dropped: wp.array2d(dtype=wp.bool),
     lengths: wp.array(dtype=wp.float32),
-    disturbance: Disturbance,
+    noise: float,
+    dropout: float,
     seeds: wp.array(dtype=wp.int32),
     decisions: wp.array(dtype=wp.int32),
 ):
     """Disturb all rays in place, and write which of them got no echo."""
     i, ray = wp.tid()
     seed, decision = seeds[i], decisions[i]
-    dropped[i, ray] = is_dropped(disturbance, seed, ray, decision)
-    rays[i, ray] = measured(rays[i, ray], lengths[ray], disturbance, seed, ray, decision)
+    dropped[i, ray] = is_dropped(dropout, seed, ray, decision)
+    rays[i, ray] = measured(rays[i, ray], lengths[ray], noise, dropout, seed, ray, decision)
 
 
 class RayErrors:
@@ -99,14 +86,12 @@ class RayErrors:
             dropout: Probability that a ray gets no echo.
         """
         device, shape = find_device("cpu"), (num, len(lengths))
-        disturbance = Disturbance()
-        disturbance.noise, disturbance.dropout = noise, dropout
         rays = wp.zeros(shape, dtype=wp.float32, device=device)
         dropped = wp.zeros(shape, dtype=wp.bool, device=device)
         reach = wp.array(lengths.astype(np.float32), dtype=wp.float32, device=device)
         seeds, decisions = (wp.zeros(num, dtype=wp.int32, device=device) for _ in range(2))
         self._launch = wp.launch(
-            disturb, dim=shape, inputs=[rays, dropped, reach, disturbance, seeds, decisions], device=device,
+            disturb, dim=shape, inputs=[rays, dropped, reach, noise, dropout, seeds, decisions], device=device,
             record_cmd=True,
         )  # fmt: skip
         self._rays, self._dropped, self._seeds, self._decisions = (

@@ -1,4 +1,16 @@
-"""The motion of the original benchmark's vehicles in Warp, as in `sim/original_motion.py`."""
+"""The motion of the original benchmark's vehicles: a game engine's rigid body with drag, no hydrodynamics.
+
+    v <- (v + a dt) (1 - drag dt),   w <- (w + I^-1 torque dt) (1 - drag dt),   no gyroscopic moment, |w| limited
+
+Buoyancy grows with depth: every floater below the water's surface lifts with its power (N per metre) times its depth.
+The stabiliser turns the vehicle towards its upright pose without touching its rate of turn. Drag acts on the
+velocity through the water, which without a current is the original's.
+
+Where the original leaves the order within a step open, it is here: stabiliser, forces, motion. The body frame's
+origin is the original's root, from which its rays start; velocities in the state are those of the centre of mass.
+
+Source: the SafeRLAUV project, its prefabs and scripts; PhysX integrates bodies in this way.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +19,10 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.sim import original_motion as original
 from aquanav_tools.sim.batch.motion import State, angular, linear, rotation_of, six, vec6
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.body_parameters import DraggedBodyParameters
 from aquanav_tools.sim.vehicle_base import GRAVITY
-from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
@@ -36,18 +47,15 @@ class DraggedBody:
     floaters: wp.array(dtype=wp.vec3d)
 
 
-def make_dragged_body(parameters: Array, dt: float, device: Any) -> DraggedBody:
-    """Return the body of `original_motion.pack_original`, for steps of `dt` (s)."""
+def make_dragged_body(parameters: DraggedBodyParameters, dt: float, device: Any) -> DraggedBody:
+    """Return a body for steps of `dt` (s)."""
     body = DraggedBody()
-    body.mass = parameters[original._MASS]
-    body.inertia = wp.vec3d(*parameters[original._INERTIA : original._INERTIA + 3])
-    body.kept, body.kept_turn = 1.0 - parameters[[original._DRAG, original._ANGULAR_DRAG]] * dt
-    body.max_rate = parameters[original._MAX_RATE]
-    body.centre = wp.vec3d(*parameters[original._CENTRE : original._CENTRE + 3])
-    body.levelled = 1.0 - np.exp(-parameters[original._STABILISER] * dt)
-    body.is_afloat = int(parameters[original._IS_AFLOAT])
-    floaters = parameters[original._FLOATERS :].reshape(-1, 3)
-    body.floaters = wp.array(floaters, dtype=wp.vec3d, device=device)
+    body.mass, body.inertia = parameters.mass, wp.vec3d(*parameters.inertia)
+    body.kept, body.kept_turn = 1.0 - parameters.linear_drag * dt, 1.0 - parameters.angular_drag * dt
+    body.max_rate, body.centre = parameters.max_turn_rate, wp.vec3d(*parameters.centre_of_mass)
+    body.levelled = 1.0 - np.exp(-parameters.stabiliser_rate * dt)
+    body.is_afloat = int(parameters.is_afloat)
+    body.floaters = wp.array(parameters.floaters, dtype=wp.vec3d, device=device)
     return body
 
 

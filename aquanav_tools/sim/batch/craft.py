@@ -1,0 +1,62 @@
+"""A vehicle as the kernels have it: its model of motion, its actuators, its hull."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.actuators import Controls, make_controls
+from aquanav_tools.sim.batch.contact import Hull
+from aquanav_tools.sim.batch.motion import Body, make_body, vec6
+from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
+from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.vehicle_base import Vehicle
+
+wp.set_module_options(OPTIONS)
+
+f64 = wp.float64
+FRICTION = 0.09
+"""Bullet multiplies the two bodies' 0.3."""
+CONTACT_MARGIN = 0.005
+"""Bullet makes contacts between surfaces that overlap, or are within 0 to 7 mm of each other (measured), m."""
+
+
+@wp.struct
+class Craft:
+    """A vehicle: one of two models of motion, its actuators, its hull."""
+
+    is_original: wp.int32
+    body: Body
+    dragged: DraggedBody
+    controls: Controls
+    hull: Hull
+
+
+def make_craft(scenario: Scenario, vehicle: Vehicle, margin: float, device: Any) -> Craft:
+    """Return a vehicle in a scenario's water, for contacts that are kept up to `margin` (m)."""
+    craft, dt = Craft(), scenario.settings.limits.dt
+    parameters = vehicle.motion_parameters(scenario.settings.water.density)
+    craft.is_original = int(isinstance(vehicle, OriginalVehicle))
+    if craft.is_original:
+        craft.dragged = make_dragged_body(parameters, dt, device)
+    else:
+        craft.body = make_body(parameters, dt, device)
+    craft.controls = make_controls(vehicle, dt)
+    craft.hull = _make_hull(scenario, vehicle, margin)
+    return craft
+
+
+def _make_hull(scenario: Scenario, vehicle: Vehicle, margin: float) -> Hull:
+    hull, capsule, mass = Hull(), vehicle.capsule, vehicle.total_mass
+    hull.half_axis, hull.radius = 0.5 * capsule.axis_length, capsule.radius
+    # A distance changes no faster than the position, and the mean distance to a cell's eight corners, weighted as the
+    # interpolation does, is at most sqrt(3) / 2 spacings; the axis is sampled at its ends and its middle.
+    field_error = 0.5 * np.sqrt(3.0) * scenario.field.spacing
+    hull.margin, hull.friction = margin, FRICTION
+    hull.reach = capsule.radius + margin + scenario.settings.collision_error + field_error + 0.25 * capsule.axis_length
+    hull.mass, hull.inertia, hull.masses = mass[:3].mean(), mass[3:].mean(), vec6(*mass)
+    return hull
