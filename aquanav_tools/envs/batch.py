@@ -10,7 +10,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
@@ -35,6 +35,10 @@ class Batch(Protocol):
     decision_seconds: float
     ray_lengths: Array
     """(R,) m."""
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name; nothing without a randomisation."""
 
     @property
     def route_lengths(self) -> Array:
@@ -89,6 +93,24 @@ class Batch(Protocol):
     def close(self) -> None:
         """End the threads. Closing twice does nothing."""
 
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+
+
+def copied(values: Any) -> Any:
+    """Return a copy of an array, or of a dictionary of them."""
+    return {name: part.copy() for name, part in values.items()} if isinstance(values, dict) else np.array(values)
+
+
+def row_of(values: Any, row: int) -> Any:
+    """Return a copy of a row of an array, or of each array of a dictionary."""
+    return {name: part[row].copy() for name, part in values.items()} if isinstance(values, dict) else values[row].copy()
+
 
 class BatchActions:
     """One of the forms of `ActionModel` for N vehicles at once."""
@@ -125,3 +147,18 @@ class BatchActions:
             actions = np.stack(np.unravel_index(actions, (NUM_CHOICES,) * self._parts), axis=-1)
         levels: Floats = (actions - 1.0).astype(np.float32) * DOWN_AND_RIGHT[-self._parts :]
         return levels
+
+
+def raise_failures(batch: Batch) -> None:
+    """Raise an error that tells why code of the user's own failed in the last reset or step; nothing where none did.
+
+    Raises:
+        OwnCodeError: it failed, and for which vehicles.
+    """
+    failures = batch.failures
+    if not failures:
+        return
+    rows, seeds = sorted(failures), batch.view_of("seeds")
+    named = ", ".join(f"{row} (seed {int(seeds[row]) % (1 << 32)})" for row in rows[:3])
+    more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
+    raise OwnCodeError(f"{failures[rows[0]]} This was vehicle {named}{more}, of {batch.num}.", dict(failures))

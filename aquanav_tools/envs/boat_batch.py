@@ -17,6 +17,7 @@ from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_env import DT, SUBSTEPS, boat_of, episode_rules
@@ -90,6 +91,7 @@ class BoatBatch:
         """
         check_choice("device for boats", device, ("cpu",))
         options = task_options(task)
+        refuse_own(options, observation, "Boats")
         check_choice("batched observation preset", observation, ("paper", "full"))
         boat, pattern = boat_of(vehicle), boat_pattern()
         self.num, self.decision_seconds, self.ray_lengths = num, DT * SUBSTEPS, pattern.lengths
@@ -128,6 +130,21 @@ class BoatBatch:
             from aquanav_tools.sim.batch.disturbance import delay
 
             delay(values, waiting, turns, chosen)
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return TERMS
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """None: boats have no code of the user's own."""
+        return {}
 
     @property
     def route_lengths(self) -> Array:
@@ -194,6 +211,8 @@ class BoatBatch:
         """Return an array of a `Batch`, which later steps change."""
         if name == "clearances":
             return self.fleet.clearances()
+        if name == "rays":
+            return self.fleet.rays
         return self._moving_arrays()[name] if name in self._moving_arrays() else self._arrays[name]
 
     def copy_of(self, name: str) -> Any:

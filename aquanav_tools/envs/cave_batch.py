@@ -13,15 +13,19 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats
+from aquanav_tools.envs.batch import BatchActions, Floats, copied
+from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.dict_observation import DictObservation, Parts
 from aquanav_tools.envs.episode import COLLISION_RULES
+from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.envs.reward import TERMS, cave_weights
 from aquanav_tools.envs.starting import CONDITIONS, Starts, check_start
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
@@ -47,7 +51,7 @@ class CaveBatch:
         num: int,
         *,
         next_step: bool,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
@@ -64,7 +68,8 @@ class CaveBatch:
                 evenly, in order.
             num: Number of vehicles.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: As `CaveEnv` takes it.
             max_decisions: Episode limit; None takes each scenario's, which grows with the way (`sim.time_limit`).
@@ -81,6 +86,7 @@ class CaveBatch:
             InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
                 than caves.
         """
+        from aquanav_tools.sim.batch.sensors.base import SensorBatch
         from aquanav_tools.sim.batch.world import BatchWorld, WorldOptions
 
         several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
@@ -89,7 +95,12 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self.observation_space: spaces.Space[Any] = observation_space(observation)
+        self._parts: DictObservation | None = None
+        if not isinstance(observation, str):
+            self._parts = DictObservation(observation, options.observation_delay)
+        self._own = own = Extensions(
+            options, self._parts.preset if self._parts else observation, self._parts is not None
+        )
         self.ray_lengths = original_pattern().lengths
         self.shares = shares(num, len(several))
         """Vehicles of each scenario."""
@@ -101,21 +112,40 @@ class CaveBatch:
         self.scenarios, self.vehicles = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         self.starts = [Starts(cave, craft.capsule, options.starts) for cave, craft in pairs]
         setups = [
-            _setup(cave, craft, options, starts, max_decisions)
+            _setup(cave, craft, options, own.reward, starts, max_decisions)
             for (cave, craft), starts in zip(pairs, self.starts, strict=True)
         ]
         self.decision_seconds = _decision_seconds(self.scenarios)
         self._limits = np.array([setup.task.max_decisions for setup in setups])[self.cave_of]
         world_options = WorldOptions(
-            observation=observation,
+            observation=own.observation,
             rays="mesh" if rays == "mesh" else "field",
             action_delay=options.action_delay,
-            observation_delay=options.observation_delay,
+            observation_delay=own.observation_delay,
+            randomisation=None if options.randomisation is None else read_randomisation(options.randomisation),
             next_step=next_step,
             device=device,
             num_threads=num_threads,
+            law=own.law(self.scenarios[0].settings.limits.dt),
         )
-        self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
+        self.observation_space: spaces.Space[Any] = own.prepare(
+            view, world.as_numpy, world.write, observation_space(own.observation), pairs,
+            partial(SensorBatch, world.arrays, world.caves, self.decision_seconds, world.device, num_threads),
+        )  # fmt: skip
+        if self._parts is not None:
+            self.observation_space = self._parts.prepare(world, pairs, self.decision_seconds, num_threads, own)
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self._own.term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        return self._own.failures
 
     def _engines(self, contacts: str) -> list[Any]:
         if contacts == "own":
@@ -128,6 +158,11 @@ class CaveBatch:
     def limits(self) -> npt.NDArray[np.int64]:
         """(N,) decisions after which an episode is truncated."""
         return self._limits.copy()
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name: see `sim.randomisation`."""
+        return self.world.dynamics
 
     @property
     def route_lengths(self) -> Array:
@@ -154,6 +189,9 @@ class CaveBatch:
             first = np.array([-1 if start is None else check_start(start, count) for start, count in chosen], np.int32)
         given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
         self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
+        self._own.begin()
+        if self._parts is not None:
+            self._parts.begin()
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
@@ -173,26 +211,45 @@ class CaveBatch:
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
-        self.world.step()
+        self._own.before()
+        self.world.step(self._judge)
+        self._own.after()
+        if self._parts is not None:
+            self._parts.follow()
+
+    def _judge(self) -> None:
+        """Look at what the decision led to, before the successors of ended episodes begin."""
+        self._own.judge()
+        if self._parts is not None:
+            self._parts.judge()
 
     def view_of(self, name: str) -> Any:
-        """Return an array of `sim.batch.state.BatchState`, which later steps change."""
-        return self.world.as_numpy(name)
+        """Return an array of `sim.batch.state.BatchState`, which later steps change; of a `Dict`, one for each part."""
+        if self._parts is not None and name in ("observations", "final_observations"):
+            return getattr(self._parts, name)
+        own = self._own.arrays
+        return own[name] if name in own else self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
-        """Return a copy of an array of `sim.batch.state.BatchState` that later steps leave alone."""
-        return np.array(self.world.as_numpy(name))
+        """Return a copy of what `view_of` returns that later steps leave alone."""
+        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
-        return self.world.state()
+        return self.world.state() | self._own.state() | ({} if self._parts is None else self._parts.state())
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        self.world.restore(state)
+        self.world.restore({name: values for name, values in state.items() if "/" not in name})
+        self._own.restore(state)
+        if self._parts is not None:
+            self._parts.restore(state)
 
     def close(self) -> None:
         """End the threads, and let go of the physics. Closing twice does nothing."""
+        self._own.close()
+        if self._parts is not None:
+            self._parts.close()
         self.world.close()
 
 
@@ -209,6 +266,8 @@ def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) 
     check_choice("collision rule", options.on_collision, COLLISION_RULES)
     if contacts == "bullet" and device != "cpu":
         raise InputError(f"PyBullet's contacts are solved on the processor, not on {device}. Choose contacts='own'.")
+    if options.motion and device != "cpu":
+        raise InputError(f"A law of motion of your own is computed on the processor, not on {device}. Leave that out.")
 
 
 def _decision_seconds(scenarios: Sequence[Scenario]) -> float:
@@ -220,7 +279,12 @@ def _decision_seconds(scenarios: Sequence[Scenario]) -> float:
 
 
 def _setup(
-    scenario: Scenario, vehicle: Vehicle, options: TaskOptions, starts: Starts, max_decisions: int | None
+    scenario: Scenario,
+    vehicle: Vehicle,
+    options: TaskOptions,
+    reward: str,
+    starts: Starts,
+    max_decisions: int | None,
 ) -> CaveSetup:
     from aquanav_tools.sim.batch.caves import CaveTask
     from aquanav_tools.sim.batch.world import CaveSetup
@@ -228,7 +292,7 @@ def _setup(
     limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
     if limit < 1:
         raise InputError(f"max_decisions must be at least 1, got {limit}.")
-    weights = cave_weights(options.reward, vehicle)
+    weights = cave_weights(reward, vehicle)
     task = CaveTask(
         goal=np.array(scenario.settings.goal.position, dtype=np.float64),
         tolerance=scenario.settings.goal.tolerance,

@@ -10,11 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.batch import raise_failures, row_of
 from aquanav_tools.envs.cave_batch import NUM_SEEDS, CaveBatch
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.dict_observation import Parts
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import CONDITIONS, episode_task
 from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.schema import Scenario
@@ -25,7 +26,6 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-TERM_KEYS = [f"reward/{name}" for name in TERMS]
 ARRAYS = (
     "commands", "positions", "orientations", "velocities", "extra", "currents", "rays", "clearances", "touched",
     "collisions", "remaining", "outcomes", "start_indices", "gates", "terms", "decisions", "observations", "rewards",
@@ -93,6 +93,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
     remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index,
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
+    With a randomisation, "dynamics/<name>" of what the episode drew (`sim.randomisation.Randomisation.names`).
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
@@ -101,7 +102,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self,
         scenario: str | Path | Scenario,
         *,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
@@ -116,7 +117,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         Args:
             scenario: A scenario folder, or a scenario in memory.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's. Starts at which another hull
                 touches the wall are left out, with a warning.
@@ -174,23 +176,32 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.episode_seed = int(self.np_random.integers(NUM_SEEDS)) if seed is None else seed % NUM_SEEDS
         conditions = {name: getattr(self.task, name) for name in CONDITIONS}
         self._batch.reset([self.episode_seed], [given.get("start")], conditions)
+        self._arrays = {name: self._batch.view_of(name) for name in ARRAYS}
+        self._term_keys = [f"reward/{name}" for name in self._batch.term_names]
+        raise_failures(self._batch)
         if self._camera is not None:
             self._camera.reset()
         info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=True)
-        return self._arrays["observations"][0].copy(), info
+        return row_of(self._arrays["observations"], 0), info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
         arrays = self._arrays
         arrays["commands"][0] = self.action_model.command(action)
         self._batch.step()
+        raise_failures(self._batch)
         info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=False)
         terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
-        return arrays["observations"][0].copy(), float(arrays["rewards"][0]), terminated, truncated, info
+        return row_of(arrays["observations"], 0), float(arrays["rewards"][0]), terminated, truncated, info
+
+    @property
+    def info(self) -> Info:
+        """What the last reset or step told: also where that raised an error of code of the user's own."""
+        return self._info()
 
     @property
     def state(self) -> Array:
@@ -272,5 +283,6 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             "start_index": int(arrays["start_indices"][0]),
             "gate": int(arrays["gates"][0]),
         }
-        info.update(zip(TERM_KEYS, arrays["terms"][0].tolist(), strict=True))
+        info.update(zip(self._term_keys, arrays["terms"][0].tolist(), strict=True))
+        info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
         return info

@@ -56,6 +56,11 @@ class JointBatch:
         self._threads = ThreadPoolExecutor(min(available, len(makes)))
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) from which progress is counted, m."""
         return np.concatenate([batch.route_lengths for batch in self.batches])
@@ -120,6 +125,17 @@ class JointBatch:
         for n, batch in enumerate(self.batches):
             lead = f"{n}/"
             batch.restore({name.removeprefix(lead): state[name] for name in state if name.startswith(lead)})
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self.batches[0].term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        pairs = zip(self.batches, self.shares, strict=True)
+        return {share.start + row: why for batch, share in pairs for row, why in batch.failures.items()}
 
     def close(self) -> None:
         """End the threads."""

@@ -15,6 +15,7 @@ from aquanav_tools.envs.bays import Bays, distance_to
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
+from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.observation import Reading
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, boat_weights, reward_terms
@@ -128,6 +129,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             InputError: an option is unknown or senseless.
         """
         self.task = self._own_task = task_options(task)
+        refuse_own(self.task, observation, "Boats")
         self.vehicle = boat_of(vehicle)
         self._weights = boat_weights(self.task.reward)
         self._rules = episode_rules(self.task, self._weights, max_decisions)

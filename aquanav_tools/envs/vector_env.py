@@ -12,11 +12,10 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquanav_tools.envs.batch import Batch, Floats
+from aquanav_tools.envs.batch import Batch, Floats, raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import episode_conditions
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
@@ -76,6 +75,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
         self.batch.reset(self._seeds(seed), starts, conditions)
+        raise_failures(self.batch)
         return self.batch.copy_of("observations"), self._infos()
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
@@ -88,6 +88,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         task = self.batch
         task.command(actions)
         task.step()
+        raise_failures(task)
         terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
         infos = self._infos()
         if self._is_same_step and (ended := terminated | truncated).any():
@@ -114,15 +115,16 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         }
         infos["progress"] = self.batch.route_lengths - infos["remaining"]
         terms = copy_of("terms")
-        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
+        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(self.batch.term_names)})
+        infos.update({f"dynamics/{name}": values.copy() for name, values in self.batch.dynamics.items()})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
 
     def _final_infos(self, ended: Flags) -> dict[str, Any]:
         """Return what Gymnasium asks for of episodes that ended in this step, whose successors have begun."""
         observations = np.full(self.num_envs, None, dtype=object)
-        finals = self.batch.copy_of("final_observations")
+        finals = self.batch.view_of("final_observations")
         for vehicle in np.flatnonzero(ended):
-            observations[vehicle] = finals[vehicle]
+            observations[vehicle] = row_of(finals, int(vehicle))
         final_info = {
             "outcome": np.array(OUTCOMES)[self.batch.view_of("last_outcomes")],
             "num_collisions": self.batch.copy_of("last_collisions"),

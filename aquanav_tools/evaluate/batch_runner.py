@@ -21,14 +21,20 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Place, make_batch
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
 from aquanav_tools.evaluate.episode_runner import Runner, Tasks
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import Adapting, LoadedPolicy, Policy, PrivilegedPolicy, Vectorised
+from aquanav_tools.evaluate.policies import (
+    Adapting,
+    LoadedPolicy,
+    Policy,
+    PrivilegedPolicy,
+    Vectorised,
+    check_size,
+)
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
 from aquanav_tools.report.trajectory import FAILED, Trajectory
@@ -38,7 +44,7 @@ BATCH_SIZE = 256
 """Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
 KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
-    "observations", "terms", "rewards", "outcomes",
+    "rays", "observations", "terms", "rewards", "outcomes",
 )  # fmt: skip
 """Arrays of the batch that a trajectory is made of."""
 
@@ -145,6 +151,7 @@ class BatchRunner:
                 **choices_of(key[1]),
             )
             self._key = key
+            check_size(self._policies[0], self._task.observation_space)
         return self._task
 
     def _run(self, task: Batch, slots: Sequence[EpisodeSlot]) -> dict[str, npt.NDArray[Any]]:
@@ -157,7 +164,7 @@ class BatchRunner:
             slot.reason = timeout.outcome(partial(begin_episode, slot.policy, slot.plan.seed))[1]
         commands = np.zeros((len(slots), 3), dtype=np.float32)
         rows = [{name: task.copy_of(name) for name in KEPT}]
-        running = [index for index, slot in enumerate(slots) if not slot.reason]
+        running = _unfailed(task, slots, range(len(slots)))
         while running:
             seen: Any = rows[-1]["observations"]
             if policy is not None:
@@ -173,7 +180,7 @@ class BatchRunner:
             task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
             was_running = running
-            running = [index for index in running if not slots[index].reason and rows[-1]["outcomes"][index] == 0]
+            running = [index for index in _unfailed(task, slots, running) if rows[-1]["outcomes"][index] == 0]
             task.rest([index for index in was_running if index not in running])
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
 
@@ -218,16 +225,21 @@ class EpisodeSlot:
     """Why it failed; empty unless it did."""
 
 
+def _unfailed(task: Batch, slots: Sequence[EpisodeSlot], places: Sequence[int]) -> list[int]:
+    """Return at which of some places nothing failed; where code of the user's own did, the slot gets the reason."""
+    for place in places:
+        slots[place].reason = slots[place].reason or task.failures.get(place, "")
+    return [place for place in places if not slots[place].reason]
+
+
 def _trajectory(
     task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float
 ) -> Trajectory:
     """Return the trajectory of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
     count = len(slot.actions)
     rows = {name: values[: count + 1] for name, values in states.items()}
-    rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
     touched = rows["touched"] > 0
-    # The batch keeps the current of where a decision began, with its end.
-    currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
+    currents = rows["currents"].astype(np.float64)
     return Trajectory(
         seed=slot.plan.seed,
         start_index=start,
@@ -237,7 +249,7 @@ def _trajectory(
         orientations=rows["orientations"].astype(np.float64),
         velocities=rows["velocities"].astype(np.float64),
         currents=currents,
-        rays=rays,
+        rays=rows["rays"],
         clearances=rows["clearances"].astype(np.float64),
         collided=touched,
         progress=length - rows["remaining"],
@@ -245,7 +257,7 @@ def _trajectory(
         actions=np.array(slot.actions, dtype=np.float64).reshape(count, -1 if count else 0),
         commands=np.array(slot.commands, dtype=np.float64).reshape(-1, 3),
         rewards=rows["rewards"][1:].astype(np.float64),
-        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(TERMS)},
+        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(task.term_names)},
         num_collisions=int(rows["collisions"][-1]),
         reason=slot.reason,
     )

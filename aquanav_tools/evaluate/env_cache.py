@@ -10,7 +10,7 @@ from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_size
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
@@ -67,6 +67,7 @@ class EnvCache:
                 **choices_of(task),
             )
             self._key = key
+            check_size(self._policy, self._env.observation_space)
         return self._env
 
 

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from functools import partial
 from pathlib import Path
 
 from aquanav_tools.envs.places import Place, say_left_out
@@ -18,7 +17,7 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results, worst_first
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import (
@@ -76,7 +75,7 @@ def evaluate(
         ScenarioError: a scenario cannot be read.
         ResourceError: the processes that run do not start, or the cluster does not answer.
     """
-    load = load or partial(load_policy, is_trusted=options.trust)
+    load = load or policy_loader(options, is_trusted=options.trust)
     spec = EvaluationSpec(options, policy_name or options.policies[0], output or options.output, load)
     plan = make_plan(spec)
     _check_names(plan.scenarios)

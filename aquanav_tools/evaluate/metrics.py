@@ -19,7 +19,9 @@ from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.types import Array
 
 INFEASIBLE = "infeasible"
-OUTCOMES = ("success", "collision", "timeout", FAILED, INFEASIBLE)
+ENDED = "ended"
+"""By a rule of the user's own."""
+OUTCOMES = ("success", "collision", "timeout", FAILED, INFEASIBLE, ENDED)
 REGIONS = ("first third", "middle third", "last third")
 """Of the route, by the length of the shortest path that is left at the start."""
 

@@ -63,6 +63,9 @@ class ProtocolOptions(TaskOptions):
     """Episode i of each scenario and condition has seed + i."""
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
+    observation: str | None = None
+    """What the policy observes, where its file does not tell by the number of values: an observation of your own as
+    module:Name, or, with --sensors, the preset before them (full without it)."""
     grid: Grid = field(default_factory=Grid)
     cases: tuple[Case, ...] = ()
     """Episodes named one by one, instead of by number, seed and grid: what aquanav-eval stress saves. In a protocol's
@@ -112,8 +115,8 @@ class EvaluateOptions(ProtocolOptions):
     """Also write a WebM film of each recorded episode, from behind the vehicle: a tenth of a second of one core per
     decision. The report shows those of the worst; browsers play the others."""
     trust: bool = False
-    """Let policy files run code, which those of unknown make and TorchScript do when they are loaded. Only for files
-    whose maker you trust; what can be read without is, all the same."""
+    """Let policy files run code, which those of unknown make and TorchScript do when they are loaded, and let protocol
+    files name code. Only for files whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
@@ -216,7 +219,7 @@ class ReplayOptions:
     policy: str | None = None
     """The policy, where it is no longer at its path."""
     trust: bool = False
-    """Let the policy's file run code; see aquanav-eval --help."""
+    """Let the policy's file run code, and run the code that the results name; see aquanav-eval --help."""
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
     vehicle: str | None = None

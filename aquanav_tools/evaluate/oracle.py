@@ -64,7 +64,9 @@ class OraclePolicy:
         self._env, self._predictor = env, predictor_of(env, has_map=True)
         way = self._find_way(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
         self._pursuit = Pursuit(self._predictor, way.points, way.arc, HORIZON)
-        self._pursuit.foresee(env.state, 0.0, env.water_velocity)  # compiles now, not while a first action is timed
+        # Both compile now, not while a first action is timed.
+        self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.task.action_delay, 3)), np.zeros(3))
+        self._pursuit.foresee(env.state, 0.0, env.water_velocity)
 
     def _find_way(self, start: Array, goal: Array) -> Way:
         assert self._env is not None

@@ -17,9 +17,10 @@ from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
 from aquanav_tools.evaluate.task_adapter import adapter_of
+from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.task import TaskOptions, choices_of, task_options
+from aquanav_tools.task import TaskOptions, choices_of, named_code, task_options
 
 FOLDER = "eval/protocols"
 NOMINAL = "as given"
@@ -46,14 +47,18 @@ class Condition:
     """Third of the route to start in; None for all."""
 
 
-def read_protocol(name: str) -> dict[str, Any]:
+def read_protocol(name: str, is_trusted: bool = False) -> dict[str, Any]:
     """Return the options in a protocol: a shipped one by its name, or a file by a path that ends in .toml.
 
     Raises:
-        InputError: no such protocol (with the closest name), or an unknown or senseless value in it.
+        InputError: no such protocol (with the closest name), an unknown or senseless value in it, or code that it names
+            and nobody trusts.
     """
     path = Path(name) if name.endswith(".toml") else shipped_path(FOLDER, name)
     table = read_toml(path)
+    if not is_trusted:
+        names = [*named_code(table), table.get("observation")]
+        refuse_recorded(names, str(path), "If you trust it, add --trust; or name the code as options instead.")
     options = from_table(ProtocolOptions, table, path.name)
     return {key: getattr(options, key) for key in table}
 

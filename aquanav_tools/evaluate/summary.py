@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.evaluate.episode_table import EpisodeTable
-from aquanav_tools.evaluate.metrics import INFEASIBLE, OUTCOMES, REGIONS, EpisodeMetrics
+from aquanav_tools.evaluate.metrics import ENDED, INFEASIBLE, OUTCOMES, REGIONS, EpisodeMetrics
 from aquanav_tools.evaluate.statistics import (
     UNKNOWN,
     Estimate,
@@ -103,7 +103,7 @@ def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
 
 def _counts(table: EpisodeTable) -> dict[str, int]:
     counts = {outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES}
-    return {outcome: count for outcome, count in counts.items() if count or outcome != INFEASIBLE}
+    return {outcome: count for outcome, count in counts.items() if count or outcome not in (INFEASIBLE, ENDED)}
 
 
 def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:

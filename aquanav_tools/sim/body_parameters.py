@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, BoolArray
 
 MAX_ANGLE = 1.0
 """Most that a body may swing in one Runge-Kutta step, rad; the method gains energy from 2.8 on."""
@@ -112,7 +112,7 @@ class DraggedBodyParameters:
     """Rate at which the tilt is taken away, 1/s."""
     floaters: Array
     """(F, 3) in the body frame, m; may be empty."""
-    is_afloat: bool
+    is_afloat: bool | BoolArray
     """Whether the body stays upright at its height, as on still water."""
 
     def packed(self) -> Array:

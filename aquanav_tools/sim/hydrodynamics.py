@@ -97,26 +97,6 @@ def _thrust(state, wrench, parameters, dt):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def mean_velocity(before, after, dt):  # type: ignore[no-untyped-def]
-    """Return the (6,) world-frame velocity and rate of turn that, held for `dt`, lead from one state to the next."""
-    result = np.empty(6)
-    for axis in range(3):
-        result[axis] = (after[axis] - before[axis]) / dt
-    # The turn is after * conjugate(before); of its two signs, take the shorter way round.
-    aw, ax, ay, az = after[3], after[4], after[5], after[6]
-    bw, bx, by, bz = before[3], -before[4], -before[5], -before[6]
-    w = aw * bw - ax * bx - ay * by - az * bz
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by - ax * bz + ay * bw + az * bx
-    z = aw * bz + ax * by - ay * bx + az * bw
-    sine = np.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * np.arctan2(sine, abs(w)) / sine if sine > 1e-12 else 2.0  # 2 asin(s) / s tends to 2
-    scale = -scale if w < 0.0 else scale
-    result[3], result[4], result[5] = x * scale / dt, y * scale / dt, z * scale / dt
-    return result
-
-
-@compiled
 def _shift_velocity(state, current, sign):  # type: ignore[no-untyped-def]
     """Add the current, turned into the body frame, to the state's linear velocity, in place."""
     rotation = rotation_rows(state)

@@ -12,11 +12,11 @@ from stable_baselines3.common.vec_env import VecNormalize
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
-from aquanav_tools.train.checkpoint import Checkpoint, learner_state
+from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.journal import RunJournal
-from aquanav_tools.train.learners import MAX_WEIGHT, is_sound, take_in
+from aquanav_tools.train.learners import MAX_WEIGHT, has_finite_weights, update_normalisers
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.record import RunRecord
 from aquanav_tools.train.validation import Trials, Validation
@@ -52,7 +52,7 @@ class TrainingCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         """Look after the update that was just finished: the next decision has not been chosen yet."""
-        if self.num_timesteps - self._marked >= self._settings.buffer:
+        if self.num_timesteps - self._marked >= self._settings.rollout_size:
             self._after_update(is_lesson_over=False)
 
     def _on_training_end(self) -> None:
@@ -63,7 +63,7 @@ class TrainingCallback(BaseCallback):
         journal.steps = journal.steps_before + self.num_timesteps
         self.check()
         if self._settings.normalise and self._seen:
-            take_in(self.model, np.concatenate(self._seen), self._settings)
+            update_normalisers(self.model, np.concatenate(self._seen), self._settings)
         self._seen.clear()
         self._marked = self.num_timesteps
         statistics = {name: float(value) for name, value in self.logger.name_to_value.items()}
@@ -75,13 +75,24 @@ class TrainingCallback(BaseCallback):
         if is_lesson_over or _is_passed(self._run.checkpoint_every, before, journal.steps):
             self._save(is_lesson_over)
 
+    @property
+    def kept(self) -> str:
+        """What is said of the checkpoint where code of the user's own stops the run."""
+        folder = self._record.folder
+        if not (folder / CHECKPOINT_FILE).is_file():
+            return f"Nothing was learned yet, and {folder} has no checkpoint. Correct the code and train again."
+        return (
+            f"Training stopped in the rollout after {self._journal.steps:,} decisions. The last good checkpoint and "
+            f"its policy are in {folder}; correct the code, and the same command goes on from there."
+        )
+
     def check(self) -> None:
         """Check that the network can still compute.
 
         Raises:
             TrainingError: it cannot.
         """
-        if not is_sound(self.model):
+        if not has_finite_weights(self.model):
             raise TrainingError(
                 f"Learning diverged: after {self._journal.steps} decisions, in lesson {self._lesson + 1}, weights are "
                 f"not finite, or larger than {MAX_WEIGHT:g}. The learning rate of {self._settings.learning_rate:g} is "

@@ -13,7 +13,7 @@ from aquanav_tools.train.fitting import decisions_of, fitted
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import TrainSettings
 
-OPEN = ("buffer", "batch", "learning_starts")
+OPEN = ("n_steps", "batch", "learning_starts")
 """Settings that a lesson may leave open, and that are then chosen by its steps."""
 Tables = Sequence[dict[str, Any]]
 """The lessons of a run, as its record has them."""

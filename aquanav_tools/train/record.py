@@ -21,7 +21,7 @@ from aquanav_tools.train.episodes import LearningCurve
 from aquanav_tools.train.fitting import fitted
 from aquanav_tools.train.initial import InitialPolicy
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.settings import RENAMED
+from aquanav_tools.train.renamed import current_lesson
 from aquanav_tools.train.validation import TRIED_FILE, Trial
 from aquanav_tools.train.versions import versions
 
@@ -69,7 +69,7 @@ class RunRecord:
         if checkpoint is None:
             return None
         begun = checkpoint.journal["identity"]
-        begun["lessons"] = [{RENAMED.get(key, key): value for key, value in one.items()} for one in begun["lessons"]]
+        begun["lessons"] = [current_lesson(one) for one in begun["lessons"]]
         different = list(_differences(begun, self._as_begun(begun)))
         if different:
             raise InputError(

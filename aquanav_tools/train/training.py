@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
 from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
@@ -231,6 +231,8 @@ def _go_on(learner: BaseAlgorithm, steps: int, callback: TrainingCallback) -> No
     """Learn for a number of decisions; what diverging makes libraries raise becomes a sentence."""
     try:
         learner.learn(steps, callback=callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+    except OwnCodeError as cause:
+        raise OwnCodeError(f"{cause} {callback.kept}", cause.reasons) from cause
     except (ValueError, InputError) as cause:
         try:
             callback.check()

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from aquanav_tools.sim.hydrodynamics import mean_velocity
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, rotation_matrix
 from tests.sim.bodies import (
@@ -24,7 +23,6 @@ from tests.sim.bodies import (
     body,
     coupled_mass,
     extrapolated,
-    multiply,
     path,
     random_state,
     run,
@@ -204,18 +202,6 @@ def test_current_carries_a_vehicle_along() -> None:
     current = np.array([0.3, 0.0, 0.0])
     after = run(at_rest(), 2000, body(MASS, LINEAR, QUADRATIC), current=current)
     np.testing.assert_allclose(after[7:10], current, atol=1e-3)
-
-
-def test_mean_velocity_leads_from_one_state_to_the_next(rng: np.random.Generator) -> None:
-    for _ in range(20):
-        before, after = random_state(rng), random_state(rng)
-        velocity = mean_velocity(before, after, 0.5)
-        angle = np.linalg.norm(velocity[3:]) * 0.5
-        axis = velocity[3:] / np.linalg.norm(velocity[3:])
-        turn = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
-        np.testing.assert_allclose(before[:3] + 0.5 * velocity[:3], after[:3], atol=1e-12)
-        np.testing.assert_allclose(abs(multiply(turn, before[3:7]) @ after[3:7]), 1.0, atol=1e-12)
-        assert angle <= np.pi + 1e-12
 
 
 def test_autopilot_holds_the_heading_at_full_speed() -> None:

@@ -33,7 +33,7 @@ def bay(tmp_path: Path) -> Path:
 def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object) -> Pipeline:
     lesson = TrainSettings(
         scenario=places[0],
-        buffer=128,
+        n_steps=64,
         batch=64,
         epochs=1,
         num_envs=2,

@@ -53,16 +53,25 @@ def stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1), ("td3", 1), ("recurrent-ppo", 1)]
+    ("algorithm", "precision", "checkpoint"),
+    [
+        ("ppo", "float32", 1),
+        ("ppo", "float32", 2),
+        ("ppo", "bfloat16", 1),
+        ("sac", "float32", 1),
+        ("td3", "float32", 1),
+        ("recurrent-ppo", "float32", 1),
+    ],
 )
 def test_stopped_run_ends_as_one_that_never_stopped(
-    algorithm: str, checkpoint: int, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    algorithm: str, precision: str, checkpoint: int, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if algorithm == "recurrent-ppo":
         pytest.importorskip("sb3_contrib")
     action = "continuous" if algorithm in ("sac", "td3") else "multidiscrete"
+    choices = {"algorithm": algorithm, "precision": precision, "action": action}
     # Each lesson writes two checkpoints: the second is at its end.
-    pipeline = tiny_pipeline(tube, 2, algorithm=algorithm, action=action, steps=256, current=(0.0, 0.4, 0.0))
+    pipeline = tiny_pipeline(tube, 2, steps=256, current=(0.0, 0.4, 0.0), **choices)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         after_checkpoint(patch, checkpoint, stop)
@@ -76,7 +85,7 @@ def test_killed_command_goes_on_to_the_same_policy(
 ) -> None:
     pipeline = tmp_path / "mine.toml"
     pipeline.write_text(
-        f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nbuffer = 128\n'
+        f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nn_steps = 32\n'
         f'batch = 32\nepochs = 2\ncheckpoint_every = 128\nvalidation = ["{tube}"]\nvalidation_episodes = 2\n'
         "validate_every = 256\nfinal_episodes = 2\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
     )

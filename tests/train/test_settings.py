@@ -20,8 +20,15 @@ def test_defaults_are_the_originals() -> None:
     ("table", "message"),
     [
         ({"steps": 0}, "steps must be positive, got 0"),
-        ({"num_envs": 3, "buffer": 20480}, "buffer (20480) must be a multiple of num_envs (3)"),
-        ({"batch": 1000, "buffer": 20480}, "buffer (20480) must be a multiple of batch (1000)"),
+        (
+            {"num_envs": 16, "n_steps": 1280, "batch": 1000},
+            "A rollout has 20480 decisions (n_steps 1280 x num_envs 16), which batch (1000) must divide",
+        ),
+        ({"n_steps": -1}, "n_steps must not be negative, got -1"),
+        (
+            {"precision": "bfloat16", "algorithm": "sac", "action": "continuous"},
+            "precision bfloat16 is for ppo, and the algorithm is sac",
+        ),
         ({"discount": 1.5}, "discount must be in [0, 1], got 1.5"),
         ({"hidden": []}, "hidden must list positive widths"),
         ({"ent_coef": -1.0}, "ent_coef must not be negative"),

@@ -15,6 +15,46 @@ from aquanav_tools.types import Array
 wp.set_module_options(OPTIONS)
 
 
+@wp.struct
+class RangeNoise:
+    """How measured distances err; zeros leave them as they are."""
+
+    constant: wp.float32
+    """Standard deviation of an echo's distance, m."""
+    proportional: wp.float32
+    """What that grows by with the distance, m/m."""
+    dropout: wp.float32
+    """Probability that a ray gets no echo, at whatever angle it meets the wall."""
+    grazing_dropout: wp.float32
+    """Probability that an echo is lost along the wall, at 90 degrees from its normal."""
+    grazing_from: wp.float32
+    """Angle from the normal below which no echo is lost for its angle, rad; from there the probability grows evenly."""
+
+
+@wp.func
+def dropout_at(noise: RangeNoise, incidence: float):
+    """Return the probability that a ray gets no echo which meets the wall at an angle from its normal, rad."""
+    slant = wp.clamp((incidence - noise.grazing_from) / (1.5707964 - noise.grazing_from), 0.0, 1.0)
+    return noise.dropout + (1.0 - noise.dropout) * noise.grazing_dropout * slant
+
+
+@wp.func
+def measured_range(
+    distance: float, incidence: float, length: float, noise: RangeNoise, seed: int, purpose: int, decision: int
+):
+    """Return a ray's distance as a real sensor gives it.
+
+    Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
+    """
+    result = length
+    if distance < length:
+        drawn = words(seed, purpose, decision)
+        if share_of_one(drawn[2]) >= dropout_at(noise, incidence):
+            spread = noise.constant + noise.proportional * distance
+            result = wp.clamp(distance + spread * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
+    return result
+
+
 @wp.func
 def is_dropped(dropout: float, seed: int, ray: int, decision: int):
     """Return whether a ray gets no echo, which has the probability `dropout`."""
@@ -23,25 +63,26 @@ def is_dropped(dropout: float, seed: int, ray: int, decision: int):
 
 @wp.func
 def measured(distance: float, length: float, noise: float, dropout: float, seed: int, ray: int, decision: int):
-    """Return a ray's distance as a real sensor gives it, with errors of standard deviation `noise`, m.
-
-    Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
-    """
-    result = length
-    if distance < length and not is_dropped(dropout, seed, ray, decision):
-        drawn = words(seed, RAYS + ray, decision)
-        result = wp.clamp(distance + noise * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
-    return result
+    """Return a ray's distance with errors of one standard deviation, `noise` (m), and one probability of no echo."""
+    errors = RangeNoise()
+    errors.constant = noise
+    errors.dropout = dropout
+    return measured_range(distance, 0.0, length, errors, seed, RAYS + ray, decision)
 
 
 @wp.func
-def exchange(values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int):
-    """Put row `i` of the values into its queue, in place of the row that has waited longest, which it gets.
+def exchange(
+    values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int, delay: int
+):
+    """Put row `i` of the values into its queue, in place of the row that has waited for `delay` turns, which it gets.
 
-    The queue has D rows of W one after the other, (N, D * W); `turn` counts up by one from call to call.
+    The queue has room for D rows of W one after the other, (N, D * W), of which a delay of up to D uses its number;
+    `turn` counts up by one from call to call.
     """
+    if delay == 0:
+        return
     width = values.shape[1]
-    first = turn % (waiting.shape[1] // width) * width
+    first = turn % delay * width
     for n in range(width):
         value = values[i, n]
         values[i, n] = waiting[i, first + n]
@@ -125,7 +166,7 @@ def delay_rows(
         if turns[i] < 0:
             fill_queue(values, waiting, i)
         else:
-            exchange(values, waiting, i, turns[i])
+            exchange(values, waiting, i, turns[i], waiting.shape[1] // values.shape[1])
 
 
 def delay(values: Any, waiting: Any, turns: Any, chosen: Any) -> None:

@@ -1,11 +1,15 @@
-"""Contact engines outside of the kernels: what they are asked, and how their answers reach the kernels."""
+"""Contact engines and laws of motion outside of the kernels: what they are asked, and how answers reach the kernels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from aquanav_tools.sim.batch.state import ASKED, FREE, TOUCHED, BatchState, ContactExchange
+import numpy as np
+import numpy.typing as npt
+
+from aquanav_tools.sim.batch.state import ASKED, FREE, MOVED, TOUCHED, UNMOVED, BatchState, ContactExchange
+from aquanav_tools.types import Array
 
 
 class ContactEngine(Protocol):
@@ -34,14 +38,29 @@ class ContactEngine(Protocol):
 
 
 IS_ASKED, IS_FREE, IS_TOUCHED = int(ASKED), int(FREE), int(TOUCHED)
+IS_UNMOVED, IS_MOVED = int(UNMOVED), int(MOVED)
+MotionLaw = Callable[[Array, Array, Array, npt.NDArray[np.int64]], Array]
+"""Returns the (M, 13) states of vehicles a physics step later were there no wall: position (world, m), quaternion
+(w, x, y, z), velocity over ground and rate of turn (body, m/s and rad/s); of their (M, 13) states, (M, 3) commands
+(ballast, steer and thrust in [-1, 1]), (M, 3) currents (world, m/s) and (M,) numbers in the batch."""
 
 
 class EngineLink:
     """Asks engines what the kernels want to know, on the processor."""
 
-    def __init__(self, engines: Sequence[ContactEngine], state: BatchState, exchange: ContactExchange) -> None:
-        """Link an engine to each of N vehicles."""
-        self._engines = engines
+    def __init__(
+        self,
+        engines: Sequence[ContactEngine],
+        law: MotionLaw | None,
+        state: BatchState,
+        exchange: ContactExchange,
+    ) -> None:
+        """Link an engine to each of N vehicles, or none, and one law to all of them, or none."""
+        self._engines, self._law = engines, law
+        motion = ("positions", "orientations", "velocities")
+        self._motion = [getattr(state, name).numpy() for name in motion]
+        self._free = [getattr(exchange, f"free_{name}").numpy() for name in motion]
+        self._acting, self._currents = state.acting.numpy(), state.currents.numpy()
         self._restarted = state.restarted.numpy()
         self._status, self._is_continued = exchange.status.numpy(), exchange.is_continued.numpy()
         self._questions, self._answers = exchange.questions.numpy(), exchange.answers.numpy()
@@ -49,13 +68,13 @@ class EngineLink:
     def forget_restarted(self) -> None:
         """Let the engines of vehicles whose episodes have just begun forget their contacts."""
         for n, is_restarted in enumerate(self._restarted.tolist()):
-            if is_restarted:
+            if is_restarted and self._engines:
                 self._engines[n].reset()
                 self._is_continued[n] = 0
 
     def answer(self) -> bool:
         """Answer what kernels have asked; return whether they have."""
-        is_asked = False
+        is_asked = self._law is not None and self._move()
         for n, status in enumerate(self._status.tolist()):
             if status == IS_ASKED:
                 is_asked = True
@@ -64,6 +83,19 @@ class EngineLink:
                 if solved is not None:
                     self._answers[n] = solved
         return is_asked
+
+    def _move(self) -> bool:
+        """Tell kernels by the law where vehicles would go; return whether they have asked."""
+        assert self._law is not None
+        rows = np.flatnonzero(self._status == IS_UNMOVED)
+        if len(rows):
+            states = np.concatenate([values[rows] for values in self._motion], axis=1)
+            acting = self._acting[rows].astype(np.float64)
+            moved = self._law(states, acting, self._currents[rows], rows)
+            for values, part in zip(self._free, np.split(moved, (3, 7), axis=1), strict=True):
+                values[rows] = part
+            self._status[rows] = IS_MOVED
+        return bool(len(rows))
 
     def close(self) -> None:
         """Let go of the engines."""

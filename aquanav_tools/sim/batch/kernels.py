@@ -9,7 +9,7 @@ from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import after_contact, axis_clearance, beside_wall, largest_move, mean_motion
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
-from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at, traced
+from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.observation import (
@@ -24,10 +24,11 @@ from aquanav_tools.sim.batch.observation import (
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.progress import begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
+from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
 from aquanav_tools.sim.batch.starts import DRAWN, UNLISTED
-from aquanav_tools.sim.batch.state import ASKED, NO_QUESTION, TOUCHED, BatchState, ContactExchange
+from aquanav_tools.sim.batch.state import ASKED, MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
 from aquanav_tools.sim.batch.water import current_at, drawn_fraction, drawn_phase, stir
 
 wp.set_module_options(OPTIONS)
@@ -43,16 +44,14 @@ class Settings:
     fan: Fan
     observation: wp.int32
     """Index in `observation.PRESETS`."""
-    has_exact_rays: wp.int32
-    """Whether rays go to the mesh; otherwise they are traced through the field."""
     has_engine: wp.int32
     """Whether an engine outside of the kernels says what the wall does."""
+    has_law: wp.int32
+    """Whether a law outside of the kernels says how vehicles move where there is no wall."""
     next_step: wp.int32
     """Whether an ended episode is followed by the next at the next step, not in the same one."""
-    action_delay: wp.int32
-    """Decisions."""
-    observation_delay: wp.int32
-    """Decisions."""
+    has_delayed_actions: wp.int32
+    """Whether any vehicle's are."""
 
 
 @wp.func
@@ -125,8 +124,30 @@ def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft)
 
 
 @wp.func
-def without_wall(i: int, moving: State, command: vec6, current: wp.vec3d, state: BatchState, craft: Craft, dt: f64):
+def given_motion(i: int, exchange: ContactExchange):
+    """Return where vehicle `i` would go were there no wall, as an exchange has it."""
+    free = State()
+    free.position = exchange.free_positions[i]
+    free.orientation = exchange.free_orientations[i]
+    free.velocity = exchange.free_velocities[i]
+    return free
+
+
+@wp.func
+def without_wall(
+    i: int,
+    moving: State,
+    command: vec6,
+    current: wp.vec3d,
+    state: BatchState,
+    craft: Craft,
+    dt: f64,
+    settings: Settings,
+    exchange: ContactExchange,
+):
     """Return the state of vehicle `i` one physics step later were there no wall."""
+    if settings.has_law == 1:
+        return given_motion(i, exchange)
     if craft.is_original == 1:
         return drag_along(moving, command, state.extra[i, 0], current, craft.dragged, dt)
     acting = command
@@ -173,10 +194,7 @@ def ask(i: int, step: int, moving: State, free: State, exchange: ContactExchange
 @wp.func
 def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cave: Cave):
     """Return where the engine's answer leads vehicle `i`."""
-    free = State()
-    free.position = exchange.free_positions[i]
-    free.orientation = exchange.free_orientations[i]
-    free.velocity = exchange.free_velocities[i]
+    free = given_motion(i, exchange)
     exchange.is_continued[i] = 1
     if exchange.status[i] != TOUCHED:
         return free
@@ -197,12 +215,15 @@ def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cav
 def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings, exchange: ContactExchange):
     """Hold the command of vehicle `i` for what is left of a decision; return whether it is over.
 
-    It is not where an engine is asked; then this is called again with its answer.
+    It is not where an engine or a law outside of the kernels is asked; then this is called again with the answer.
     """
     moving, touched, level, first = state_of(i, state), int(0), f64(state.levels[i]), int(0)
     hull, grid, dt = craft.hull, cave.grid, cave.rules.dt
-    zero, room = f64(0.0), f64(0.0)
-    if settings.has_engine == 1 and exchange.status[i] != NO_QUESTION:
+    zero, room, is_moved = f64(0.0), f64(0.0), int(0)
+    if settings.has_law == 1 and exchange.status[i] == MOVED:
+        touched, first, is_moved = state.touched[i] + int(0), exchange.steps[i] + int(0), int(1)
+        exchange.status[i] = NO_QUESTION
+    elif settings.has_engine == 1 and exchange.status[i] != NO_QUESTION:
         touched, first = state.touched[i] + int(exchange.status[i] == TOUCHED), exchange.steps[i] + 1
         moving = answered(i, moving, exchange, craft, cave)
         exchange.status[i] = NO_QUESTION
@@ -212,12 +233,18 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
     asked = wp.vec3d(f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2]))
     is_over = bool(True)
     for step in range(first, cave.rules.substeps):
+        if settings.has_law == 1 and is_moved == 0:
+            exchange.status[i] = UNMOVED
+            exchange.steps[i] = step
+            is_over = False
+            break
+        is_moved = int(0)
         command, after = actuated(asked, level, craft.controls)
         level = after
         if settings.observation == ORIGINAL and step == cave.rules.substeps - 1:
             state.previous_positions[i] = moving.position
             state.previous_orientations[i] = moving.orientation
-        free = without_wall(i, moving, command, current, state, craft, dt)
+        free = without_wall(i, moving, command, current, state, craft, dt, settings, exchange)
         way = largest_move(moving, free, hull)
         if room <= way:
             room = axis_clearance(grid, moving, hull) - hull.reach
@@ -298,16 +325,16 @@ def advance(
     else:
         for n in range(3):
             state.acting[i, n] = state.commands[i, n]
-        if settings.action_delay > 0:
-            exchange(state.acting, state.waiting_commands, i, state.decisions[i])
+        if settings.has_delayed_actions == 1:
+            exchange(state.acting, state.waiting_commands, i, state.decisions[i], state.action_delays[i])
     if hold(i, state, cave, craft, settings, contacts):
         conclude(i, state, cave, craft)
 
 
 @wp.func
-def sense_ray(i: int, ray: int, room: float, state: BatchState, cave: Cave, settings: Settings):
-    """Cast a ray or a sphere of vehicle `i` and write what is seen of it; `room` is the clearance, spacings."""
-    position, rotation = state.positions[i], rotation_of(state.orientations[i])
+def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, settings: Settings):
+    """Cast a ray or a sphere of vehicle `i` and write what is seen of it."""
+    position, rotation = origin.position, rotation_of(state.orientations[i])
     length = settings.fan.lengths[ray]
     distance, tag = length, int(NOTHING)
     if settings.observation == ORIGINAL:
@@ -316,17 +343,13 @@ def sense_ray(i: int, ray: int, room: float, state: BatchState, cave: Cave, sett
         if come < f64(length):
             distance = float(come)
             tag = tag_at(position + come * exact_way, radius + f64(0.5) * cave.grid.spacing, cave.ends)
-    elif settings.has_exact_rays == 1:
-        way = wp.mat33(rotation) * settings.fan.directions[ray]
-        hit = wp.mesh_query_ray(cave.ray_wall, wp.vec3(position - cave.middle), way, length)
-        if hit.result:
-            distance = hit.t
     else:
-        spacing = float(cave.grid.spacing)
-        way = wp.mat33(rotation) * settings.fan.directions[ray]
-        distance = spacing * traced(cave.grid, on_grid(cave.grid, position), way, length * (1.0 / spacing), room)
+        come_ray, _ = cast_ray(cave, origin, wp.mat33(rotation) * settings.fan.directions[ray], length)
+        distance = come_ray
     state.rays[i, ray] = distance
     noise, dropout = state.ray_noise[i], state.ray_dropout[i]
+    if distance < length:
+        distance = wp.clamp(state.ray_gain[i] * distance + state.ray_bias[i], 0.0, length)
     if noise > 0.0 or dropout > 0.0:
         seed, decision = state.seeds[i], state.decisions[i]
         distance = measured(distance, length, noise, dropout, seed, ray, decision)
@@ -355,12 +378,10 @@ def sense(
     if only_restarted == 1 and state.restarted[i] == 0:
         return
     cave = caves[state.cave_of[i]]
-    position, rotation = state.positions[i], rotation_of(state.orientations[i])
-    place = on_grid(cave.grid, position)
-    room = room_at(cave.grid, place)
+    origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
     num_rays = settings.fan.lengths.shape[0]
     for ray in range(part, num_rays, num_parts):
-        sense_ray(i, ray, room, state, cave, settings)
+        sense_ray(i, ray, origin, state, cave, settings)
     if part == 0:
         craft = crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:
@@ -371,7 +392,8 @@ def sense(
                 show_motion(i, num_rays + 3, state, craft, cave.rules.entrance_height, rotation)
         half = craft.hull.half_axis / cave.grid.spacing
         nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
-        nearest = wp.min(room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
+        place = origin.place
+        nearest = wp.min(origin.room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
         state.clearances[i] = float(cave.grid.spacing) * nearest - float(craft.hull.radius)
 
 
@@ -382,7 +404,7 @@ def deliver(first: int, only_restarted: int, state: BatchState):
     if state.restarted[i] == 1:
         fill_queue(state.observations, state.waiting_observations, i)
     elif only_restarted == 0:
-        exchange(state.observations, state.waiting_observations, i, state.decisions[i])
+        exchange(state.observations, state.waiting_observations, i, state.decisions[i], state.observation_delays[i])
 
 
 @wp.func

@@ -32,6 +32,7 @@ import warp as wp
 from aquanav_tools.sim import body_parameters
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.body_parameters import BodyParameters, ThrusterParameters
+from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
@@ -94,12 +95,16 @@ class Body:
     """(T,)."""
 
 
+BODY_DTYPE, THRUSTER_DTYPE = np.dtype(Body.numpy_dtype()), np.dtype(Thruster.numpy_dtype())
+"""NumPy's rows of both, with the names above; made once, as that takes a millisecond."""
+
+
 @dataclass(frozen=True, eq=False)
 class BodyRows:
     """N bodies as a structured array, ready to be part of an array of structures on the device."""
 
     rows: npt.NDArray[np.void]
-    """(N,) of `Body.numpy_dtype()`. The arrays in it point into the next two, which must live as long."""
+    """(N,) of BODY_DTYPE. The arrays in it point into the next two, which must live as long."""
     matrices: Any
     """(N, 2) on the device."""
     thrusters: Any
@@ -114,6 +119,18 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
         dt: Physics step, s.
         device: Warp's.
     """
+    rows, pairs, thrusters = body_values(parameters, dt)
+    matrices = wp.array(pairs, dtype=mat6, device=device)
+    on_device = wp.array(thrusters, dtype=Thruster, device=device)
+    rows["matrix"], rows["thrusters"] = views_of(matrices), views_of(on_device)
+    return BodyRows(rows, matrices, on_device)
+
+
+def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.void], Array, npt.NDArray[np.void]]:
+    """Return what `body_rows` puts on the device: (N,) rows, (N, 2, 6, 6) mass matrices and inverses, (N, T) thrusters.
+
+    The rows' own arrays are left empty.
+    """
     matrix = parameters.mass.reshape(-1, 6, 6)
     num, half = len(matrix), 0.5 * dt
     inverse, is_coupled = np.linalg.inv(matrix), parameters.is_coupled.reshape(-1)
@@ -121,7 +138,7 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
     mobility = np.where(is_coupled[:, None], np.diagonal(inverse, axis1=1, axis2=2), 1.0 / masses)
     rate = parameters.linear_damping * mobility
     decay = np.exp(-rate * half)
-    rows = np.zeros(num, dtype=Body.numpy_dtype())
+    rows = np.zeros(num, dtype=BODY_DTYPE)
     rows["weight"], rows["arm"] = parameters.net_weight, parameters.arm
     rows["mass"], rows["mobility"], rows["decay"] = masses, mobility, decay
     rows["span"] = np.where(rate > 1e-12, (1.0 - decay) / np.maximum(rate, 1e-12), half)
@@ -134,25 +151,22 @@ def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
         left = np.exp(-dt / np.where(lag > 0.0, lag, np.inf)) * (lag > 0.0)
         rows["left"], rows["mean_left"] = left, (1.0 - left) * lag / dt
         rows["num_thrusters"] = thrusters.shape[1]
-    matrices = wp.array(np.stack([matrix, inverse], axis=1), dtype=mat6, device=device)
-    on_device = wp.array(thrusters, dtype=Thruster, device=device)
-    rows["matrix"], rows["thrusters"] = _views(matrices), _views(on_device)
-    return BodyRows(rows, matrices, on_device)
+    return rows, np.stack([matrix, inverse], axis=1), thrusters
 
 
 def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArray[np.void]:
     """Return the (N, T) thrusters of N bodies, with T of at least 1."""
     if parameters is None:
-        return np.zeros((num, 1), dtype=Thruster.numpy_dtype())
-    rows = np.zeros((num, parameters.wrenches.shape[-2]), dtype=Thruster.numpy_dtype())
+        return np.zeros((num, 1), dtype=THRUSTER_DTYPE)
+    rows = np.zeros((num, parameters.wrenches.shape[-2]), dtype=THRUSTER_DTYPE)
     rows["wrench"], rows["allocation"] = parameters.wrenches, parameters.allocation
     rows["max_reverse"], rows["max_forward"] = parameters.max_reverse, parameters.max_forward
     return rows
 
 
-def _views(array: Any) -> npt.NDArray[np.void]:
+def views_of(array: Any) -> npt.NDArray[np.void]:
     """Return what a structure holds of each row of an (N, M) array on the device: its address and its shape."""
-    views = np.empty(len(array), dtype=np.dtype(Body.numpy_dtype())["matrix"])
+    views = np.empty(len(array), dtype=BODY_DTYPE["matrix"])
     views[:] = np.frombuffer(bytearray(array[0].__ctype__()), dtype=views.dtype)
     views["data"] += np.arange(len(array), dtype=np.uint64) * np.uint64(array.strides[0])
     return views

@@ -17,7 +17,7 @@ from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, make
 from aquanav_tools.sim.batch.contact import Hull, axis_clearance
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.motion import Body, BodyRows, State, body_rows, swim, thrust, vec6
-from aquanav_tools.sim.batch.original import DraggedBody, drag_along, make_dragged_body
+from aquanav_tools.sim.batch.original import DraggedBody, DraggedRows, drag_along, dragged_rows
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
 from aquanav_tools.sim.body_parameters import DraggedBodyParameters, MotionParameters
 from aquanav_tools.sim.vehicle_base import STATE_SIZE, Vehicle
@@ -34,28 +34,30 @@ class Motion:
 
     is_original: wp.int32
     bodies: wp.array(dtype=Body)
-    dragged: DraggedBody
+    dragged: wp.array(dtype=DraggedBody)
     dt: f64
     """Physics step, s."""
 
 
-def _make_motion(parameters: MotionParameters, dt: float, device: Any) -> tuple[Motion, BodyRows | None]:
+def _make_motion(parameters: MotionParameters, dt: float, device: Any) -> tuple[Motion, BodyRows | DraggedRows]:
     """Return a motion and what must live as long."""
-    motion, made = Motion(), None
+    motion = Motion()
     motion.dt, motion.is_original = dt, int(isinstance(parameters, DraggedBodyParameters))
     if isinstance(parameters, DraggedBodyParameters):
-        motion.dragged = make_dragged_body(parameters, dt, device)
-    else:
-        made = body_rows(parameters, dt, device)
-        motion.bodies = wp.array(made.rows, dtype=Body, device=device)
-    return motion, made
+        dragged = dragged_rows(parameters, dt, device)
+        motion.dragged = wp.array(dragged.rows, dtype=DraggedBody, device=device)
+        return motion, dragged
+    bodies = body_rows(parameters, dt, device)
+    motion.bodies = wp.array(bodies.rows, dtype=Body, device=device)
+    return motion, bodies
 
 
 @wp.func
 def moved_freely(i: int, state: State, wrench: vec6, current: wp.vec3d, extra: wp.array2d(dtype=f64), motion: Motion):
     """Return the state of row `i` one physics step later, and move what its model adds to it, in place."""
     if motion.is_original == 1:
-        return drag_along(state, wrench, extra[i, 0], current, motion.dragged, motion.dt)
+        dragged = motion.dragged[wp.min(i, motion.dragged.shape[0] - 1)]
+        return drag_along(state, wrench, extra[i, 0], current, dragged, motion.dt)
     body = motion.bodies[wp.min(i, motion.bodies.shape[0] - 1)]
     acting = wrench
     if body.num_thrusters > 0:
@@ -228,7 +230,7 @@ def advance(
         wrenches: What the actuators ask for, body frame, N and N m (of the original's body thrust, power and moment, as
             in `actuated`); of any shape that broadcasts to (N, steps, 6).
         currents: (3,) or (N, 3) velocity of the water, world frame, m/s.
-        parameters: Of one body for all rows, or of N bodies after Fossen.
+        parameters: Of one body for all rows, or of N bodies.
         dt: Physics step, s.
         steps: How many.
     """

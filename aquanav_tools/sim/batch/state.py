@@ -31,6 +31,14 @@ class BatchState:
     """(N,) standard deviation of an echo's distance, m."""
     ray_dropout: wp.array(dtype=wp.float32)
     """(N,) probability that a ray gets no echo."""
+    ray_gain: wp.array(dtype=wp.float32)
+    """(N,) factor of the distances that rays measure, where dynamics are drawn; so the next three."""
+    ray_bias: wp.array(dtype=wp.float32)
+    """(N,) what is added to them, m."""
+    action_delays: wp.array(dtype=wp.int32)
+    """(N,) decisions."""
+    observation_delays: wp.array(dtype=wp.int32)
+    """(N,) decisions."""
     current_ranges: wp.array(dtype=wp.vec2d)
     """(N,) between which an episode draws its fraction of the water's velocity."""
     commands: wp.array2d(dtype=wp.float32)
@@ -126,7 +134,8 @@ class ContactExchange:
     """What kernels and a contact engine outside of them tell each other; rows as in `BatchState`."""
 
     status: wp.array(dtype=wp.int32)
-    """(N,) NO_QUESTION; ASKED, by the kernel; or the answer, FREE or TOUCHED."""
+    """(N,) NO_QUESTION; ASKED, by the kernel, what the wall does, and the answer FREE or TOUCHED; UNMOVED, by the
+    kernel, where a law of motion outside of it is to say where the step would lead, and the answer MOVED."""
     steps: wp.array(dtype=wp.int32)
     """(N,) physics steps of this decision that are done."""
     is_continued: wp.array(dtype=wp.int32)
@@ -141,7 +150,7 @@ class ContactExchange:
     """(N, 13) position and quaternion to which the wall lets the step lead; velocity and rate of turn after it."""
 
 
-NO_QUESTION, ASKED, FREE, TOUCHED = (wp.constant(n) for n in range(4))
+NO_QUESTION, ASKED, FREE, TOUCHED, UNMOVED, MOVED = (wp.constant(n) for n in range(6))
 
 
 def make_exchange(num: int, device: Any) -> ContactExchange:

@@ -16,14 +16,15 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.caves import Cave, CaveTask, make_cave
-from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, make_craft
-from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
+from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
+from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
-from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.randomisation import Randomisation
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Pose
 
@@ -65,12 +66,16 @@ class WorldOptions:
     """Decisions between choosing an action and its effect."""
     observation_delay: int = 0
     """Decisions by which observations are late."""
+    randomisation: Randomisation | None = None
+    """From which each episode draws its vehicle's dynamics; None leaves them as the vehicle's file has them."""
     next_step: bool = True
     """Whether an ended episode's successor begins at the next step (its command is not used then), or in the same."""
     device: str = "cpu"
     """"cpu", "cuda" or "cuda:0"."""
     num_threads: int | None = None
     """On the processor; None takes as many as the process may use."""
+    law: MotionLaw | None = None
+    """How vehicles move where there is no wall; None leaves it to the kernels. On the processor only."""
 
 
 class BatchWorld:
@@ -104,16 +109,21 @@ class BatchWorld:
         self._next_step = options.next_step
         self._views: dict[str, Any] = {}
         self._make_caves(caves, options, engines[0].margin if engines else CONTACT_MARGIN)
+        ranges = options.randomisation
+        most = (0, 0) if ranges is None else ranges.most_delays()
+        self._delays = (max(options.action_delay, most[0]), max(options.observation_delay, most[1]))
         self._make_settings(options, bool(engines))
         self.arrays = make_state(num, self._widths(caves, options), device)
+        self._options = options
         self.arrays.cave_of.assign(np.asarray(cave_of, dtype=np.int32))
-        self.arrays.craft_of.assign(np.asarray(cave_of, dtype=np.int32))
+        self._make_bodies(caves, np.asarray(cave_of), ranges)
         self._num_starts = np.array([len(cave.scenario.starts) for cave in caves])[np.asarray(cave_of)]
         draws = [CaveStarts(cave.scenario, cave.vehicle, cave.draw_start) for cave in caves if cave.draw_start]
         self._unlisted = UnlistedStarts(draws or None, num, self.as_numpy("extra").shape[1], device)
-        self._contacts = make_exchange(num if engines else 0, device)
-        self._link = EngineLink(engines, self.arrays, self._contacts) if engines else None
-        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not engines else 1
+        is_linked = bool(engines) or options.law is not None
+        self._contacts = make_exchange(num if is_linked else 0, device)
+        self._link = EngineLink(engines, options.law, self.arrays, self._contacts) if is_linked else None
+        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         self._record()
         self._steps_in_order = 0
@@ -131,13 +141,47 @@ class BatchWorld:
         self._caves = wp.array(self._cave_parts, dtype=Cave, device=self.device)
         self._crafts = wp.array(self._craft_parts, dtype=Craft, device=self.device)
 
+    def _make_bodies(
+        self, caves: Sequence[CaveSetup], cave_of: npt.NDArray[np.integer], ranges: Randomisation | None
+    ) -> None:
+        """Give each vehicle its cave's body, or one of its own that is drawn for each episode."""
+        self._drawn_crafts: DrawnCrafts | None = None
+        self.arrays.craft_of.assign(cave_of.astype(np.int32))
+        self.arrays.ray_gain.fill_(1.0)
+        self.arrays.action_delays.fill_(self._options.action_delay)
+        self.arrays.observation_delays.fill_(self._options.observation_delay)
+        if ranges is not None:
+            pairs = [(cave.scenario, cave.vehicle) for cave in caves]
+            self._drawn_crafts = DrawnCrafts(pairs, cave_of, self._craft_parts, ranges, self.device)
+            self._crafts = self._drawn_crafts.array
+            self.arrays.craft_of.assign(np.arange(self.num, dtype=np.int32))
+
+    @property
+    def dynamics(self) -> dict[str, npt.NDArray[np.float64]]:
+        """(N,) what the episodes have drawn of their vehicles' dynamics, by name; nothing without a randomisation."""
+        drawn = self._drawn_crafts
+        return {} if drawn is None else {name: drawn.values[:, n] for n, name in enumerate(drawn.names)}
+
+    def _draw_bodies(self, is_asked: npt.NDArray[np.bool_], seeds: npt.NDArray[np.uint32]) -> None:
+        """Draw the bodies of the vehicles that are asked for, (N,), for the episodes with (N,) seeds."""
+        drawn = self._drawn_crafts
+        vehicles = np.flatnonzero(is_asked)
+        if drawn is None or len(vehicles) == 0:
+            return
+        drawn.draw(vehicles, seeds[vehicles])
+        state, options = self.arrays, self._options
+        state.ray_gain.assign(drawn.value_of("ray_gain", 1.0).astype(np.float32))
+        state.ray_bias.assign(drawn.value_of("ray_bias", 0.0).astype(np.float32))
+        state.action_delays.assign(drawn.value_of("action_delay", options.action_delay).astype(np.int32))
+        state.observation_delays.assign(drawn.value_of("observation_delay", options.observation_delay).astype(np.int32))
+
     def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
         self._settings = settings = kernels.Settings()
-        settings.fan = make_fan(original_pattern(), self.device)
+        settings.fan = make_fan(PRESET_FANS[options.observation].pattern, self.device)
         settings.observation = PRESETS.index(options.observation)
-        settings.has_exact_rays, settings.has_engine = int(options.rays == "mesh"), int(has_engine)
-        settings.next_step = int(options.next_step)
-        settings.action_delay, settings.observation_delay = options.action_delay, options.observation_delay
+        settings.has_engine = int(has_engine)
+        settings.next_step, settings.has_law = int(options.next_step), int(options.law is not None)
+        settings.has_delayed_actions = int(self._delays[0] > 0)
 
     def _widths(self, caves: Sequence[CaveSetup], options: WorldOptions) -> dict[str, int]:
         num_rays = self._settings.fan.lengths.shape[0]
@@ -146,8 +190,8 @@ class BatchWorld:
         return {
             "commands": 3,
             "acting": 3,
-            "waiting_commands": 3 * options.action_delay,
-            "waiting_observations": size * options.observation_delay,
+            "waiting_commands": 3 * self._delays[0],
+            "waiting_observations": size * self._delays[1],
             "extra": max(cave.starts.extra.shape[1] for cave in self._cave_parts),
             "eddies": max(cave.water.kept.shape[0] for cave in self._cave_parts),
             "touched_panels": max(chains, default=0),
@@ -184,6 +228,7 @@ class BatchWorld:
         self.arrays.episodes.zero_()
         self._unlisted.reset()
         self._unlisted.draw(self.arrays, first < 0, np.asarray(seeds).astype(np.uint32))
+        self._draw_bodies(np.ones(self.num, dtype=np.bool_), np.asarray(seeds).astype(np.uint32))
         self._run(self._beginning)
         if self._link is not None:
             self._link.forget_restarted()
@@ -197,18 +242,29 @@ class BatchWorld:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.retire(vehicles)
 
-    def step(self) -> None:
-        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision."""
+    @property
+    def caves(self) -> tuple[Cave, ...]:
+        """What is on the device of each cave."""
+        return tuple(self._cave_parts)
+
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
+
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
+        """
         if self._next_step:
-            self._draw_starts()
+            self._draw_successors()
         self._run(self._decision)
         if self._link is not None:
             self._link.forget_restarted()
             while self._link.answer():
                 self._run(self._resumption)
             self._run(self._outlook)
+        if judge is not None:
+            judge()
         if not self._next_step:
-            self._draw_starts()
+            self._draw_successors()
             self._run(self._succession)
         self._steps_in_order += 1
         if self._steps_in_order == SORT_EVERY:
@@ -218,11 +274,14 @@ class BatchWorld:
         """See from where the vehicles are now, without delay: for vehicles that were put somewhere."""
         self._run(self._looks)
 
-    def _draw_starts(self) -> None:
-        """Draw the starts of the episodes that follow those that have ended, where they are in no list."""
-        if self._unlisted.is_used:
-            has_ended = self.as_numpy("outcomes") > 0
-            self._unlisted.draw(self.arrays, has_ended, draw_many(self.as_numpy("seeds").view(np.uint32), NEXT))
+    def _draw_successors(self) -> None:
+        """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
+        if self._unlisted.is_used or self._drawn_crafts is not None:
+            has_ended, seeds = self.as_numpy("outcomes") > 0, self.as_numpy("seeds").view(np.uint32)
+            if has_ended.any():
+                seeds = draw_many(seeds, NEXT)
+                self._unlisted.draw(self.arrays, has_ended, seeds)
+                self._draw_bodies(has_ended, seeds)
 
     def _sort(self) -> None:
         """Put vehicles that are near each other one after the other: they read the same parts of the field."""
@@ -240,6 +299,10 @@ class BatchWorld:
             self._views[name] = getattr(self.arrays, name).numpy()
         return self._views[name]
 
+    def write(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Change an array of `BatchState`."""
+        getattr(self.arrays, name).assign(values)
+
     def as_torch(self, name: str) -> Any:
         """Return an array of `BatchState` as a torch tensor in the same memory, which changes with each step."""
         return wp.to_torch(getattr(self.arrays, name))
@@ -252,6 +315,7 @@ class BatchWorld:
         """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
         for name, values in state.items():
             getattr(self.arrays, name).assign(values)
+        self._draw_bodies(np.ones(self.num, dtype=np.bool_), self.as_numpy("seeds").view(np.uint32))
 
     def close(self) -> None:
         """End the threads, and let go of the contact engines. Closing twice does nothing."""
@@ -297,7 +361,7 @@ class BatchWorld:
                 for again in (0, 1)
             )
             self._looks.append(list(seen))
-            if settings.observation_delay > 0:
+            if self._delays[1] > 0:
                 seen.append(self._launch_of(kernels.deliver, num, [first, 0, state]))
                 seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
             score = self._launch_of(kernels.score, num, [first, state, caves, settings])

@@ -11,8 +11,9 @@ import pytest
 from aquanav_tools.sim.batch.motion import Body, body_rows, make_body
 from aquanav_tools.sim.batch.prediction import advance
 from aquanav_tools.sim.batch.runtime import find_device
-from aquanav_tools.sim.body_parameters import BodyParameters, ThrusterParameters
+from aquanav_tools.sim.body_parameters import BodyParameters, DraggedBodyParameters, ThrusterParameters
 from aquanav_tools.sim.thrusters import Thrusters
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array
 from tests.sim.bodies import DT, LINEAR, MASS, QUADRATIC, STILL, coupled_mass, random_states
 
@@ -86,6 +87,30 @@ def test_a_row_holds_what_a_single_body_holds(mass: Array, has_thrusters: bool, 
             np.testing.assert_array_equal(made.rows[name][n], np.array(getattr(single, name)))
         np.testing.assert_array_equal(made.matrices.numpy()[n], single.matrix.numpy())
         np.testing.assert_array_equal(made.thrusters.numpy()[n], single.thrusters.numpy())
+
+
+def test_each_of_the_originals_bodies_moves_as_alone_bit_for_bit(rng: np.random.Generator) -> None:
+    vehicle = load_vehicle("original-auv")
+    one = vehicle.motion_parameters(1000.0)
+    assert isinstance(one, DraggedBodyParameters)
+    parameters = replace(
+        one,
+        mass=one.mass * rng.uniform(0.9, 1.1, NUM),
+        inertia=one.inertia * rng.uniform(0.9, 1.1, (NUM, 1)),
+        angular_drag=one.angular_drag * rng.uniform(0.5, 1.0, NUM),
+        centre_of_mass=one.centre_of_mass + 0.02 * rng.normal(size=(NUM, 3)),
+        floaters=one.floaters + 0.02 * rng.normal(size=(NUM, *one.floaters.shape)),
+    )
+    dims = {"mass": 0, "inertia": 1, "linear_drag": 0, "angular_drag": 0, "max_turn_rate": 0, "centre_of_mass": 1}
+    dims |= {"stabiliser_rate": 0, "floaters": 2, "is_afloat": 0}
+    states = np.concatenate([random_states(rng, NUM), np.full((NUM, 1), 19.62)], axis=1)
+    wrenches = np.array([1000.0, 0.0, 250.0, 0.0, 0.0, 100.0]) * rng.uniform(0.5, 1.0, (NUM, 30, 6))
+    together = advance(states, wrenches, STILL, parameters, DT, 30)
+    for n in range(NUM):
+        alone = advance(states[n : n + 1], wrenches[n : n + 1], STILL, row_of(parameters, n, dims), DT, 30)
+        np.testing.assert_array_equal(together[n], alone[0])
+        other = advance(states[n : n + 1], wrenches[n : n + 1], STILL, one, DT, 30)
+        assert np.abs(alone[0, -1, :13] - other[0, -1, :13]).max() > 1e-3
 
 
 def test_one_impossible_body_among_many_is_refused(rng: np.random.Generator) -> None:
