@@ -60,8 +60,6 @@ class Extensions:
             InputError: a name means nothing, or not what is asked for.
         """
         self._reward = OwnCode("reward", options.reward, "terms") if is_own(options.reward) else None
-        if self._reward is None:
-            Registry("reward", REWARDS).find(options.reward)
         if not is_own(observation):
             Registry("observation preset", dict.fromkeys(PRESETS)).find(observation)
         self._observation = OwnCode("observation", observation) if is_own(observation) else None
