@@ -152,4 +152,6 @@ def test_workers_are_refused_beside_the_batch() -> None:
 def test_the_papers_curriculum_is_shipped_for_the_batch() -> None:
     pipeline, paper = read_pipeline("paper-batch", {}), read_pipeline("paper", {})
     assert pipeline.run == dataclasses.replace(paper.run, backend="batch")
-    assert [dataclasses.replace(lesson, num_envs=16) for lesson in pipeline.lessons] == list(paper.lessons)
+    as_paper = [dataclasses.replace(lesson, num_envs=16, n_steps=1280) for lesson in pipeline.lessons]
+    assert as_paper == list(paper.lessons)
+    assert [lesson.rollout_size for lesson in pipeline.lessons] == [lesson.rollout_size for lesson in paper.lessons]
