@@ -68,7 +68,7 @@ class TrainSettings(TaskOptions):
     """Passes over the rollout per update."""
     precision: Literal["float32", "bfloat16"] = "float32"
     """Of the matrix products in ppo's networks while learning; weights and the saved policy are float32. bfloat16
-    rounds to 2 or 3 digits; without instructions for it (AVX512_BF16, AMX), a processor takes up to ten times as long."""
+    rounds to 2 or 3 digits; processors without instructions for it (AVX512_BF16, AMX) take up to ten times as long."""
     discount: float = 0.99
     """Gamma."""
     gae_lambda: float = 0.95
