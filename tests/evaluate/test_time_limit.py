@@ -97,7 +97,7 @@ def test_an_evaluation_without_a_chance_says_so_and_blames_nobody(tmp_path: Path
     words = ("--episodes", 2, "--max-decisions", 50, "--record", "none", "--workers", 1)
     done = run_here(main, "baseline:random", "--scenario", folder, *words, "-o", output)
     assert done.returncode == 0
-    assert "In 2 of 2 episodes the time limit is shorter than the way takes" in done.stdout
+    assert "In 2 of 2 episodes the time limit is shorter than the path takes" in done.stdout
     assert "not known" in done.stdout and "--max-decisions" in done.stdout
     assert "infeasible-episodes" in (output / "report.html").read_text()
     table = json.loads((output / "results.json").read_text())
