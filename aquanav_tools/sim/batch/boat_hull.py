@@ -20,8 +20,8 @@ import warp as wp
 from aquanav_tools.sim.batch.boat_water import (
     Sea,
     add_turns,
+    add_turns_and_rise,
     orbital_velocity,
-    surface_rise,
     turn_by_shift,
     turn_waves,
     vec8,
@@ -47,9 +47,8 @@ class HullSurface:
     tick_axes: wp.array(dtype=wp.int32)
     tick_values: wp.array(dtype=f64)
     numbers: wp.array(dtype=wp.vec3i)
-    density: f64
-    normal_drag: f64
-    friction: f64
+    drag: wp.vec3d
+    """Density of the water, kg/m^3, and drag coefficients into the water and along it."""
 
 
 @wp.struct
@@ -62,6 +61,8 @@ class HullWork:
     """(N, 2, B) of a vertex's x and y."""
     turns: wp.array3d(dtype=vec8)
     """(N, 2, B) of a vertex."""
+    sums: wp.array2d(dtype=vec8)
+    """(N, 3) of the velocities of waves."""
     corners: wp.array2d(dtype=wp.vec4d)
     """(N, V) vertices relative to the centre of mass, world axes, m, and their depth below the surface, m."""
     waters: wp.array2d(dtype=wp.vec3d)
@@ -76,7 +77,7 @@ def make_hull_surface(skin: Skin, density: float, normal_drag: float, friction: 
     surface.tick_axes = wp.array(skin.ticks[:, 0].astype(np.int32), dtype=wp.int32, device=device)
     surface.tick_values = wp.array(skin.ticks[:, 1], dtype=wp.float64, device=device)
     surface.numbers = wp.array(skin.numbers.astype(np.int32), dtype=wp.vec3i, device=device)
-    surface.density, surface.normal_drag, surface.friction = density, normal_drag, friction
+    surface.drag = wp.vec3d(density, normal_drag, friction)
     return surface
 
 
@@ -86,6 +87,7 @@ def make_hull_work(num: int, surface: HullSurface, blocks: int, device: Any) -> 
     work.tick_turns = wp.zeros((num, surface.tick_values.shape[0], 2, blocks), dtype=vec8, device=device)
     work.column_turns = wp.zeros((num, 2, blocks), dtype=vec8, device=device)
     work.turns = wp.zeros((num, 2, blocks), dtype=vec8, device=device)
+    work.sums = wp.zeros((num, 3), dtype=vec8, device=device)
     work.corners = wp.zeros((num, num_vertices), dtype=wp.vec4d, device=device)
     work.waters = wp.zeros((num, num_vertices), dtype=wp.vec3d, device=device)
     return work
@@ -118,12 +120,12 @@ def wet_vertices(
         number = surface.numbers[v]
         if number[0] != before[0] or number[1] != before[1]:
             add_turns(ticks[number[0]], ticks[number[1]], column)
-        add_turns(column, ticks[number[2]], turns)
+        rise = add_turns_and_rise(table, column, ticks[number[2]], turns, work.sums[i])
         before = number
         place = rotation * surface.vertices[v]
-        below = surface_rise(table, turns) - position[2] - place[2]
+        below = rise - position[2] - place[2]
         work.corners[i, v] = wp.vec4d(place[0], place[1], place[2], below)
-        work.waters[i, v] = current + orbital_velocity(table, turns, below)
+        work.waters[i, v] = current + orbital_velocity(table, turns, below, work.sums[i])
 
 
 @wp.func
@@ -135,10 +137,11 @@ def crossing(wet: wp.vec4d, dry: wp.vec4d):
 
 
 @wp.func
-def panel_load(a: wp.vec4d, b: wp.vec4d, c: wp.vec4d, velocity: vec6, water: wp.vec3d, surface: HullSurface):
+def panel_load(a: wp.vec4d, b: wp.vec4d, c: wp.vec4d, velocity: vec6, water: wp.vec3d, drag: wp.vec3d):
     """Return force and moment on a triangle under water, corners relative to the centre of mass, N and N m.
 
-    All in world axes; `velocity` is the body's, `water` the water's mean at the corners of the whole triangle.
+    All in world axes; `velocity` is the body's, `water` the water's mean at the corners of the whole triangle, `drag`
+    that of `HullSurface`.
     """
     p, q, r = wp.vec3d(a[0], a[1], a[2]), wp.vec3d(b[0], b[1], b[2]), wp.vec3d(c[0], c[1], c[2])
     area = f64(0.5) * wp.cross(q - p, r - p)
@@ -147,32 +150,32 @@ def panel_load(a: wp.vec4d, b: wp.vec4d, c: wp.vec4d, velocity: vec6, water: wp.
         return vec6()
     # The pressure's middle: a corner weighs as much as its own depth and that of all corners together.
     middle = f64(0.25) / depth * ((a[3] + depth) * p + (b[3] + depth) * q + (c[3] + depth) * r)
-    push = -surface.density * G * depth * THIRD * area
+    push = -G * THIRD * drag[0] * depth * area
     load = six(push, wp.cross(middle, push))
-    middle, normal = THIRD * (p + q + r), area / size
+    middle, normal = THIRD * (p + q + r), f64(1.0) / size * area
     moving = linear(velocity) + wp.cross(angular(velocity), middle) - water
     into = wp.dot(moving, normal)
     moving -= into * normal
-    half = f64(0.5) * surface.density * size
-    drag = -half * surface.friction * wp.length(moving) * moving
+    half = f64(0.5) * drag[0] * size
+    resistance = -half * drag[2] * wp.length(moving) * moving
     if into > f64(0.0):
-        drag -= half * surface.normal_drag * into * into * normal
-    return load + six(drag, wp.cross(middle, drag))
+        resistance -= half * drag[1] * into * into * normal
+    return load + six(resistance, wp.cross(middle, resistance))
 
 
 @wp.func
 def face_load(
-    a: wp.vec4d, b: wp.vec4d, c: wp.vec4d, is_last_dry: bool, velocity: vec6, water: wp.vec3d, surface: HullSurface
+    a: wp.vec4d, b: wp.vec4d, c: wp.vec4d, is_last_dry: bool, velocity: vec6, water: wp.vec3d, drag: wp.vec3d
 ):
     """Return force and moment on what is under water of a triangle of which it is corner `a` alone, or all but it."""
     if a[3] > f64(0.0):
-        return panel_load(a, crossing(a, b), crossing(a, c), velocity, water, surface)
+        return panel_load(a, crossing(a, b), crossing(a, c), velocity, water, drag)
     first, last = crossing(b, a), crossing(c, a)
     if is_last_dry:
-        load = panel_load(b, c, last, velocity, water, surface)
-        return load + panel_load(b, last, first, velocity, water, surface)
-    load = panel_load(first, b, c, velocity, water, surface)
-    return load + panel_load(first, c, last, velocity, water, surface)
+        load = panel_load(b, c, last, velocity, water, drag)
+        return load + panel_load(b, last, first, velocity, water, drag)
+    load = panel_load(first, b, c, velocity, water, drag)
+    return load + panel_load(first, c, last, velocity, water, drag)
 
 
 @wp.func
@@ -203,12 +206,12 @@ def water_wrench(
         if count > 0:
             water = THIRD * (work.waters[i, face[0]] + work.waters[i, face[1]] + work.waters[i, face[2]])
             if count == 3:
-                load += panel_load(a, b, c, moving, water, surface)
+                load += panel_load(a, b, c, moving, water, surface.drag)
             elif (a[3] > dry) == is_single:
-                load += face_load(a, b, c, False, moving, water, surface)
+                load += face_load(a, b, c, False, moving, water, surface.drag)
             elif (b[3] > dry) == is_single:
-                load += face_load(b, c, a, False, moving, water, surface)
+                load += face_load(b, c, a, False, moving, water, surface.drag)
             else:
-                load += face_load(c, a, b, True, moving, water, surface)
+                load += face_load(c, a, b, True, moving, water, surface.drag)
     back = wp.transpose(rotation)
     return six(back * linear(load), back * angular(load))

@@ -173,6 +173,22 @@ def add_turns(one: wp.array2d(dtype=vec8), other: wp.array2d(dtype=vec8), turns:
 
 
 @wp.func
+def add_turns_and_rise(
+    table: wp.array2d(dtype=vec8), one: wp.array2d(dtype=vec8), other: wp.array2d(dtype=vec8),
+    turns: wp.array2d(dtype=vec8), sums: wp.array(dtype=vec8)
+):  # fmt: skip
+    """Do what `add_turns` does, and return `surface_rise` there."""
+    sums[0] = vec8()
+    for b in range(turns.shape[1]):
+        cosine, sine, more_cosine, more_sine = one[0, b], one[1, b], other[0, b], other[1, b]
+        found = wp.cw_mul(cosine, more_cosine) - wp.cw_mul(sine, more_sine)
+        turns[0, b] = found
+        turns[1, b] = wp.cw_mul(sine, more_cosine) + wp.cw_mul(cosine, more_sine)
+        sums[0] = sums[0] + wp.cw_mul(table[AMPLITUDE, b], found)
+    return total(sums[0])
+
+
+@wp.func
 def surface_rise(table: wp.array2d(dtype=vec8), turns: wp.array2d(dtype=vec8)):
     """Return how far the surface stands above still water where `turn_waves` has been, m."""
     rise = vec8()
@@ -182,31 +198,41 @@ def surface_rise(table: wp.array2d(dtype=vec8), turns: wp.array2d(dtype=vec8)):
 
 
 @wp.func
-def orbital_velocity(table: wp.array2d(dtype=vec8), turns: wp.array2d(dtype=vec8), below: f64):
-    """Return the water's velocity so far below the surface where `turn_waves` has been, m/s; in the air, that at it."""
-    east, north, up = vec8(), vec8(), vec8()
+def add_orbit(table: wp.array2d(dtype=vec8), b: int, level: vec8, upright: vec8, sums: wp.array(dtype=vec8)):
+    """Add velocities of so many times those at the surface to three sums, which a loop in registers would not keep."""
+    sums[0] = sums[0] + wp.cw_mul(level, table[EAST, b])
+    sums[1] = sums[1] + wp.cw_mul(level, table[NORTH, b])
+    sums[2] = sums[2] + wp.cw_mul(upright, table[UP, b])
+
+
+@wp.func
+def orbital_velocity(
+    table: wp.array2d(dtype=vec8), turns: wp.array2d(dtype=vec8), below: f64, sums: wp.array(dtype=vec8)
+):
+    """Return the water's velocity so far below the surface where `turn_waves` has been, m/s; in the air, that at it.
+
+    `sums` is room for three vectors.
+    """
     one = lanes(f64(1.0))
+    for n in range(3):
+        sums[n] = vec8()
     if below <= f64(0.0):
         for b in range(turns.shape[1]):
-            level = wp.cw_mul(one + table[BED, b], turns[0, b])
-            east += wp.cw_mul(level, table[EAST, b])
-            north += wp.cw_mul(level, table[NORTH, b])
-            up += wp.cw_mul(wp.cw_mul(one - table[BED, b], turns[1, b]), table[UP, b])
+            echo = table[BED, b]
+            add_orbit(table, b, wp.cw_mul(one + echo, turns[0, b]), wp.cw_mul(one - echo, turns[1, b]), sums)
     else:
         for b in range(turns.shape[1]):
             down = exponential_decay(table[K, b] * below)
             echo = wp.min(wp.cw_div(table[BED, b], wp.cw_mul(down, down)), one)
-            level = wp.cw_mul(wp.cw_mul(down, one + echo), turns[0, b])
-            east += wp.cw_mul(level, table[EAST, b])
-            north += wp.cw_mul(level, table[NORTH, b])
-            up += wp.cw_mul(wp.cw_mul(wp.cw_mul(down, one - echo), turns[1, b]), table[UP, b])
-    return wp.vec3d(total(east), total(north), total(up))
+            level, upright = wp.cw_mul(down, one + echo), wp.cw_mul(down, one - echo)
+            add_orbit(table, b, wp.cw_mul(level, turns[0, b]), wp.cw_mul(upright, turns[1, b]), sums)
+    return wp.vec3d(total(sums[0]), total(sums[1]), total(sums[2]))
 
 
 @wp.kernel
 def probe_sea(
-    sea: Sea, places: wp.array(dtype=wp.vec3d), turns: wp.array2d(dtype=vec8), rises: wp.array(dtype=f64),
-    velocities: wp.array(dtype=wp.vec3d),
+    sea: Sea, places: wp.array(dtype=wp.vec3d), turns: wp.array2d(dtype=vec8), sums: wp.array(dtype=vec8),
+    rises: wp.array(dtype=f64), velocities: wp.array(dtype=wp.vec3d),
 ):  # fmt: skip
     """Write the surface's rise and the waves' velocity at places, one after the other."""
     table, phases = sea.table[0], sea.phases[0]
@@ -215,7 +241,7 @@ def probe_sea(
         turn_waves(table, phases, f64(0.0), place[0], place[1], turns)
         rise = surface_rise(table, turns)
         rises[n] = rise
-        velocities[n] = orbital_velocity(table, turns, rise - place[2])
+        velocities[n] = orbital_velocity(table, turns, rise - place[2], sums)
 
 
 def probe(waves: Array, phases: Array, places: Array) -> tuple[Array, Array]:
@@ -234,6 +260,6 @@ def probe(waves: Array, phases: Array, places: Array) -> tuple[Array, Array]:
     rises = wp.zeros(count, dtype=wp.float64, device=device)
     velocities = wp.zeros(count, dtype=wp.vec3d, device=device)
     at = wp.array(np.ascontiguousarray(places, dtype=np.float64), dtype=wp.vec3d, device=device)
-    turns = wp.zeros((2, blocks), dtype=vec8, device=device)
-    wp.launch(probe_sea, dim=1, inputs=[sea, at, turns, rises, velocities], device=device)
+    turns, sums = (wp.zeros(shape, dtype=vec8, device=device) for shape in ((2, blocks), 3))
+    wp.launch(probe_sea, dim=1, inputs=[sea, at, turns, sums, rises, velocities], device=device)
     return rises.numpy(), velocities.numpy()
