@@ -21,6 +21,15 @@ class InputError(AquanavError):
     exit_code = 2
 
 
+class OwnCodeError(InputError):
+    """A reward, sensor, rule or the like of the user's own raised an error, or returned what is none."""
+
+    def __init__(self, message: str, reasons: dict[int, str] | None = None) -> None:
+        super().__init__(message)
+        self.reasons = reasons or {}
+        """Why, for each vehicle that it concerns."""
+
+
 class ReconstructionError(AquanavError):
     """Photos could not be turned into cameras and points."""
 

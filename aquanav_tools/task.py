@@ -15,6 +15,8 @@ ORIGINAL_DECISIONS = 2400
 """Episode limit of the original benchmark, in decisions of 0.1 s."""
 MAX_DECISIONS = 1_000_000
 """Longest episode, in decisions."""
+OWN_FIELDS = ("reward", "sensors", "termination", "disturbance", "motion")
+"""Options that may name code of the user's own."""
 MAX_DELAY = 100
 """Decisions; ten seconds at the original's ten per second."""
 
@@ -23,10 +25,10 @@ MAX_DELAY = 100
 class TaskOptions:
     """The rules of the task. Each field is an option of aquanav-train, aquanav-eval and the environment."""
 
-    reward: Literal["dense", "safe", "careful", "sparse"] = "careful"
+    reward: str = "careful"
     """What is paid for: progress (dense); progress away from walls (safe); progress with a price on contacts that
-    counts (careful); the outcome alone (sparse). dense is the original benchmark's. No rate of success depends on it,
-    but that sparse ends an episode at its first contact."""
+    counts (careful); the outcome alone (sparse); or a reward of your own, module:Name (docs/extending.md). dense is the
+    original benchmark's. No rate of success depends on it, but that sparse ends an episode at its first contact."""
     progress: ProgressMeasure = "panels"
     """How the reward measures the way to go: along the guide's panels, by the shortest way through the water, or by the
     original's chain of panel centres."""
@@ -43,11 +45,23 @@ class TaskOptions:
     """Decisions between choosing an action and its effect."""
     observation_delay: int = 0
     """Decisions by which observations are late."""
+    randomisation: str | None = None
+    """Ranges from which each episode draws its vehicle's mass, damping, thrust and more: "mild" (what a data sheet
+    leaves open), "wide" (a vehicle that is hardly known), or a TOML file of your own. The vehicle's file without."""
     current: Literal["still", "half", "full", "flood"] | float | tuple[float, float, float] | None = None
     """Current of the water: a preset; the mean speed through the cave's narrowest section, m/s; or one velocity X Y Z
     everywhere, m/s. The scenario's own when not given."""
     current_range: tuple[float, float] = (1.0, 1.0)
     """The water flows with a share of its speed drawn evenly from this range for each episode."""
+
+    sensors: tuple[str, ...] = ()
+    """Sensors of your own, each as module:Name; what they measure follows the values of the observation."""
+    termination: str | None = None
+    """A rule of your own that ends episodes, as module:Name, beside the task's."""
+    disturbance: str | None = None
+    """What of your own disturbs actions and observations, as module:Name."""
+    motion: str | None = None
+    """How vehicles move in free water, by a law of your own, as module:Name; contacts stay what they are."""
 
     def __post_init__(self) -> None:
         noise, dropout = self.sensor_noise, self.sensor_dropout
@@ -77,6 +91,12 @@ def task_options(choices: dict[str, Any]) -> TaskOptions:
 def choices_of(options: TaskOptions) -> dict[str, Any]:
     """Return the names and values of the task's options, also from a dataclass that adds others."""
     return {field.name: getattr(options, field.name) for field in fields(TaskOptions)}
+
+
+def named_code(choices: dict[str, Any]) -> list[str]:
+    """Return all that a task's options name of what may be code, of a mapping of names to values."""
+    values = [choices.get(name) for name in OWN_FIELDS]
+    return [str(one) for value in values for one in (value if isinstance(value, tuple | list) else [value]) if one]
 
 
 def _check(is_right: bool, message: str) -> None:

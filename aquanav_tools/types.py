@@ -9,7 +9,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -176,13 +176,28 @@ def yaw_quaternion(yaw: float) -> Array:
     return np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)])
 
 
-def rotation_matrix(quaternion: Array) -> Array:
-    """Return the (3, 3) matrix `world_from_body` of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-        ]
+def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[tuple[Any, Any, Any], ...]:
+    """Return the three rows of the matrix `world_from_body` of a quaternion of any length but 0.
+
+    Its four components are numbers, or arrays of one shape, which each entry then has; numba compiles it as it is.
+    """
+    s = 2.0 / (w * w + x * x + y * y + z * z)
+    return (
+        (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)),
+        (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)),
+        (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)),
     )
+
+
+def rotation_matrix(quaternions: Array) -> Array:
+    """Return the matrix `world_from_body` of each quaternion (w, x, y, z), of any length but 0.
+
+    Args:
+        quaternions: (4,) or (N, 4).
+
+    Returns:
+        (3, 3) or (N, 3, 3).
+    """
+    if quaternions.ndim == 1:
+        return np.array(rotation_rows(*quaternions.tolist()))
+    return np.array(rotation_rows(*quaternions.T)).transpose(2, 0, 1)

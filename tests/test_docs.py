@@ -5,6 +5,8 @@ from __future__ import annotations
 import functools
 import importlib
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,9 @@ from tests.conftest import REPOSITORY
 from tests.project import commands
 
 PAGES = sorted(
-    path.relative_to(REPOSITORY).as_posix() for path in [*REPOSITORY.glob("*.md"), *REPOSITORY.glob("docs/*.md")]
+    path.relative_to(REPOSITORY).as_posix()
+    for folder in (".", "docs", "examples")
+    for path in REPOSITORY.glob(f"{folder}/*.md")
 )
 MAX_README_LINES = 110
 """The README is for the first five minutes; everything else has a page by task."""
@@ -41,10 +45,27 @@ def snippets() -> list[tuple[str, str]]:
     return [(page, code) for page in PAGES for code in re.findall(r"^```python\n(.*?)^```", text(page), re.M | re.S)]
 
 
-@pytest.mark.parametrize(("page", "code"), snippets())
-def test_every_python_snippet_runs(page: str, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def modules(page: str) -> dict[str, str]:
+    """Return the Python blocks of a page that begin with the name of a file, by that name."""
+    found = [re.match(r"# (\w+\.py)\n", code) for name, code in snippets() if name == page]
+    return {match[1]: match.string for match in found if match}
+
+
+@pytest.fixture
+def working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty one with a cave, from which modules are imported and forgotten again."""
     write_scenario(tube_scenario(), tmp_path / "caves" / "mine")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
+    yield tmp_path
+    for path in tmp_path.glob("*.py"):
+        sys.modules.pop(path.stem, None)
+
+
+@pytest.mark.parametrize(("page", "code"), snippets())
+def test_every_python_snippet_runs(page: str, code: str, working_directory: Path) -> None:
+    for name, text in modules(page).items():
+        (working_directory / name).write_text(text)
     exec(compile(code, page, "exec"), {"__name__": "__main__"})
 
 

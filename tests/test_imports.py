@@ -26,8 +26,9 @@ ROOMS_BELOW = {
     "envs": {"cave", "photograph", "scenario", "sea", "sim", "report"},
     "policy": set(),
     "report": {"cave", "scenario", "sea"},
-    "train": {"cave", "scenario", "sim", "envs", "policy", "report"},
-    "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report"},
+    "workers": set(),
+    "train": {"cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
+    "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report"},
     "api": {"envs", "evaluate", "train", "build"},
     "cli": {
@@ -43,6 +44,7 @@ ROOMS_BELOW = {
         "report",
         "train",
         "evaluate",
+        "workers",
         "build",
     },
 }
@@ -54,7 +56,7 @@ IMPORTERS = {
     "open3d": {"libraries.py"},
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},
-    "ray": {"evaluate/cluster.py"},
+    "ray": {"workers/ray_cluster.py"},
     "rerun": {"report/recording/"},
     "tensorboardX": {"train/events.py"},
     "tyro": {"cli/"},

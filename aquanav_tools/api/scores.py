@@ -58,6 +58,7 @@ def evaluate(
     loaded = None if isinstance(policy, str | Path) else load_policy(policy, trust=trust)
     if loaded is not None:
         options = _in_this_process(options)
+        loaded = replace(loaded, observation=options.get("observation") or loaded.observation)
     table = {
         **options,
         "policies": (str(policy) if loaded is None else loaded.name,),
@@ -67,7 +68,7 @@ def evaluate(
     }
     chosen = from_table(EvaluateOptions, table, "evaluate")
     if protocol is not None:
-        rules = {name: value for name, value in read_protocol(str(protocol)).items() if name not in options}
+        rules = {name: value for name, value in read_protocol(str(protocol), trust).items() if name not in options}
         chosen = replace(chosen, **rules, protocol=str(protocol))
     with bar("", "episode", shown=progress) as show:
         return evaluation.evaluate(chosen, show, load=None if loaded is None else lambda _: loaded)

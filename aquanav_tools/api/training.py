@@ -43,6 +43,7 @@ def train(
         ScenarioError: a scenario cannot be read.
         TrainingError: learning diverged.
         ResourceError: the disk is full, or a worker was killed.
+        WorkerError: an environment in a worker raised an error, or took too long.
     """
     check_settings(settings, "train")
     loaded = scenario if isinstance(scenario, Place) else None

@@ -34,7 +34,7 @@ STRESS = (
     "Search for the starts, currents and sensor noise that break a policy, beside as many cases drawn at random, and "
     "save the worst as a protocol for aquanav-eval."
 )
-CORRECT = "Correct the policy and run again."
+CORRECT = "Correct it and run again."
 REPLAY = "Fly an episode of an evaluation again, check that it repeats to the bit, and record it."
 
 
@@ -105,7 +105,9 @@ def _defaults(arguments: Sequence[str]) -> EvaluateCommand | None:
         return None
     from aquanav_tools.evaluate.protocol import read_protocol
 
-    return EvaluateCommand(policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name)))
+    return EvaluateCommand(
+        policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name), "--trust" in arguments)
+    )
 
 
 def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation:

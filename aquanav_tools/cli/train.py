@@ -13,7 +13,8 @@ import tyro
 
 from aquanav_tools.cli.command import run_command
 from aquanav_tools.errors import InputError
-from aquanav_tools.train.settings import RENAMED, RunSettings, TrainSettings
+from aquanav_tools.train.renamed import BUFFER, RENAMED, n_steps_text
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 
 if TYPE_CHECKING:
     from aquanav_tools.train.pipeline import Pipeline
@@ -37,8 +38,9 @@ with their observation scaling inside, policy.onnx and policy.pt (of the best, e
 versions, content hashes), curve.csv, validation.csv, report.html, curve.rrd for rerun, and tensorboard/ (to see it,
 install the extra: pip install 'aquanav[tensorboard]').
 
-PPO learns from whole buffers. Unless --buffer names one, it is chosen so that a short run has at least 30 updates and
-ends at the steps asked for, or just after them. The command says what it will learn from.
+PPO learns from whole rollouts: --n-steps decisions of each of the --num-envs environments. Unless --n-steps is given,
+it is chosen so that a short run has at least 30 updates and ends at the steps asked for, or just after them. The
+command says what it will learn from.
 
 A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy. With
 more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length."""
@@ -79,15 +81,33 @@ def _refuse_old_names(arguments: Sequence[str]) -> None:
     """Refuse a setting by a name that it no longer has; there are no other defaults to read from the arguments."""
     for old, new in RENAMED.items():
         flag, now = (f"--{name.replace('_', '-')}" for name in (old, new))
-        if any(argument == flag or argument.startswith(f"{flag}=") for argument in arguments):
+        if _value_of(flag, arguments) is not None:
             raise InputError(f"{flag} is called {now} now. Use that.")
+    buffer = _value_of(f"--{BUFFER}", arguments)
+    if buffer is not None:
+        num_envs = _value_of("--num-envs", arguments) or "num_envs"
+        n_steps = n_steps_text(*(int(text) if text.isdecimal() else text for text in (buffer, num_envs)))
+        raise InputError(
+            "--buffer counted decisions over all environments. --n-steps counts those of each, as in "
+            f"Stable-Baselines3. Use --n-steps {n_steps}."
+        )
+
+
+def _value_of(flag: str, arguments: Sequence[str]) -> str | None:
+    """Return what follows a flag, "" where nothing does; None where the flag is not given."""
+    for number, argument in enumerate(arguments):
+        if argument.startswith(f"{flag}="):
+            return argument.removeprefix(f"{flag}=")
+        if argument == flag:
+            return "".join(arguments[number + 1 : number + 2])
+    return None
 
 
 def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
     from aquanav_tools.train.pipeline import read_pipeline
 
-    said = {**_given(options.run, arguments), **_given(options.settings, arguments)}
-    pipeline = read_pipeline(options.pipeline, said)
+    overrides = {**_given(options.run, arguments), **_given(options.settings, arguments)}
+    pipeline = read_pipeline(options.pipeline, overrides)
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)
@@ -110,7 +130,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
         lines.append(
             f"The last policy reached the goal in {final.success_rate:.0%} of {final.episodes} whole episodes in "
             f"{_named(lesson.all_scenarios)} (PyBullet, without chance in its actions), in "
-            f"{final.clean_success_rate:.0%} without a collision; {final.mean_collisions:.1f} collisions per episode."
+            f"{final.collision_free_success:.0%} without a collision; {final.mean_collisions:.1f} collisions per "
+            "episode."
         )
     policy = folder / "policy.zip"
     if best is None:
@@ -118,8 +139,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
     else:
         policy = folder / "best.zip"
         lines.append(
-            f"Best in validation: after {best.steps:,} decisions, {best.clean_success_rate:.0%} collision-free success "
-            f"({policy})."
+            f"Best in validation: after {best.steps:,} decisions, {best.collision_free_success:.0%} collision-free "
+            f"success ({policy})."
         )
     vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
     score = f"aquanav-eval {policy} --scenario {lesson.scenario}{vehicle}"

@@ -10,12 +10,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
-from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
-BATCHED_OBSERVATIONS = ("paper", "full")
 DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
 """What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
 
@@ -39,6 +37,10 @@ class Batch(Protocol):
     """(R,) m."""
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name; nothing without a randomisation."""
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) from which progress is counted: progress is this less what remains, m."""
 
@@ -46,12 +48,19 @@ class Batch(Protocol):
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
 
-    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+    def reset(
+        self,
+        seeds: Sequence[int],
+        starts: Sequence[int | None] | None = None,
+        conditions: dict[str, Any] | None = None,
+    ) -> None:
         """Begin all episodes.
 
         Args:
             seeds: (N,) of the first episodes: each is what it is alone, whatever else is in the batch.
-            starts: The first episode's; None draws them.
+            starts: (N,) the first episode's, from the scenario's list; None draws them.
+            conditions: Options of the task, of those in `starting.CONDITIONS`, until the next reset: one value for all
+                vehicles, or (N,) of them; (N, 2) of a range. The task's own where they are not named.
         """
 
     def stagger(self, seed: int) -> None:
@@ -83,6 +92,24 @@ class Batch(Protocol):
 
     def close(self) -> None:
         """End the threads. Closing twice does nothing."""
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+
+
+def copied(values: Any) -> Any:
+    """Return a copy of an array, or of a dictionary of them."""
+    return {name: part.copy() for name, part in values.items()} if isinstance(values, dict) else np.array(values)
+
+
+def row_of(values: Any, row: int) -> Any:
+    """Return a copy of a row of an array, or of each array of a dictionary."""
+    return {name: part[row].copy() for name, part in values.items()} if isinstance(values, dict) else values[row].copy()
 
 
 class BatchActions:
@@ -122,10 +149,16 @@ class BatchActions:
         return levels
 
 
-def check_batched(observation: str) -> None:
-    """Refuse an observation preset that only an environment with one vehicle has: "original".
+def raise_failures(batch: Batch) -> None:
+    """Raise an error that tells why code of the user's own failed in the last reset or step; nothing where none did.
 
     Raises:
-        InputError: the preset is not batched; the message names it.
+        OwnCodeError: it failed, and for which vehicles.
     """
-    check_choice("batched observation preset", observation, BATCHED_OBSERVATIONS)
+    failures = batch.failures
+    if not failures:
+        return
+    rows, seeds = sorted(failures), batch.view_of("seeds")
+    named = ", ".join(f"{row} (seed {int(seeds[row]) % (1 << 32)})" for row in rows[:3])
+    more = f" and {len(rows) - 3} more" if len(rows) > 3 else ""
+    raise OwnCodeError(f"{failures[rows[0]]} This was vehicle {named}{more}, of {batch.num}.", dict(failures))

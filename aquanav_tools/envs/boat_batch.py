@@ -11,9 +11,11 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.batch import BatchActions, Floats
+from aquanav_tools.envs.reward import TERMS
+from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.envs.surface_task import Bay, SurfaceTask, split_options
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
-from aquanav_tools.task import TaskOptions, task_options
+from aquanav_tools.task import task_options
 from aquanav_tools.types import Array
 
 
@@ -66,7 +68,22 @@ class BoatBatch:
             name: np.zeros(num, dtype=np.int64) for name in ("seeds", "episodes", "asked", "start_indices")
         }
         self._arrays["ways"] = np.zeros(num)
-        self._arrays["conditions"] = np.zeros((num, 4))
+        self._arrays |= {name: np.zeros((num, 2) if name == "current_range" else num) for name in CONDITIONS}
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return TERMS
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """None: boats have no code of the user's own."""
+        return {}
 
     @property
     def route_lengths(self) -> Array:
@@ -84,21 +101,14 @@ class BoatBatch:
         self,
         seeds: Sequence[int],
         starts: Sequence[int | None] | None = None,
-        tasks: Sequence[TaskOptions] | None = None,
+        conditions: dict[str, Any] | None = None,
     ) -> None:
-        """Begin all episodes, each from a seed of its own.
-
-        Args:
-            seeds: (N,) of the first episodes.
-            starts: The first episodes'; None draws them.
-            tasks: (N,) whose sensor_noise, sensor_dropout and current_range the first episodes have; None has the
-                task's own.
-        """
+        """Begin all episodes, each from a seed of its own: see `Batch`."""
         arrays = self._arrays
         arrays["seeds"][:], arrays["episodes"][:] = seeds, 0
         arrays["asked"][:] = [-1 if start is None else start for start in starts or [None] * self.num]
-        for i, task in enumerate(tasks or [self._task.options] * self.num):
-            arrays["conditions"][i] = task.sensor_noise, task.sensor_dropout, *task.current_range
+        for name in CONDITIONS:
+            arrays[name][:] = (conditions or {}).get(name, getattr(self._task.options, name))
         self.world.reset()
 
     def stagger(self, seed: int) -> None:
@@ -136,7 +146,7 @@ class BoatBatch:
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        for name in ("seeds", "episodes", "asked", "conditions"):
+        for name in ("seeds", "episodes", "asked", *CONDITIONS):
             self._arrays[name][:] = state[name]
         self._arrays["episodes"] -= 1  # they have begun
         self.world.reset()
@@ -148,13 +158,14 @@ class BoatBatch:
 
     def _draw(self, i: int) -> BoatEpisode:
         """Return the next episode of a boat."""
-        arrays, task, start = self._arrays, self._task.options, None
+        arrays = self._arrays
         episode, seed = int(arrays["episodes"][i]), int(arrays["seeds"][i])
         rng = np.random.default_rng([seed, episode] if episode else seed)
-        if episode == 0:
-            noise, dropout, low, high = arrays["conditions"][i].tolist()
-            task = replace(task, sensor_noise=noise, sensor_dropout=dropout, current_range=(low, high))
-            start = int(arrays["asked"][i]) if arrays["asked"][i] >= 0 else None
+        noise, dropout = float(arrays["sensor_noise"][i]), float(arrays["sensor_dropout"][i])
+        low, high = arrays["current_range"][i].tolist()
+        task = replace(self._task.options, sensor_noise=noise, sensor_dropout=dropout, current_range=(low, high))
+        asked = int(arrays["asked"][i]) if episode == 0 else -1
+        start = asked if asked >= 0 else None
         drawn = self._task.draw(rng, task, start)
         arrays["episodes"][i] += 1
         arrays["start_indices"][i] = drawn.start_index

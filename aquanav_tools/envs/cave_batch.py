@@ -1,8 +1,10 @@
-"""The benchmark's task for a batch of vehicles in a cave."""
+"""The benchmark's task for N vehicles in caves: what `CaveEnv` is for one and the vector environment for many."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,123 +13,189 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats, check_batched
-from aquanav_tools.envs.cave_env import _episode_rules, _water_of
+from aquanav_tools.envs.batch import BatchActions, Floats, copied
+from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.episode import EpisodeRules
-from aquanav_tools.envs.observation import DISTANCE_SCALE, RATE_SCALE, SPEED_SCALE, ObservationModel
-from aquanav_tools.envs.reward import TERMS, RewardWeights, cave_weights
-from aquanav_tools.envs.starting import Starts
+from aquanav_tools.envs.dict_observation import DictObservation, Parts
+from aquanav_tools.envs.episode import COLLISION_RULES
+from aquanav_tools.envs.extensions import Extensions
+from aquanav_tools.envs.observation import observation_space
+from aquanav_tools.envs.reward import TERMS, cave_weights
+from aquanav_tools.envs.starting import CONDITIONS, Starts, check_start
 from aquanav_tools.envs.vehicles import prepared
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.water import Water
 from aquanav_tools.task import MEASURES, TaskOptions, task_options
 from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
-    from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
+    from aquanav_tools.sim.batch.world import CaveSetup
 
 RAY_SOURCES = ("field", "mesh")
+CONTACTS = ("own", "bullet")
+NUM_SEEDS = 1 << 32
+CaveSpec = str | Path | Scenario
 
 
 class CaveBatch:
-    """N vehicles at the task of `CaveEnv`, with the same options and definitions.
-
-    Not batched yet, and refused: the observation "original".
-    """
+    """N vehicles in one cave or several, with the options and definitions of `CaveEnv`."""
 
     def __init__(
         self,
-        scenario: str | Path | Scenario,
+        scenarios: CaveSpec | Sequence[CaveSpec],
         num: int,
         *,
         next_step: bool,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
         rays: str = "field",
+        contacts: str = "own",
         device: str = "cpu",
         num_threads: int | None = None,
         **task: Any,
     ) -> None:
-        """Load a scenario and prepare its batched physics.
+        """Load scenarios and prepare their physics.
 
         Args:
-            scenario: A scenario folder, or a scenario in memory.
+            scenarios: A scenario folder or a scenario in memory; or several, over which the vehicles are shared out
+                evenly, in order.
             num: Number of vehicles.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
-            observation: "paper" or "full".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: As `CaveEnv` takes it.
-            max_decisions: Episode limit; None takes the scenario's, which grows with the way (`sim.time_limit`).
-            rays: "field" traces them through the distance field, "mesh" casts them exactly, as PyBullet's environment
-                does, and takes several times as long.
+            max_decisions: Episode limit; None takes each scenario's, which grows with the way (`sim.time_limit`).
+            rays: "field" traces them through the distance field, "mesh" casts them exactly, which takes several times
+                as long. The observation "original" casts spheres through the field.
+            contacts: "own" solves them beside the rest, on many vehicles at once; "bullet" asks PyBullet about one
+                vehicle after the other.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
             task: The fields of `aquanav_tools.task.TaskOptions`.
 
         Raises:
-            ScenarioError: the scenario cannot be read, or has no start.
-            InputError: an option is unknown, senseless or not batched, or the vehicle's hull does not fit.
+            ScenarioError: a scenario cannot be read, or has no start.
+            InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
+                than caves.
         """
-        from aquanav_tools.sim.batch.fleet import BatchWorld
+        from aquanav_tools.sim.batch.sensors.base import SensorBatch
+        from aquanav_tools.sim.batch.world import BatchWorld, WorldOptions
 
-        self.scenario, craft = prepared(scenario, vehicle)
-        check_choice("source of rays", rays, RAY_SOURCES)
-        options = task_options(task)
-        check_batched(observation)
-        check_choice("measure of progress", options.progress, MEASURES)
-        water = _water_of(self.scenario, options.current)
-        settings = self.scenario.settings
-        weights = cave_weights(options.reward, craft)
-        rules = _episode_rules(self.scenario, craft, options, weights, max_decisions)
-        goal, entrance = np.array(settings.goal.position, dtype=np.float64), self.scenario.guide.centres[0]
+        several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
+        self.task = options = task_options(task)
+        _check_choices(options, rays, contacts, device)
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
+        self._parts: DictObservation | None = None
+        if not isinstance(observation, str):
+            self._parts = DictObservation(observation, options.observation_delay)
+        self._own = own = Extensions(
+            options, self._parts.preset if self._parts else observation, self._parts is not None
+        )
         self.ray_lengths = original_pattern().lengths
-        self.observation_space = ObservationModel(observation, self.ray_lengths, goal, entrance).space
-        self.max_decisions = rules.max_decisions
-        self._starts = Starts(self.scenario, craft.capsule, options.starts)
-        self.num, self.decision_seconds = num, settings.limits.dt * settings.limits.substeps
-        self.world = BatchWorld(
-            self.scenario,
-            craft,
-            _numbers(goal, float(entrance[2]), rules, weights, self.observation_space, options),
-            num,
-            water=water,
-            current_range=options.current_range,
+        self.shares = shares(num, len(several))
+        """Vehicles of each scenario."""
+        if len(self.shares) < len(several):
+            raise InputError(f"{len(several)} scenarios need at least as many vehicles, got {num}.")
+        self.num = num
+        self.cave_of = np.repeat(np.arange(len(several)), [share.stop - share.start for share in self.shares])
+        pairs = [prepared(scenario, vehicle) for scenario in several]
+        self.scenarios, self.vehicles = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        self.starts = [Starts(cave, craft.capsule, options.starts) for cave, craft in pairs]
+        setups = [
+            _setup(cave, craft, options, own.reward, starts, max_decisions)
+            for (cave, craft), starts in zip(pairs, self.starts, strict=True)
+        ]
+        self.decision_seconds = _decision_seconds(self.scenarios)
+        self._limits = np.array([setup.task.max_decisions for setup in setups])[self.cave_of]
+        world_options = WorldOptions(
+            observation=own.observation,
             rays="mesh" if rays == "mesh" else "field",
+            action_delay=options.action_delay,
+            observation_delay=own.observation_delay,
+            randomisation=None if options.randomisation is None else read_randomisation(options.randomisation),
             next_step=next_step,
             device=device,
             num_threads=num_threads,
-            draw_start=self._draw_start if options.starts == "anywhere" else None,
+            law=own.law(self.scenarios[0].settings.limits.dt),
         )
+        self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
+        self.observation_space: spaces.Space[Any] = own.prepare(
+            view, world.as_numpy, world.write, observation_space(own.observation), pairs,
+            partial(SensorBatch, world.arrays, world.caves, self.decision_seconds, world.device, num_threads),
+        )  # fmt: skip
+        if self._parts is not None:
+            self.observation_space = self._parts.prepare(world, pairs, self.decision_seconds, num_threads, own)
 
-    def _draw_start(self, seed: int) -> Pose:
-        return self._starts.draw(np.random.default_rng(seed))
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self._own.term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        return self._own.failures
+
+    def _engines(self, contacts: str) -> list[Any]:
+        if contacts == "own":
+            return []
+        from aquanav_tools.sim.bullet import BulletContacts
+
+        return [BulletContacts(self.scenarios[cave], self.vehicles[cave]) for cave in self.cave_of.tolist()]
+
+    @property
+    def limits(self) -> npt.NDArray[np.int64]:
+        """(N,) decisions after which an episode is truncated."""
+        return self._limits.copy()
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name: see `sim.randomisation`."""
+        return self.world.dynamics
 
     @property
     def route_lengths(self) -> Array:
         """(N,) length of the guide, m."""
-        return np.full(self.num, self.scenario.guide.length)
+        return np.array([scenario.guide.length for scenario in self.scenarios])[self.cave_of]
 
     @property
     def ways(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        beginnings = zip(self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
-        return np.array([self._starts.way_to_goal(position, index) for position, index in beginnings])
+        rows = zip(self.cave_of, self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
+        return np.array([self.starts[cave].way_to_goal(position, index) for cave, position, index in rows])
 
-    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
-        """Begin all episodes, each from a seed of its own."""
-        first = None if starts is None else np.array([-1 if start is None else start for start in starts], np.int32)
-        self.world.reset(np.array([seed % (1 << 32) for seed in seeds]), first)
+    def reset(
+        self,
+        seeds: Sequence[int],
+        starts: Sequence[int | None] | None = None,
+        conditions: dict[str, Any] | None = None,
+    ) -> None:
+        """Begin all episodes, each from a seed of its own: see `Batch`."""
+        first = None
+        if starts is not None:
+            counts = [len(self.scenarios[cave].starts) for cave in self.cave_of.tolist()]
+            chosen = zip(starts, counts, strict=True)
+            first = np.array([-1 if start is None else check_start(start, count) for start, count in chosen], np.int32)
+        given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
+        self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
+        self._own.begin()
+        if self._parts is not None:
+            self._parts.begin()
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
-        self.world.age(np.random.default_rng(seed).integers(self.max_decisions, size=self.num))
+        self.world.age(np.random.default_rng(seed).integers(self._limits))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""
@@ -135,59 +203,115 @@ class CaveBatch:
 
     def hold(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
-        self.world.fleet.commands.assign(commands)
+        self.world.arrays.commands.assign(commands)
 
     def rest(self, places: Sequence[int]) -> None:
         """Draw no further starts at these places until the next reset; the kernels move all vehicles."""
-        self.world.rest(places)
+        self.world.retire(places)
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
-        self.world.step()
+        self._own.before()
+        self.world.step(self._judge)
+        self._own.after()
+        if self._parts is not None:
+            self._parts.follow()
+
+    def _judge(self) -> None:
+        """Look at what the decision led to, before the successors of ended episodes begin."""
+        self._own.judge()
+        if self._parts is not None:
+            self._parts.judge()
 
     def view_of(self, name: str) -> Any:
-        """Return an array of `sim.batch.fleet_arrays.Fleet`, which later steps change."""
-        return self.world.as_numpy(name)
+        """Return an array of `sim.batch.state.BatchState`, which later steps change; of a `Dict`, one for each part."""
+        if self._parts is not None and name in ("observations", "final_observations"):
+            return getattr(self._parts, name)
+        own = self._own.arrays
+        return own[name] if name in own else self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
-        """Return a copy of an array of `sim.batch.fleet_arrays.Fleet` that later steps leave alone."""
-        return np.array(self.world.as_numpy(name))
+        """Return a copy of what `view_of` returns that later steps leave alone."""
+        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
-        return self.world.state()
+        return self.world.state() | self._own.state() | ({} if self._parts is None else self._parts.state())
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        self.world.restore(state)
+        self.world.restore({name: values for name, values in state.items() if "/" not in name})
+        self._own.restore(state)
+        if self._parts is not None:
+            self._parts.restore(state)
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, and let go of the physics. Closing twice does nothing."""
+        self._own.close()
+        if self._parts is not None:
+            self._parts.close()
         self.world.close()
 
 
-def _numbers(
-    goal: npt.NDArray[np.float64],
-    entrance_height: float,
-    rules: EpisodeRules,
-    weights: RewardWeights,
-    observations: spaces.Space[Any],
-    options: TaskOptions,
-) -> TaskNumbers:
-    from aquanav_tools.sim.batch.fleet_arrays import TaskNumbers
+def shares(num: int, num_parts: int) -> list[slice]:
+    """Return the vehicles of each part, as even as can be; none of them goes empty."""
+    bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
+    return [slice(first, last) for first, last in pairwise(bounds)]
 
-    return TaskNumbers(
-        goal=goal,
-        tolerance=rules.tolerance,
-        max_decisions=rules.max_decisions,
-        ends_on_collision=rules.ends_on_collision,
+
+def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) -> None:
+    check_choice("source of rays", rays, RAY_SOURCES)
+    check_choice("solver of contacts", contacts, CONTACTS)
+    check_choice("measure of progress", options.progress, MEASURES)
+    check_choice("collision rule", options.on_collision, COLLISION_RULES)
+    if contacts == "bullet" and device != "cpu":
+        raise InputError(f"PyBullet's contacts are solved on the processor, not on {device}. Choose contacts='own'.")
+    if options.motion and device != "cpu":
+        raise InputError(f"A law of motion of your own is computed on the processor, not on {device}. Leave that out.")
+
+
+def _decision_seconds(scenarios: Sequence[Scenario]) -> float:
+    """Return how long a decision takes, s, which must be the same in all scenarios of a batch."""
+    durations = {scenario.settings.limits.dt * scenario.settings.limits.substeps for scenario in scenarios}
+    if len(durations) > 1:
+        raise InputError(f"Decisions take {sorted(durations)} s in these scenarios; in one batch they must be as long.")
+    return durations.pop()
+
+
+def _setup(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    options: TaskOptions,
+    reward: str,
+    starts: Starts,
+    max_decisions: int | None,
+) -> CaveSetup:
+    from aquanav_tools.sim.batch.caves import CaveTask
+    from aquanav_tools.sim.batch.world import CaveSetup
+
+    limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
+    if limit < 1:
+        raise InputError(f"max_decisions must be at least 1, got {limit}.")
+    weights = cave_weights(reward, vehicle)
+    task = CaveTask(
+        goal=np.array(scenario.settings.goal.position, dtype=np.float64),
+        tolerance=scenario.settings.goal.tolerance,
+        max_decisions=limit,
+        ends_on_collision=weights.ends_on_collision or options.on_collision == "end",
         weights=tuple(getattr(weights, name) for name in TERMS),
-        scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
-        entrance_height=entrance_height,
-        size=int(observations.shape[0]),  # type: ignore[index]  # a box has a shape
+        entrance=scenario.guide.centres[0],
+        water=_water_of(scenario, options.current),
         progress=options.progress,
-        sensor_noise=options.sensor_noise,
-        sensor_dropout=options.sensor_dropout,
-        action_delay=options.action_delay,
-        observation_delay=options.observation_delay,
     )
+    return CaveSetup(scenario, vehicle, task, partial(_drawn, starts) if options.starts == "anywhere" else None)
+
+
+def _drawn(starts: Starts, seed: int) -> Pose:
+    return starts.draw(np.random.default_rng(seed))
+
+
+def _water_of(scenario: Scenario, current: Current | None) -> Water:
+    try:
+        return Water(scenario, current)
+    except ValueError as cause:
+        raise InputError(f"{cause} Choose another current.") from cause

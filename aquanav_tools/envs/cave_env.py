@@ -9,33 +9,29 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import IDLE, ActionModel, Command
+from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.batch import raise_failures, row_of
+from aquanav_tools.envs.cave_batch import NUM_SEEDS, CaveBatch
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
-from aquanav_tools.envs.episode import COLLISION_RULES, Episode, EpisodeRules
-from aquanav_tools.envs.observation import ObservationModel, Reading
+from aquanav_tools.envs.dict_observation import Parts
+from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
-from aquanav_tools.envs.progress import progress_measure
-from aquanav_tools.envs.reward import TERMS, Decision, RewardWeights, cave_weights, reward_terms
-from aquanav_tools.envs.starting import Starts, episode_task
-from aquanav_tools.envs.vehicles import prepared
-from aquanav_tools.errors import InputError
+from aquanav_tools.envs.starting import CONDITIONS, episode_task
 from aquanav_tools.report.recording.live import LiveDive
-from aquanav_tools.scenario.schema import Current, Scenario
-from aquanav_tools.sim.actuators import actuator_model
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
-from aquanav_tools.sim.bullet import BulletWorld
-from aquanav_tools.sim.sensors import RangeSensor, original_pattern
-from aquanav_tools.sim.spheres import SphereSensor, find_ends
-from aquanav_tools.sim.time_limit import decision_limit
+from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.sim.water import Water
-from aquanav_tools.task import TaskOptions, task_options
 from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-TERM_KEYS = [f"reward/{name}" for name in TERMS]
+ARRAYS = (
+    "commands", "positions", "orientations", "velocities", "extra", "currents", "rays", "clearances", "touched",
+    "collisions", "remaining", "outcomes", "start_indices", "gates", "terms", "decisions", "observations", "rewards",
+    "terminated", "truncated",
+)  # fmt: skip
+"""Of `sim.batch.state.BatchState`, of which this environment is the only row."""
 
 
 class CaveEnv(gymnasium.Env[Observation, Any]):
@@ -97,6 +93,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     whether the hull touched a wall during this decision; num_collisions, contacts begun in this episode; progress and
     remaining along the guide, m; cost, 1.0 for a decision with contact, as in Safety-Gymnasium; outcome; start_index,
     -1 for one drawn anywhere; gate, the stretch of the guide; the reward's terms. Rays have no noise and are not late.
+    With a randomisation, "dynamics/<name>" of what the episode drew (`sim.randomisation.Randomisation.names`).
     """
 
     metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
@@ -105,10 +102,12 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self,
         scenario: str | Path | Scenario,
         *,
-        observation: str = "full",
+        observation: str | Parts = "full",
         action: str = "multidiscrete",
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
+        rays: str = "mesh",
+        contacts: str = "bullet",
         render_mode: str | None = None,
         view: str = "chase",
         render_size: tuple[int, int] = (480, 360),
@@ -118,7 +117,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
 
         Args:
             scenario: A scenario folder, or a scenario in memory.
-            observation: "paper", "full" or "original".
+            observation: "paper", "full" or "original"; or several parts by name, for a `Dict`: sensors
+                (docs/sensors.md), and one of these at most.
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: Name, path of a TOML file, or a vehicle; None takes the scenario's. Starts at which another hull
                 touches the wall are left out, with a warning.
@@ -127,6 +127,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
                 viewer, as fast as they come. A viewer that is there is used, else one is started.
             view: Of the pictures: "chase", from behind the vehicle, or "onboard", from its nose.
             render_size: Their width and height, px.
+            rays: "mesh" casts them exactly; "field" traces them through the distance field, which is faster and errs by
+                a twentieth of its spacing in the median. The observation "original" casts spheres through the field.
+            contacts: "bullet" asks PyBullet what the wall does; "own" is what the vector environment does.
             task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
                 sensor_dropout, action_delay, observation_delay, current, current_range.
 
@@ -135,111 +138,80 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             InputError: an option is unknown or senseless, or the vehicle's hull does not fit into the cave.
             ResourceError: no viewer can be started.
         """
-        self.scenario, self.vehicle = prepared(scenario, vehicle)
-        self.task = self._own_task = task_options(task)
-        settings = self.scenario.settings
-        self._weights = cave_weights(self.task.reward, self.vehicle)
-        self._rules = _episode_rules(self.scenario, self.vehicle, self.task, self._weights, max_decisions)
-        self._water = _water_of(self.scenario, self.task.current)
-        self._current: Array = np.zeros(3)
-        """(3,) velocity of the water where the vehicle is, world frame, m/s."""
-        self.decision_seconds = settings.limits.substeps * settings.limits.dt
-        self._measure = progress_measure(self.task.progress, self.scenario, self.vehicle.capsule)
-        self._prepare_interface(observation, action)
-        self._actuators = actuator_model(self.vehicle, settings.limits.dt, settings.limits.substeps)
-        self._world = BulletWorld(self.scenario, self.vehicle)
-        self.starts = Starts(self.scenario, self.vehicle.capsule, self.task.starts)
-        self._episode = Episode(self._rules)
-        self._prepare_pictures(render_mode, view, render_size)
-        self._current_share = 1.0
-        self._gate = 0
-        self._first_gates: dict[int, int] = {}
-        self._length = self._remaining = self.scenario.guide.length
-
-    def _prepare_interface(self, observation: str, action: str) -> None:
-        """Choose the spaces, and the sensor: rays, or the spheres of the original."""
-        scenario, pattern = self.scenario, original_pattern()
-        goal = np.array(scenario.settings.goal.position, dtype=np.float64)
-        entrance = scenario.guide.centres[0]
-        self.action_model = ActionModel(action)
-        self._observation_model = ObservationModel(observation, pattern.lengths, goal, entrance)
-        self.action_space = self.action_model.space
-        self.observation_space = self._observation_model.space
-        self._ray_errors = RaySensorErrors(pattern.lengths)
-        self._actions: Delay[Command] = Delay(self.task.action_delay)
-        self._observations: Delay[Observation] = Delay(self.task.observation_delay)
-        self._inverse_lengths = (1.0 / pattern.lengths).astype(np.float32)
-        self._sensor: RangeSensor | SphereSensor = (
-            SphereSensor(scenario.field, find_ends(scenario.cavity, entrance, goal), pattern)
-            if self._observation_model.is_original
-            else RangeSensor(scenario.cavity.mesh, pattern)
+        self._batch = batch = CaveBatch(
+            scenario,
+            1,
+            next_step=True,
+            observation=observation,
+            action=action,
+            vehicle=vehicle,
+            max_decisions=max_decisions,
+            rays=rays,
+            contacts=contacts,
+            num_threads=1,
+            **task,
         )
+        self.scenario, self.vehicle = batch.scenarios[0], batch.vehicles[0]
+        self.task = self._own_task = batch.task
+        self.starts = batch.starts[0]
+        self.decision_seconds = batch.decision_seconds
+        self.action_model = ActionModel(action)
+        self.action_space, self.observation_space = batch.action_space, batch.observation_space
+        self._arrays = {name: batch.view_of(name) for name in ARRAYS}
+        self.episode_seed = 0
+        """Of the present episode: with the scenario and the options of the task, it says all that is drawn."""
+        self._length = self.scenario.guide.length
+        self._state_size = len(self.vehicle.state_at(self.scenario.starts[0].pose))
+        self._prepare_pictures(render_mode, view, render_size)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode.
+        """Begin an episode: that of the seed, or of one that this environment's generator draws.
 
         Options: {"start": index of one of the scenario's starts}; and, for this episode alone, sensor_noise,
         sensor_dropout and current_range of the task.
         """
         super().reset(seed=seed)
-        self.task = episode_task(self._own_task, options or {})
-        pose, self._start_index = self.starts.choose(self.np_random, options or {})
-        self._current_share = self._draw_current_share()
-        self._episode = Episode(self._rules)
-        self._beginning = pose.position
+        given = options or {}
+        self.task = episode_task(self._own_task, given)
+        self.episode_seed = int(self.np_random.integers(NUM_SEEDS)) if seed is None else seed % NUM_SEEDS
+        conditions = {name: getattr(self.task, name) for name in CONDITIONS}
+        self._batch.reset([self.episode_seed], [given.get("start")], conditions)
+        self._arrays = {name: self._batch.view_of(name) for name in ARRAYS}
+        self._term_keys = [f"reward/{name}" for name in self._batch.term_names]
+        raise_failures(self._batch)
         if self._camera is not None:
             self._camera.reset()
-        self._world.reset(pose)
-        self._actuators.reset()
-        self._actions.fill(IDLE)
-        state = self._world.state
-        self._water.reset(self.np_random)
-        self._ray_errors.reset(self.np_random, self.task.sensor_noise, self.task.sensor_dropout)
-        self._current = self._current_share * self._water.velocity(state)
-        self._gate = self._first_gate(state)
-        self._remaining = self.scenario.guide.remaining(state[:3], self._gate)
-        self._measure.begin(state, self._remaining)
-        rays = self._sensor.sense(state)
-        terms = reward_terms(self._weights, Decision(0.0, 0, 0, 0.0, "running"))
-        observation = self._observe(rays, state, IDLE)
-        self._observations.fill(observation)
-        info = self._info(rays, False, terms)
+        info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=True)
-        return observation, info
+        return row_of(self._arrays["observations"], 0), info
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
-        command = self.action_model.command(action)
-        touched, before = self._advance(self._actions.through(command))
-        state, num_contact_steps = self._world.state, sum(touched)
-        self._water.advance(self.decision_seconds)
-        self._current = self._current_share * self._water.velocity(state)
-        rays = self._sensor.sense(state)
-        gained = self._update_progress()
-        outcome = self._episode.advance(touched, self._remaining)
-        cut_off = len(rays) - float(rays.dot(self._inverse_lengths)) if self._weights.proximity else 0.0
-        terms = reward_terms(self._weights, Decision(gained, len(touched), num_contact_steps, cut_off, outcome))
-        terminated, truncated = outcome in ("success", "collision"), outcome == "timeout"
-        info = self._info(rays, num_contact_steps > 0, terms)
+        arrays = self._arrays
+        arrays["commands"][0] = self.action_model.command(action)
+        self._batch.step()
+        raise_failures(self._batch)
+        info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=False)
-        observation = self._observations.through(self._observe(rays, before, command)).copy()
-        return observation, sum(terms.values()), terminated, truncated, info
+        terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
+        return row_of(arrays["observations"], 0), float(arrays["rewards"][0]), terminated, truncated, info
 
-    def _first_gate(self, state: Array) -> int:
-        """Return the gate of an episode's beginning; that of a listed start, which may take a second, is kept."""
-        if self._start_index not in self._first_gates:
-            gate = self.scenario.guide.locate(state[:3], self.scenario.field)
-            if self._start_index < 0:
-                return gate
-            self._first_gates[self._start_index] = gate
-        return self._first_gates[self._start_index]
+    @property
+    def info(self) -> Info:
+        """What the last reset or step told: also where that raised an error of code of the user's own."""
+        return self._info()
 
     @property
     def state(self) -> Array:
-        """The vehicle's true (13,) state or more, as in `BulletWorld.state`: for controllers that know the map."""
-        return self._world.state.copy()
+        """The vehicle's true state, for controllers that know the map.
+
+        (13,) or more: position (world, m), quaternion (w, x, y, z), velocity over ground (body, m/s and rad/s), and
+        what the vehicle's model adds.
+        """
+        names = ("positions", "orientations", "velocities", "extra")
+        return np.concatenate([self._arrays[name][0] for name in names])[: self._state_size]
 
     @property
     def num_starts(self) -> int:
@@ -249,17 +221,17 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     @property
     def max_decisions(self) -> int:
         """After how many decisions an episode is truncated."""
-        return self._rules.max_decisions
+        return int(self._batch.limits[0])
 
     @property
     def way(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
-        return self.starts.way_to_goal(self._beginning, self._start_index)
+        return float(self._batch.ways[0])
 
     @property
     def water_velocity(self) -> Array:
         """(3,) velocity of the water where the vehicle is, world frame, m/s."""
-        return self._current.copy()
+        return np.array(self._arrays["currents"][0])
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return the (H, W, 3) picture of where the vehicle is, RGB; None where the viewer shows it already.
@@ -270,11 +242,11 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
         if self._camera is None:
             return None
-        return self._camera.picture(self._world.state, self._episode.num_decisions * self.decision_seconds)
+        return self._camera.picture(self.state, float(self._arrays["decisions"][0]) * self.decision_seconds)
 
     def close(self) -> None:
         """Let go of the physics, and of the viewer, which stays open."""
-        self._world.close()
+        self._batch.close()
         if self._live is not None:
             self._live.close()
 
@@ -292,68 +264,25 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         elif render_mode == "human":
             self._live = LiveDive(self.scenario, vehicle_mesh(self.vehicle), original_pattern().directions, seconds)
 
-    def _advance(self, command: Command) -> tuple[list[bool], Array]:
-        """Hold a command for a decision; return for each physics step whether it touched, and an older state.
-
-        The state is that before the last step where the observation asks for it.
-        """
-        commands = self._actuators.apply(*command)
-        if not self._observation_model.is_original:
-            return self._world.step(commands, self._current), self._world.state
-        touched = self._world.step(commands[:-1], self._current)
-        before = self._world.state.copy()
-        return touched + self._world.step(commands[-1:], self._current), before
-
-    def _draw_current_share(self) -> float:
-        low, high = self.task.current_range
-        return low if low == high else float(self.np_random.uniform(low, high))
-
-    def _update_progress(self) -> float:
-        """Follow the vehicle along the guide and return the metres gained."""
-        state = self._world.state
-        self._gate, self._remaining = self.scenario.guide.follow(state, self._gate)
-        return self._measure.gained(state, self._remaining)
-
-    def _observe(self, rays: Observation, before: Array, command: Command) -> Observation:
-        trim = self._actuators.trim
-        rays, tags = self._ray_errors.disturb(rays, self._sensor.tags, self._episode.num_decisions)
-        return self._observation_model.observe(Reading(self._world.state, before, rays, tags, trim, command))
-
-    def _info(self, rays: Observation, is_touched: bool, terms: dict[str, float]) -> Info:
-        state = self._world.state.copy()
+    def _info(self) -> Info:
+        arrays = self._arrays
+        is_touched, remaining = bool(arrays["touched"][0]), float(arrays["remaining"][0])
         info = {
-            "position": state[:3],
-            "orientation": state[3:7],
-            "velocity": state[7:13],
-            "current": self._current,
-            "rays": rays,
-            "clearance": self._world.clearance(),
+            "position": arrays["positions"][0].copy(),
+            "orientation": arrays["orientations"][0].copy(),
+            "velocity": arrays["velocities"][0].copy(),
+            "current": arrays["currents"][0].copy(),
+            "rays": arrays["rays"][0].copy(),
+            "clearance": float(arrays["clearances"][0]),
             "collision": is_touched,
-            "num_collisions": self._episode.num_collisions,
-            "progress": self._length - self._remaining,
-            "remaining": self._remaining,
+            "num_collisions": int(arrays["collisions"][0]),
+            "progress": self._length - remaining,
+            "remaining": remaining,
             "cost": float(is_touched),
-            "outcome": self._episode.outcome,
-            "start_index": self._start_index,
-            "gate": self._gate,
+            "outcome": OUTCOMES[arrays["outcomes"][0]],
+            "start_index": int(arrays["start_indices"][0]),
+            "gate": int(arrays["gates"][0]),
         }
-        info.update(zip(TERM_KEYS, terms.values(), strict=True))
+        info.update(zip(self._term_keys, arrays["terms"][0].tolist(), strict=True))
+        info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
         return info
-
-
-def _episode_rules(
-    scenario: Scenario, vehicle: Vehicle, task: TaskOptions, weights: RewardWeights, max_decisions: int | None
-) -> EpisodeRules:
-    check_choice("collision rule", task.on_collision, COLLISION_RULES)
-    limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
-    if limit < 1:
-        raise InputError(f"max_decisions must be at least 1, got {limit}.")
-    ends_on_collision = weights.ends_on_collision or task.on_collision == "end"
-    return EpisodeRules(scenario.settings.goal.tolerance, limit, ends_on_collision)
-
-
-def _water_of(scenario: Scenario, current: Current | None) -> Water:
-    try:
-        return Water(scenario, current)
-    except ValueError as cause:
-        raise InputError(f"{cause} Choose another current.") from cause

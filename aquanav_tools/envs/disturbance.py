@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.sim.spheres import NOTHING
+from aquanav_tools.sim.sensors import NOTHING
 from aquanav_tools.types import Array
 
 if TYPE_CHECKING:

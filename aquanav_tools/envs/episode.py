@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 COLLISION_RULES = ("continue", "end")
-OUTCOMES = ("running", "success", "collision", "timeout")
+OUTCOMES = ("running", "success", "collision", "timeout", "ended")
+"""The last is that of a rule of the user's own."""
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.batch import Batch, Floats
+from aquanav_tools.envs.cave_batch import shares
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array
 
@@ -56,6 +56,11 @@ class JointBatch:
         self._threads = ThreadPoolExecutor(min(available, len(makes)))
 
     @property
+    def dynamics(self) -> dict[str, Array]:
+        """Nothing: boats are as their files have them."""
+        return {}
+
+    @property
     def route_lengths(self) -> Array:
         """(N,) from which progress is counted, m."""
         return np.concatenate([batch.route_lengths for batch in self.batches])
@@ -65,10 +70,16 @@ class JointBatch:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
         return np.concatenate([batch.ways for batch in self.batches])
 
-    def reset(self, seeds: Sequence[int], starts: Sequence[int | None] | None = None) -> None:
+    def reset(
+        self,
+        seeds: Sequence[int],
+        starts: Sequence[int | None] | None = None,
+        conditions: dict[str, Any] | None = None,
+    ) -> None:
         """Begin all episodes, each from a seed of its own."""
         for batch, share in zip(self.batches, self.shares, strict=True):
-            batch.reset(seeds[share], None if starts is None else starts[share])
+            values = {name: value[share] for name, value in (conditions or {}).items()}
+            batch.reset(seeds[share], None if starts is None else starts[share], values)
 
     def stagger(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun; seeds count on as for `reset`."""
@@ -115,14 +126,19 @@ class JointBatch:
             lead = f"{n}/"
             batch.restore({name.removeprefix(lead): state[name] for name in state if name.startswith(lead)})
 
+    @property
+    def term_names(self) -> tuple[str, ...]:
+        """Of the columns of "terms"."""
+        return self.batches[0].term_names
+
+    @property
+    def failures(self) -> dict[int, str]:
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        pairs = zip(self.batches, self.shares, strict=True)
+        return {share.start + row: why for batch, share in pairs for row, why in batch.failures.items()}
+
     def close(self) -> None:
         """End the threads."""
         self._threads.shutdown()
         for batch in self.batches:
             batch.close()
-
-
-def shares(num: int, num_parts: int) -> list[slice]:
-    """Return the vehicles of each part, as even as can be; none of them goes empty."""
-    bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
-    return [slice(first, last) for first, last in pairwise(bounds)]

@@ -1,4 +1,4 @@
-"""What the agent sees: three presets, each filled by one compiled function of plain arrays.
+"""What the agent sees: three presets, which `sim.batch.observation` fills.
 
 "full", and "paper", which is its first 31 values:
 
@@ -39,18 +39,11 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.sim.hydrodynamics import rotation_rows
-from aquanav_tools.sim.spheres import NOTHING, START_WALL, WALL
+from aquanav_tools.sim.rotation import rotation_rows
+from aquanav_tools.sim.scales import MIN_MOTION
+from aquanav_tools.sim.sensors import NOTHING, START_WALL, WALL
 from aquanav_tools.types import Array
 
-DISTANCE_SCALE = 10.0
-"""Distance that reads 0.5, m; chosen for caves of 10 to 200 m."""
-SPEED_SCALE = 1.0
-"""Speed that reads 0.5, m/s: about a small underwater vehicle's."""
-RATE_SCALE = float(0.5 * np.pi)
-"""Rate of turn that reads 0.5, rad/s."""
-MIN_MOTION = 1e-5
-"""The original's engine gives no direction to a vector below this length."""
 NUM_RAYS = 28
 
 _ROWS = {"rays": NUM_RAYS, "goal": 3, "velocity": 3, "rates": 3, "depth": 1, "tilt": 2, "trim": 1, "command": 3}
@@ -69,7 +62,7 @@ class Reading(NamedTuple):
     rays: npt.NDArray[np.float32]
     """(28,) distances, m."""
     tags: npt.NDArray[np.int64]
-    """(28,) what the rays met, as in `sim.spheres`; only "original" looks."""
+    """(28,) what the rays met, as in `sim.sensors`; only "original" looks."""
     trim: float
     """State of the ballast in [-1, 1]."""
     command: Command
@@ -102,30 +95,14 @@ def unsoft(share: Any, scale: float) -> Any:
     return scale * share / (1.0 - abs(share))
 
 
-class ObservationModel:
-    """Computes the observation of one preset."""
+def observation_space(preset: str) -> spaces.Box:
+    """Return the space of the observation of a preset.
 
-    def __init__(self, preset: str, ray_lengths: Array, goal: Array, entrance: Array) -> None:
-        """Prepare the preset for rays of (28,) lengths, a (3,) goal and a (3,) entrance, m."""
-        size = max(part.stop for part in layout(preset).values())
-        self.is_original = preset == "original"
-        self.space: spaces.Space[Any] = (
-            original_space(NUM_RAYS) if self.is_original else spaces.Box(-1.0, 1.0, (size,), np.float32)
-        )
-        self._size = size
-        self._buffer = np.zeros(max(size, sum(_ROWS.values())), dtype=np.float32)
-        self._ray_lengths = ray_lengths
-        self._goal = goal
-        self._entrance_height = float(entrance[2])
-
-    def observe(self, reading: Reading) -> npt.NDArray[np.float32]:
-        """Return the observation."""
-        state, before, rays, tags, trim, command = reading
-        if self.is_original:
-            fill_original(self._buffer, state, before, rays, tags, self._ray_lengths, self._goal)
-        else:
-            fill_full(self._buffer, state, rays, self._ray_lengths, self._goal, self._entrance_height, trim, *command)
-        return self._buffer[: self._size].copy()
+    Raises:
+        InputError: there is no such preset.
+    """
+    size = max(part.stop for part in layout(preset).values())
+    return original_space(NUM_RAYS) if preset == "original" else spaces.Box(-1.0, 1.0, (size,), np.float32)
 
 
 def original_space(num_rays: int) -> spaces.Box:
@@ -133,29 +110,6 @@ def original_space(num_rays: int) -> spaces.Box:
     high = np.concatenate([np.ones(4 * num_rays), [180.0, 90.0], np.ones(6)]).astype(np.float32)
     low = np.concatenate([np.zeros(4 * num_rays), -high[4 * num_rays :]]).astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
-
-
-@numba.njit(cache=True)
-def fill_full(out, state, rays, ray_lengths, goal, entrance_height, trim, ballast, steer, thrust):  # type: ignore[no-untyped-def]
-    """Write one vehicle's observation "full" into (44,) `out`; the first 31 are "paper"."""
-    for n in range(28):
-        out[n] = rays[n] / ray_lengths[n]
-    rotation = rotation_rows(state)
-    east, north, up = goal[0] - state[0], goal[1] - state[1], goal[2] - state[2]
-    flat = np.sqrt(east * east + north * north)
-    azimuth = azimuth_to(east, north, rotation)
-    out[28] = soft_compiled(np.sqrt(flat * flat + up * up), DISTANCE_SCALE)
-    out[29] = azimuth / np.pi
-    out[30] = np.arctan2(up, flat) / (0.5 * np.pi)
-    for axis in range(3):
-        out[31 + axis] = soft_compiled(state[7 + axis], SPEED_SCALE)
-        out[34 + axis] = soft_compiled(state[10 + axis], RATE_SCALE)
-    out[37] = soft_compiled(entrance_height - state[2], DISTANCE_SCALE)
-    out[38], out[39] = rotation[2][0], rotation[2][1]
-    out[40] = trim
-    out[41], out[42], out[43] = ballast, steer, thrust
-    for n in range(28, 44):
-        out[n] = min(max(out[n], -1.0), 1.0)
 
 
 @numba.njit(cache=True)

@@ -103,17 +103,22 @@ def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | 
     several = [places] if isinstance(places, str | Path | Place) else list(places)
     if not several:
         raise InputError("A batch needs a scenario.")
-    makes = [_batch_maker(place, max_decisions) for place in several]
-    if len(makes) == 1:
-        return makes[0](num, **choices)
-    return JointBatch(makes, num, **choices)
+    read = [read_place(place) if isinstance(place, str | Path) else place for place in several]
+    caves = [place for place in read if isinstance(place, Scenario)]
+    bays = [place for place in read if isinstance(place, Bay)]
+    if caves and bays:
+        raise InputError(
+            f"{caves[0].name} is a cave and {bays[0].name} a bay: they do not go into one batch, as their actions and "
+            "observations differ."
+        )
+    if caves:
+        return CaveBatch(caves, num, max_decisions=max_decisions, **choices)
+    makes = [_bay_maker(bay, max_decisions) for bay in bays]
+    return makes[0](num, **choices) if len(makes) == 1 else JointBatch(makes, num, **choices)
 
 
-def _batch_maker(spec: Spec, max_decisions: int | None) -> Callable[..., Batch]:
-    """Return what makes a scenario's batch of a number of vehicles and further options."""
-    place = read_place(spec) if isinstance(spec, str | Path) else spec
-    if isinstance(place, Scenario):
-        return partial(CaveBatch, place, max_decisions=max_decisions)
+def _bay_maker(place: Bay, max_decisions: int | None) -> Callable[..., Batch]:
+    """Return what makes a bay's batch of a number of boats and further options."""
     settings = place.settings
     return partial(
         BoatBatch,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.registry import Registry
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 
@@ -48,6 +48,8 @@ and crossed at half the speed, so that policies learned to stay in the widest ch
 careful: chosen here. A decision in contact costs what half a metre pays, one that ends the episode what 10 m pay. At
 speed, all that can be gained within the discount's horizon (0.99: 100 decisions) is worth about 50; the goal pays as
 much, so that the value is even along the way. What came of it is in eval/results/train.md."""
+NOTHING = "nothing"
+"""The base of a reward of the user's own that adds to none of these."""
 ORIGINAL_PROXIMITY, BOAT_PROXIMITY = -0.02, -0.1
 """In place of safe's price of nearness: what the original's vehicle pays, and boats, with a quarter of its rays."""
 TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
@@ -88,8 +90,8 @@ def boat_weights(preset: str) -> RewardWeights:
 
 
 def _load(preset: str) -> RewardWeights:
-    check_choice("reward preset", preset, REWARDS)
-    return REWARDS[preset]
+    weights: RewardWeights = RewardWeights() if preset == NOTHING else Registry("reward", REWARDS).find(preset)
+    return weights
 
 
 def _priced(weights: RewardWeights, proximity: float) -> RewardWeights:

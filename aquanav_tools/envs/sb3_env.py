@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.batch import Floats
+from aquanav_tools.envs.batch import Floats, raise_failures, row_of
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Spec, make_batch
 
@@ -35,6 +35,7 @@ class PlaceVecEnv(VecEnv):
         # Not seed + n, as SB3 counts: runs whose seeds follow one another would learn from nearly the same episodes.
         spread = np.random.SeedSequence([seed, self._num_resets]).generate_state(self.num_envs)
         self._task.reset(spread.tolist())
+        raise_failures(self._task)
         self._num_resets += 1
         self._reset_seeds()
         self._reset_options()
@@ -48,6 +49,7 @@ class PlaceVecEnv(VecEnv):
         """Carry out the decision."""
         task = self._task
         task.step()
+        raise_failures(task)
         truncated = task.copy_of("truncated")
         dones = task.view_of("terminated") | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -66,7 +68,7 @@ class PlaceVecEnv(VecEnv):
         elapsed = round(time.time() - self._began, 6)
         for n in ended:
             infos[n] = {
-                "terminal_observation": finals[n].copy(),
+                "terminal_observation": row_of(finals, int(n)),
                 "TimeLimit.truncated": bool(truncated[n]),
                 "episode": {"r": float(returns[n]), "l": int(lengths[n]), "t": elapsed},
                 "outcome": OUTCOMES[outcomes[n]],

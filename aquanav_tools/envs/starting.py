@@ -114,6 +114,30 @@ def episode_task(task: TaskOptions, options: dict[str, Any]) -> TaskOptions:
     return replace(task, **{name: options[name] for name in CONDITIONS if name in options})
 
 
+def episode_conditions(options: dict[str, Any], num: int) -> dict[str, Any]:
+    """Return what the options of reset change of the task, by name: (N,) values for `num` vehicles, (N, 2) of ranges.
+
+    Raises:
+        InputError: reset has no option of a name, or a value makes no sense.
+    """
+    conditions: dict[str, Any] = {}
+    for name in options:
+        if name not in RESET_OPTIONS:
+            raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
+        if name not in CONDITIONS:
+            continue
+        shape = (num, 2) if name == "current_range" else (num,)
+        try:
+            values = np.broadcast_to(np.asarray(options[name], dtype=np.float64), shape)
+        except (TypeError, ValueError) as cause:
+            what = "one range, or one for each vehicle" if len(shape) == 2 else "one number, or one for each vehicle"
+            raise InputError(f"{name} of reset must be {what} ({num}), got {options[name]!r}.") from cause
+        for value in np.unique(values, axis=0).tolist():
+            TaskOptions(**{name: tuple(value) if len(shape) == 2 else value})
+        conditions[name] = values
+    return conditions
+
+
 def check_start(start: Any, num_starts: int) -> int:
     """Return the number of a start; raise an InputError where there is none."""
     if not isinstance(start, int | np.integer) or not 0 <= start < num_starts:

@@ -12,7 +12,7 @@ from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import COLLISION_RULES
-from aquanav_tools.envs.observation import RATE_SCALE
+from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_observation import DISTANCE_SCALE, SPEED_SCALE, surface_size, surface_space
@@ -23,6 +23,7 @@ from aquanav_tools.sim.batch.boat_state import BoatEpisode, BoatTask, DrawEpisod
 from aquanav_tools.sim.batch.boat_world import BoatWorld, Succession
 from aquanav_tools.sim.boat import Boat, footprint_of, load_boat
 from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.scales import RATE_SCALE
 from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.vehicle import load_vehicle
@@ -61,6 +62,7 @@ class SurfaceTask:
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
+        refuse_own(options, choices.observation, "Boats")
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)
         self.observation_space = surface_space(choices.observation)

@@ -12,13 +12,12 @@ import numpy.typing as npt
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from aquanav_tools.envs.batch import Batch, Floats
+from aquanav_tools.envs.batch import Batch, Floats, raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.joint_batch import JointBatch
-from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.envs.starting import episode_conditions
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
@@ -63,18 +62,20 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         Args:
             seed: (N,) of the vehicles' episodes. One number counts on from vehicle to vehicle, as in Gymnasium's own
                 vector environments; None, also within a list, draws from this environment's generator.
-            options: {"start": index of a start, or (N,) indices}; later episodes draw theirs.
+            options: {"start": index of a start, or (N,) indices}; later episodes draw theirs. And, until the next
+                reset, sensor_noise, sensor_dropout and current_range of the task: one value for all vehicles, or (N,)
+                of them ((N, 2) of the range).
         """
         if isinstance(seed, list) and len(seed) != self.num_envs:
             raise InputError(f"A batch of {self.num_envs} vehicles takes as many seeds, or one; got {len(seed)}.")
         super().reset(seed=None if isinstance(seed, list) else seed)
-        for name in options or {}:
-            if name != "start":
-                raise InputError(f"reset has no option '{name}' here.{did_you_mean(str(name), ['start'])}")
-        starts = (options or {}).get("start")
+        given = options or {}
+        conditions = episode_conditions(given, self.num_envs)
+        starts = given.get("start")
         if starts is not None:
             starts = np.broadcast_to(np.asarray(starts), (self.num_envs,)).tolist()
-        self.batch.reset(self._seeds(seed), starts)
+        self.batch.reset(self._seeds(seed), starts, conditions)
+        raise_failures(self.batch)
         return self.batch.copy_of("observations"), self._infos()
 
     def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
@@ -87,6 +88,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         task = self.batch
         task.command(actions)
         task.step()
+        raise_failures(task)
         terminated, truncated = task.copy_of("terminated"), task.copy_of("truncated")
         infos = self._infos()
         if self._is_same_step and (ended := terminated | truncated).any():
@@ -113,15 +115,16 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
         }
         infos["progress"] = self.batch.route_lengths - infos["remaining"]
         terms = copy_of("terms")
-        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(TERMS)})
+        infos.update({f"reward/{name}": terms[:, n] for n, name in enumerate(self.batch.term_names)})
+        infos.update({f"dynamics/{name}": values.copy() for name, values in self.batch.dynamics.items()})
         return infos | {f"_{name}": np.ones(self.num_envs, dtype=bool) for name in infos}
 
     def _final_infos(self, ended: Flags) -> dict[str, Any]:
         """Return what Gymnasium asks for of episodes that ended in this step, whose successors have begun."""
         observations = np.full(self.num_envs, None, dtype=object)
-        finals = self.batch.copy_of("final_observations")
+        finals = self.batch.view_of("final_observations")
         for vehicle in np.flatnonzero(ended):
-            observations[vehicle] = finals[vehicle]
+            observations[vehicle] = row_of(finals, int(vehicle))
         final_info = {
             "outcome": np.array(OUTCOMES)[self.batch.view_of("last_outcomes")],
             "num_collisions": self.batch.copy_of("last_collisions"),
@@ -153,11 +156,7 @@ class CaveVectorEnv(BatchVectorEnv):
             ScenarioError: a scenario cannot be read, or has no start.
             InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than caves.
         """
-        if isinstance(scenario, str | Path | Scenario):
-            make: Callable[..., Batch] = partial(CaveBatch, scenario, **options)
-        else:
-            make = partial(JointBatch, [partial(CaveBatch, one) for one in scenario], **options)
-        super().__init__(num_envs, autoreset_mode, make)
+        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
 
 
 class SurfaceVectorEnv(BatchVectorEnv):

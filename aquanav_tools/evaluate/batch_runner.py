@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -17,16 +18,23 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch import Batch, check_batched
+from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import Place, make_batch
-from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
+from aquanav_tools.evaluate.episode_runner import Runner, Tasks
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import Adapting, LoadedPolicy, Policy, PrivilegedPolicy, Vectorised
+from aquanav_tools.evaluate.policies import (
+    Adapting,
+    LoadedPolicy,
+    Policy,
+    PrivilegedPolicy,
+    Vectorised,
+    check_size,
+)
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
 from aquanav_tools.report.trajectory import FAILED, Trajectory
@@ -36,50 +44,48 @@ BATCH_SIZE = 256
 """Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
 KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
-    "observations", "terms", "rewards", "outcomes",
+    "rays", "observations", "terms", "rewards", "outcomes",
 )  # fmt: skip
-"""Arrays of the fleet that a trajectory is made of."""
+"""Arrays of the batch that a trajectory is made of."""
 
 
 def check_plan(plan: Plan) -> None:
     """Refuse what only PyBullet's backend can run, before anything is run.
 
     Raises:
-        InputError: the policy looks at PyBullet's world, or at the original's observation.
+        InputError: the policy looks at PyBullet's world.
     """
     if isinstance(plan.policy.policy, PrivilegedPolicy):
         raise InputError(
             f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
             "have. Leave out --backend batch."
         )
-    check_batched(plan.policy.observation)
 
 
-def run_batched(spec: EvaluationSpec, plan: Plan, tasks: Iterator[Task | None], count: int) -> Iterator[Row]:
-    """Yield the journal's rows of `count` tasks, which come in the plan's order."""
-    if count == 0:
-        return
+@contextmanager
+def open_batch(spec: EvaluationSpec, plan: Plan, count: int) -> Iterator[Runner]:
+    """Yield what runs episodes side by side; their tasks come in the plan's order. See `open_runner`."""
     policies = [spec.load(spec.policy) for _ in range(num_policies(plan.policy, min(count, BATCH_SIZE)))]
-    runner = BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))
     writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
-    asked = (task for task in tasks if task is not None)
-    try:
-        for batch in task_batches(plan, asked):
-            episodes = [plan.episodes[task.index] for task in batch]
-            for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
-                yield writer.keep(episode, task.record, trajectory, metrics)
-    finally:
-        runner.close()
+    with closing(BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))) as runner:
+        yield partial(_rows_of, runner, writer, plan)
+
+
+def _rows_of(runner: BatchRunner, writer: EpisodeWriter, plan: Plan, tasks: Tasks) -> Iterator[Row]:
+    for batch in task_batches(plan, (task for task in tasks if task is not None)):
+        episodes = [plan.episodes[task.index] for task in batch]
+        for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
+            yield writer.keep(episode, task.record, trajectory, metrics)
 
 
 def task_batches(plan: Plan, tasks: Iterable[Task]) -> Iterator[tuple[Task, ...]]:
     """Yield tasks of one scenario and condition, at most `BATCH_SIZE` together; none is asked for before its turn."""
 
-    def place(task: Task) -> tuple[str, Condition]:
+    def key(task: Task) -> tuple[str, Condition]:
         episode = plan.episodes[task.index]
         return episode.scenario.name, episode.condition
 
-    for _, group in itertools.groupby(tasks, key=place):
+    for _, group in itertools.groupby(tasks, key=key):
         while batch := tuple(itertools.islice(group, BATCH_SIZE)):
             yield batch
 
@@ -102,14 +108,14 @@ class BatchRunner:
         """Take over policies that were loaded one by one: `num_policies` of them."""
         self._policies, self._options, self._timeout = policies, options, timeout or CallTimeout()
         self._task: Batch | None = None
-        self._place: tuple[Place, TaskOptions, int] | None = None
+        self._key: tuple[Place, TaskOptions, int] | None = None
 
     def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Trajectory, EpisodeMetrics]]:
         """Return the trajectory of each episode of a batch, and its metrics."""
         task = self._prepare(batch)
         plans = [episode.plan for episode in batch]
         task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
-        ways, lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
+        path_lengths, route_lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
         slots = [
             EpisodeSlot(loaded.policy, plan)
             for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
@@ -118,37 +124,38 @@ class BatchRunner:
             states = self._run(task, slots)
         reference = reference_of(batch[0], task_of(batch[0], self._options))
         finished = []
-        for place, (episode, slot) in enumerate(zip(batch, slots, strict=True)):
-            rows = {name: values[:, place] for name, values in states.items()}
-            trajectory = _trajectory(task, slot, rows, int(starts[place]), float(lengths[place]))
-            finished.append((trajectory, measure(trajectory, float(ways[place]), reference, episode.index)))
+        for index, (episode, slot) in enumerate(zip(batch, slots, strict=True)):
+            rows = {name: values[:, index] for name, values in states.items()}
+            trajectory = _trajectory(task, slot, rows, int(starts[index]), float(route_lengths[index]))
+            finished.append((trajectory, measure(trajectory, float(path_lengths[index]), reference, episode.index)))
         return finished
 
     def close(self) -> None:
         """Free the batch."""
         if self._task is not None:
             self._task.close()
-        self._task = self._place = None
+        self._task = self._key = None
 
     def _prepare(self, batch: Sequence[EpisodeSpec]) -> Batch:
         """Return the vehicles: the last ones where all but starts and seeds is the same."""
-        place = (batch[0].scenario, task_of(batch[0], self._options), len(batch))
-        if self._task is None or self._place is None or self._place[0] is not place[0] or self._place[1:] != place[1:]:
+        key = (batch[0].scenario, task_of(batch[0], self._options), len(batch))
+        if self._task is None or self._key is None or self._key[0] is not key[0] or self._key[1:] != key[1:]:
             self.close()
             self._task = make_batch(
-                place[0],
+                key[0],
                 len(batch),
                 next_step=True,
                 observation=self._policies[0].observation,
                 action=self._policies[0].action,
                 max_decisions=self._options.max_decisions,
-                **choices_of(place[1]),
+                **choices_of(key[1]),
             )
-            self._place = place
+            self._key = key
+            check_size(self._policies[0], self._task.observation_space)
         return self._task
 
     def _run(self, task: Batch, slots: Sequence[EpisodeSlot]) -> dict[str, npt.NDArray[Any]]:
-        """Run until the last episode has ended; return the fleet's arrays, (D + 1, N, ...), at each decision."""
+        """Run until the last episode has ended; return the batch's arrays, (D + 1, N, ...), at each decision."""
         timeout, form = self._timeout, ActionModel(self._policies[0].action, task.parts)
         policy = slots[0].policy if isinstance(slots[0].policy, Vectorised) else None
         for slot in slots:
@@ -157,24 +164,24 @@ class BatchRunner:
             slot.reason = timeout.outcome(partial(begin_episode, slot.policy, slot.plan.seed))[1]
         commands = np.zeros((len(slots), 3), dtype=np.float32)
         rows = [{name: task.copy_of(name) for name in KEPT}]
-        running = [place for place, slot in enumerate(slots) if not slot.reason]
+        running = _unfailed(task, slots, range(len(slots)))
         while running:
             seen: Any = rows[-1]["observations"]
             if policy is not None:
                 seen = self._logits(policy, slots, seen, running)
-            for place in [place for place in running if not slots[place].reason]:
-                slot, act = slots[place], slots[place].policy.act if policy is None else policy.decide
-                chosen, slot.reason = timeout.outcome(partial(choose, act, form, seen[place].copy()))
+            for index in [index for index in running if not slots[index].reason]:
+                slot, act = slots[index], slots[index].policy.act if policy is None else policy.decide
+                chosen, slot.reason = timeout.outcome(partial(choose, act, form, seen[index].copy()))
                 if not slot.reason:
                     slot.actions.append(chosen[0])
                     slot.commands.append(chosen[1])
-                    commands[place] = chosen[1]
+                    commands[index] = chosen[1]
             task.hold(commands)
             task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
             was_running = running
-            running = [place for place in running if not slots[place].reason and rows[-1]["outcomes"][place] == 0]
-            task.rest([place for place in was_running if place not in running])
+            running = [index for index in _unfailed(task, slots, running) if rows[-1]["outcomes"][index] == 0]
+            task.rest([index for index in was_running if index not in running])
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
 
     def _logits(
@@ -184,25 +191,25 @@ class BatchRunner:
         observations: npt.NDArray[np.float32],
         running: Sequence[int],
     ) -> dict[int, npt.NDArray[np.float32]]:
-        """Return a policy's logits for each vehicle, by its place; where it fails, the vehicle's slot gets the reason.
+        """Return a policy's logits for each vehicle, by its slot; where it fails, the vehicle's slot gets the reason.
 
         Where it cannot compute them for all at once, it is asked about one by one, to find out whom that is about.
         """
 
-        def ask(places: Sequence[int]) -> npt.NDArray[np.float32]:
-            logits = np.asarray(policy.logits(observations[places], np.array(places)))
-            if len(logits) != len(places):
-                raise ValueError(f"it gave {len(logits)} rows of logits for {len(places)} vehicles")
+        def ask(indices: Sequence[int]) -> npt.NDArray[np.float32]:
+            logits = np.asarray(policy.logits(observations[indices], np.array(indices)))
+            if len(logits) != len(indices):
+                raise ValueError(f"it gave {len(logits)} rows of logits for {len(indices)} vehicles")
             return logits
 
         together, reason = self._timeout.outcome(partial(ask, running))
         if not reason:
             return dict(zip(running, together, strict=True))
         logits = {}
-        for place in running:
-            alone, slots[place].reason = self._timeout.outcome(partial(ask, [place]))
-            if not slots[place].reason:
-                logits[place] = alone[0]
+        for index in running:
+            alone, slots[index].reason = self._timeout.outcome(partial(ask, [index]))
+            if not slots[index].reason:
+                logits[index] = alone[0]
         return logits
 
 
@@ -218,16 +225,21 @@ class EpisodeSlot:
     """Why it failed; empty unless it did."""
 
 
+def _unfailed(task: Batch, slots: Sequence[EpisodeSlot], places: Sequence[int]) -> list[int]:
+    """Return at which of some places nothing failed; where code of the user's own did, the slot gets the reason."""
+    for place in places:
+        slots[place].reason = slots[place].reason or task.failures.get(place, "")
+    return [place for place in places if not slots[place].reason]
+
+
 def _trajectory(
     task: Batch, slot: EpisodeSlot, states: dict[str, npt.NDArray[Any]], start: int, length: float
 ) -> Trajectory:
     """Return the trajectory of one vehicle from its (D + 1, ...) states and those after the end of its episode."""
     count = len(slot.actions)
     rows = {name: values[: count + 1] for name, values in states.items()}
-    rays = rows["observations"][:, : len(task.ray_lengths)] * task.ray_lengths
     touched = rows["touched"] > 0
-    # The fleet keeps the current of where a decision began, with its end.
-    currents = np.concatenate([rows["currents"][1:], rows["currents"][-1:]]).astype(np.float64)
+    currents = rows["currents"].astype(np.float64)
     return Trajectory(
         seed=slot.plan.seed,
         start_index=start,
@@ -237,7 +249,7 @@ def _trajectory(
         orientations=rows["orientations"].astype(np.float64),
         velocities=rows["velocities"].astype(np.float64),
         currents=currents,
-        rays=rays,
+        rays=rows["rays"],
         clearances=rows["clearances"].astype(np.float64),
         collided=touched,
         progress=length - rows["remaining"],
@@ -245,7 +257,7 @@ def _trajectory(
         actions=np.array(slot.actions, dtype=np.float64).reshape(count, -1 if count else 0),
         commands=np.array(slot.commands, dtype=np.float64).reshape(-1, 3),
         rewards=rows["rewards"][1:].astype(np.float64),
-        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(TERMS)},
+        reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(task.term_names)},
         num_collisions=int(rows["collisions"][-1]),
         reason=slot.reason,
     )

@@ -47,7 +47,7 @@ class BayAdapter:
         self._width = footprint_of(self._boat).width
         self._bays = Bays(bay.map_path or bay.settings.rocks, self._width, "listed")
         self._fixed = self._bays.fixed
-        self.ways = () if self._fixed is None else tuple(way.length for way in self._fixed.ways)
+        self.path_lengths = () if self._fixed is None else tuple(way.length for way in self._fixed.ways)
 
     @functools.cached_property
     def reference(self) -> EpisodeReference:
@@ -56,7 +56,7 @@ class BayAdapter:
             scenario=self._bay.name,
             condition="",
             width=self._width,
-            route_length=max(self.ways, default=None),
+            route_length=max(self.path_lengths, default=None),
             top_speed=boat_speed(self._boat),
             power=functools.partial(drag_power, self._boat) if isinstance(self._boat, OriginalVehicle) else None,
             num_controls=len(AFLOAT),

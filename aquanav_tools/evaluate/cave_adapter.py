@@ -1,4 +1,4 @@
-"""A cave as the place of episodes."""
+"""A cave as the scenario of episodes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class CaveAdapter:
     def __init__(self, cave: Scenario) -> None:
         self._cave, self._vehicle = cave, vehicle_of(cave)
         self._ideals: dict[Any, Callable[[float], float]] = {}
-        self.ways = tuple(start.geodesic_to_goal for start in cave.starts)
+        self.path_lengths = tuple(start.geodesic_to_goal for start in cave.starts)
 
     @functools.cached_property
     def reference(self) -> EpisodeReference:
@@ -52,27 +52,29 @@ class CaveAdapter:
         )
 
     def ideal_time(self, task: TaskOptions) -> Callable[[float], float]:
-        """Return the time that a way takes at best, with the most favourable share of the current."""
+        """Return the time that a path takes at best, with the most favourable fraction of the current."""
         key = (task.current, task.current_range)
         if key not in self._ideals:
-            low, high = (ideal_time(self._cave, self._vehicle, task.current, share) for share in task.current_range)
-            self._ideals[key] = lambda way: min(low(way), high(way))
+            low, high = (
+                ideal_time(self._cave, self._vehicle, task.current, fraction) for fraction in task.current_range
+            )
+            self._ideals[key] = lambda length: min(low(length), high(length))
         return self._ideals[key]
 
     def draws_water(self, task: TaskOptions) -> bool:
-        """Return whether the water draws gusts, eddies or waves, or its share of a current, for each episode."""
+        """Return whether the water draws gusts, eddies or waves, or its fraction of a current, for each episode."""
         low, high = task.current_range
         current = self._cave.settings.water.current if task.current is None else task.current
         flows = not is_constant(self._cave, task.current)
-        has_shares = low != high and (flows or (np.ndim(current) > 0 and bool(np.any(current))))
-        return high > 0.0 and (flows or has_shares)
+        has_fractions = low != high and (flows or (np.ndim(current) > 0 and bool(np.any(current))))
+        return high > 0.0 and (flows or has_fractions)
 
     def picture(self) -> CavePicture:
         """Return the cave, cut open."""
         return CavePicture(self._cave)
 
     def model(self, path: Path, trajectories: Sequence[TrajectorySummary], total: int) -> Model:
-        """Write the cave with trails, and the vehicle at the first start."""
+        """Write the cave with trajectories, and the vehicle at the first start."""
         vehicle = (vehicle_mesh(self._vehicle), self._cave.starts[0].pose) if self._cave.starts else None
         write_scene(self._cave, path, vehicle, trajectories)
         return Model(path, scene_caption(self._cave, len(trajectories), total))

@@ -21,8 +21,8 @@ from aquanav_tools.evaluate.paired import (
     compare_rates,
     compare_runs,
     episodes_to_tell,
+    fraction_won,
     probability_of_improvement,
-    share_won,
 )
 from aquanav_tools.evaluate.results import episodes_of, read_results
 from aquanav_tools.evaluate.statistics import Estimate, stratified_iqm
@@ -212,7 +212,7 @@ def _compare(first: Method, second: Method) -> Comparison:
         are_all=all(count is not None and count <= len(pairs) for count in possible),
         rates=rates,
         num_to_tell=episodes_to_tell(rates) if rates.p_value >= SIGNIFICANT else None,
-        won=share_won(column("spl", 0), column("spl", 1)),
+        won=fraction_won(column("spl", 0), column("spl", 1)),
         differences={name: compare_means(column(name, 0), column(name, 1)) for name in PAIRED_MEANS},
     )
 

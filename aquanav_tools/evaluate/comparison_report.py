@@ -12,7 +12,7 @@ from aquanav_tools.evaluate.options import MAX_EPISODES
 from aquanav_tools.evaluate.paired import PairedRates
 from aquanav_tools.evaluate.reporting import MEAN_ROWS, mean_row
 from aquanav_tools.evaluate.statistics import Estimate
-from aquanav_tools.evaluate.summary_text import bound, estimate_text, percent, share
+from aquanav_tools.evaluate.summary_text import bound, estimate_text, fraction_text, percent
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_outcomes
 
@@ -64,7 +64,9 @@ def verdict(comparison: Comparison) -> str:
     if comparison.rates is not None:
         return _paired_verdict(comparison, comparison.rates)
     first, second, runs = comparison.first, comparison.second, comparison.runs
-    chance = f"A run of {first} scores above one of {second} with a probability of {share(comparison.improvement)}."
+    chance = (
+        f"A run of {first} scores above one of {second} with a probability of {fraction_text(comparison.improvement)}."
+    )
     if runs is None:
         return (
             f"Whether {first} or {second} is better cannot be tested: single runs need episodes in common (the same "
@@ -137,7 +139,7 @@ def _alone(method: Method) -> str:
 
 
 def _points(estimate: Estimate) -> str:
-    return f"{share(estimate.mean)} [{100 * estimate.low:.0f}, {100 * estimate.high:.0f}]"
+    return f"{fraction_text(estimate.mean)} [{100 * estimate.low:.0f}, {100 * estimate.high:.0f}]"
 
 
 def _summary_table(methods: Sequence[Method]) -> Table:
@@ -161,7 +163,7 @@ def _summary_table(methods: Sequence[Method]) -> Table:
 
 
 def _pair_table(comparison: Comparison) -> Table:
-    rows = [("probability that a run scores higher, ties half", share(comparison.improvement))]
+    rows = [("probability that a run scores higher, ties half", fraction_text(comparison.improvement))]
     if comparison.rates is not None and comparison.won is not None:
         rates = comparison.rates
         rows += [
@@ -187,7 +189,7 @@ def _difference(estimate: Estimate, factor: float, form: str) -> str:
 
 def _task_table(methods: Sequence[Method]) -> Table:
     rows = tuple(
-        (task, *(share(float(method.scores[:, method.tasks.index(task)].mean())) for method in methods))
+        (task, *(fraction_text(float(method.scores[:, method.tasks.index(task)].mean())) for method in methods))
         for task in methods[0].tasks
     )
     return Table("Collision-free success by scenario and condition", ("", *(item.name for item in methods)), rows)

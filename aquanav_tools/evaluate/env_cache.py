@@ -10,7 +10,7 @@ from aquanav_tools.envs.places import Place, PlaceEnv, make_env
 from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_size
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
@@ -23,7 +23,7 @@ class EpisodeSpec:
     """One planned episode with its circumstances."""
 
     index: int
-    """Place in the evaluation, from 0."""
+    """Number in the evaluation, from 0."""
     scenario: Place
     condition: Condition
     plan: EpisodePlan
@@ -33,14 +33,16 @@ class EnvCache:
     """Keeps what episodes share, one environment at a time, as episodes come sorted by scenario and condition."""
 
     def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None) -> None:
-        self._policy, self._options, self._timeout = policy, options, timeout or CallTimeout()
+        self.policy = policy
+        """May be replaced between episodes by another of the same observation and action."""
+        self._options, self._timeout = options, timeout or CallTimeout()
         self._env: PlaceEnv | None = None
-        self._place: tuple[Place, TaskOptions] | None = None
+        self._key: tuple[Place, TaskOptions] | None = None
 
     def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
         """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
         task = task_of(episode, self._options)
-        env, policy = self._env_of(episode, task), self._policy.policy
+        env, policy = self._env_of(episode, task), self.policy.policy
         conditions = {name: getattr(task, name) for name in CONDITIONS}
         trajectory = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
         return trajectory, measure(trajectory, env.way, reference_of(episode, task), episode.index)
@@ -49,22 +51,23 @@ class EnvCache:
         """Free the environment."""
         if self._env is not None:
             self._env.close()
-        self._env = self._place = None
+        self._env = self._key = None
 
     def _env_of(self, episode: EpisodeSpec, task: TaskOptions) -> PlaceEnv:
         """Return the environment of an episode; it is kept when only what episodes may change themselves does."""
-        place = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in CONDITIONS}))
-        is_here = self._place is not None and self._place[0] is place[0] and self._place[1] == place[1]
+        key = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in CONDITIONS}))
+        is_here = self._key is not None and self._key[0] is key[0] and self._key[1] == key[1]
         if self._env is None or not is_here:
             self.close()
             self._env = make_env(
                 episode.scenario,
-                observation=self._policy.observation,
-                action=self._policy.action,
+                observation=self.policy.observation,
+                action=self.policy.action,
                 max_decisions=self._options.max_decisions,
                 **choices_of(task),
             )
-            self._place = place
+            self._key = key
+            check_size(self._policy, self._env.observation_space)
         return self._env
 
 
@@ -81,7 +84,7 @@ def open_env_cache(
 
 
 def numbered(episodes: Sequence[EpisodeSpec]) -> tuple[EpisodeSpec, ...]:
-    """Return the episodes with their places in the sequence."""
+    """Return the episodes with their numbers in the sequence."""
     return tuple(replace(episode, index=index) for index, episode in enumerate(episodes))
 
 

@@ -16,7 +16,7 @@ show a rate of 91 % or more, and half of 40 one from 35 to 65 %."""
 def is_drawn(scenario: Place, task: TaskOptions) -> bool:
     """Return whether anything about an episode from a given start is drawn at random, the policy aside."""
     adapter = adapter_of(scenario)
-    has_starts = task.starts == "listed" and bool(adapter.ways)
+    has_starts = task.starts == "listed" and bool(adapter.path_lengths)
     has_errors = task.sensor_noise > 0.0 or task.sensor_dropout > 0.0
     return not has_starts or has_errors or adapter.draws_water(task)
 

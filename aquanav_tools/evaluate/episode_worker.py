@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec, numbered, open_env_cache
+from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec, numbered
 from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.journal import journal_row, trajectory_name, write_trajectory
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -29,6 +28,7 @@ from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
+from aquanav_tools.workers.pipe import is_wanted
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
 RecordRule = Literal["always", "failure", "never"]
@@ -38,17 +38,19 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class EvaluationSpec:
-    """What an evaluation is told; travels to other processes."""
+    """What is evaluated and how; travels to other processes."""
 
     options: EvaluateOptions
     policy: str
     """Which of the options' policies."""
-    output: Path
-    """Folder of the evaluation."""
+    output: Path | None
+    """Folder of the evaluation; None keeps nothing of the episodes but their metrics."""
     load: Callable[[str], LoadedPolicy]
     """Loads a policy by its name."""
     seal: dict[str, str | None] | None = None
     """What `seal_of` must find in the plan where it is made on another machine."""
+    scenarios: tuple[Place, ...] | None = None
+    """Scenarios in memory, in place of the options' folders and vehicle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,13 +71,15 @@ class Task:
     """One episode to run."""
 
     index: int
-    """Its place in the evaluation."""
+    """Its number in the evaluation."""
     record: RecordRule
     """When to write its recording."""
     reason: str = ""
     """Why it fails without being run: it brought its process down before."""
     case: Case | None = None
     """What to run in the first scenario instead of the plan's episode."""
+    policy_sha256: str | None = None
+    """Of the policy's file, where it has changed since the worker loaded it; None for the policy as it was loaded."""
 
 
 def make_plan(spec: EvaluationSpec) -> Plan:
@@ -88,7 +92,7 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     """
     options = spec.options
     policy = spec.load(spec.policy)
-    scenarios = tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
+    scenarios = spec.scenarios or tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     episodes = [
@@ -113,8 +117,8 @@ def _num_possible(
     if options.cases:
         return None
     counts = [
-        possible_episodes(place, task_under(condition, options), len(starts_in(place, condition)), policy.draws)
-        for place in scenarios
+        possible_episodes(scenario, task_under(condition, options), len(starts_in(scenario, condition)), policy.draws)
+        for scenario in scenarios
         for condition in conditions
     ]
     found = [count for count in counts if count is not None]
@@ -161,13 +165,15 @@ def case_spec(scenario: Place, case: Case, index: int = 0) -> EpisodeSpec:
 
 
 class EpisodeWriter:
-    """Leaves the trails and recordings of episodes in the evaluation's folder."""
+    """Leaves the trajectories and recordings of episodes in the evaluation's folder."""
 
-    def __init__(self, output: Path, *, is_filming: bool) -> None:
+    def __init__(self, output: Path | None, *, is_filming: bool) -> None:
         self._output, self._is_filming = output, is_filming
 
     def keep(self, episode: EpisodeSpec, record: RecordRule, trajectory: Trajectory, metrics: EpisodeMetrics) -> Row:
         """Return the journal's row of an episode, when all that belongs to it is on disk."""
+        if self._output is None:
+            return journal_row(metrics, None)
         name = None
         if record == "always" or (record == "failure" and not metrics.is_collision_free_success):
             name = RECORDING.format(index=episode.index)
@@ -180,13 +186,19 @@ class EpisodeWriter:
 
 
 class EpisodeWorker:
-    """Runs episodes of a plan, one at a time."""
+    """Runs episodes of a plan, one at a time: in the first process, or as a worker's object."""
 
-    def __init__(self, plan: Plan, env_cache: EnvCache, writer: EpisodeWriter) -> None:
-        self._plan, self._env_cache, self._writer = plan, env_cache, writer
+    def __init__(self, spec: EvaluationSpec, plan: Plan, began: Any = None) -> None:
+        """Take over a plan of the specification; `began` is the clock of `CallTimeout`."""
+        self._spec, self._plan = spec, plan
+        timeout = CallTimeout(spec.options.action_time_limit, began)
+        self._env_cache = EnvCache(plan.policy, spec.options, timeout)
+        self._writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
 
-    def carry_out(self, task: Task, is_wanted: Callable[[], bool] = lambda: True) -> Row:
-        """Return the journal's row of an episode; nothing is written once it is no longer wanted."""
+    def run(self, task: Task) -> Row:
+        """Return the journal's row of an episode; nothing is written once nobody wants it any more."""
+        if task.policy_sha256 not in (None, self._env_cache.policy.sha256):
+            self._env_cache.policy = self._spec.load(self._spec.policy)
         episode = (
             self._plan.episodes[task.index]
             if task.case is None
@@ -195,9 +207,11 @@ class EpisodeWorker:
         trajectory, metrics = self._env_cache.run(episode, task.reason)
         return self._writer.keep(episode, task.record, trajectory, metrics) if is_wanted() else {}
 
+    def close(self) -> None:
+        """Free the environment."""
+        self._env_cache.close()
 
-@contextmanager
-def open_worker(spec: EvaluationSpec, plan: Plan, timeout: CallTimeout) -> Iterator[EpisodeWorker]:
-    """Yield a worker whose environment is closed at the end."""
-    with open_env_cache(plan.policy, spec.options, timeout) as env_cache:
-        yield EpisodeWorker(plan, env_cache, EpisodeWriter(spec.output, is_filming=spec.options.film))
+
+def make_worker(spec: EvaluationSpec, began: Any) -> EpisodeWorker:
+    """Return what runs episodes in a process of its own."""
+    return EpisodeWorker(spec, make_plan(spec), began)

@@ -5,19 +5,19 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
-from functools import partial
 from pathlib import Path
 
 from aquanav_tools.envs.places import Place, say_left_out
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_runner import Runner, open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
-from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Row, Task, make_plan
+from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results, worst_first
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.reporting import write_report
 from aquanav_tools.evaluate.results import (
@@ -29,14 +29,12 @@ from aquanav_tools.evaluate.results import (
     write_results,
 )
 from aquanav_tools.evaluate.summary import Summary, group, summarise
-from aquanav_tools.evaluate.worker_pool import run_tasks
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
+from aquanav_tools.workers.ray_cluster import load_ray
 
 CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
-Runner = Callable[[EvaluationSpec, Plan, Iterator[Task | None], int], Iterator[Row]]
-"""Yields the journal's rows of so many tasks as they end."""
 KINDS = (".rrd", FILM_SUFFIX)
 """Endings of what an episode is recorded in."""
 
@@ -77,24 +75,28 @@ def evaluate(
         ScenarioError: a scenario cannot be read.
         ResourceError: the processes that run do not start, or the cluster does not answer.
     """
-    load = load or partial(load_policy, is_trusted=options.trust)
+    load = load or policy_loader(options, is_trusted=options.trust)
     spec = EvaluationSpec(options, policy_name or options.policies[0], output or options.output, load)
     plan = make_plan(spec)
     _check_names(plan.scenarios)
     say_left_out(plan.scenarios)
-    runner = _runner(plan, options)
-    with held_results(spec.output):
-        return _evaluate_into_folder(runner, spec, plan, progress)
+    _check_runner(plan, options)
+    folder = output or options.output
+    with held_results(folder):
+        return _evaluate_into_folder(folder, spec, plan, progress)
 
 
-def _evaluate_into_folder(runner: Runner, spec: EvaluationSpec, plan: Plan, progress: Progress) -> Evaluation:
+def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progress: Progress) -> Evaluation:
     """Run the episodes and write everything about them into the folder, which this process holds."""
-    options, output = spec.options, spec.output
+    options = spec.options
     provenance = _provenance(plan, spec)
     journal = _open_journal(output, provenance, options.resume)
     started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)
-    _run_all(runner, spec, plan, journal, progress)
-    recordings = _recordings(runner, spec, plan, journal)
+    missing = len(plan.episodes) - len(journal)
+    num_worst = min(options.max_recordings, len(plan.episodes)) if options.record == "worst" else 0
+    with open_runner(spec, plan, max(missing, num_worst)) as runner:
+        _run_all(runner, spec, plan, journal, progress)
+        recordings = _recordings(runner, output, options, journal)
     seconds = time.perf_counter() - clock
     episodes = journal.episodes
     summary = summarise(episodes)
@@ -137,19 +139,14 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
     return journal
 
 
-def _runner(plan: Plan, options: EvaluateOptions) -> Runner:
-    """Return what runs the tasks of a plan, having checked that it can."""
+def _check_runner(plan: Plan, options: EvaluateOptions) -> None:
+    """Check that the episodes of a plan can be run as the options ask, before anything is written."""
     if options.ray is not None:
-        from aquanav_tools.evaluate.cluster import load_ray, run_on_cluster
-
         load_ray()
-        return run_on_cluster
-    if options.backend == "pybullet":
-        return run_tasks
-    from aquanav_tools.evaluate.batch_runner import check_plan, run_batched  # Warp takes a second to import
+    if options.backend == "batch":
+        from aquanav_tools.evaluate.batch_runner import check_plan  # Warp takes a second to import
 
-    check_plan(plan)
-    return run_batched
+        check_plan(plan)
 
 
 def _run_all(runner: Runner, spec: EvaluationSpec, plan: Plan, journal: Journal, progress: Progress) -> None:
@@ -161,7 +158,7 @@ def _run_all(runner: Runner, spec: EvaluationSpec, plan: Plan, journal: Journal,
         for episode in plan.episodes
         if episode.index not in journal
     )
-    for row in runner(spec, plan, tasks, count - len(journal)):
+    for row in runner(tasks):
         journal.add(row)
         progress(len(journal), count)
 
@@ -174,20 +171,19 @@ def _record_rule(index: int, options: EvaluateOptions, journal: Journal) -> Reco
     return "failure" if options.record == "failures" and is_possible else "never"
 
 
-def _recordings(runner: Runner, spec: EvaluationSpec, plan: Plan, journal: Journal) -> dict[int, str]:
+def _recordings(runner: Runner, output: Path, options: EvaluateOptions, journal: Journal) -> dict[int, str]:
     """Return the names of the recordings by episode; run the worst episodes again where these are asked for.
 
     Episodes end in any order, so there may be recordings of failures beyond the first --max-recordings: they go.
     """
-    options = spec.options
     if options.record != "worst":
         found = list(journal.recordings.items())
         for _, name in found[options.max_recordings :]:
             for kind in KINDS:
-                (spec.output / name).with_suffix(kind).unlink(missing_ok=True)
+                (output / name).with_suffix(kind).unlink(missing_ok=True)
         return dict(found[: options.max_recordings])
     worst = sorted(worst_first(journal.episodes)[: options.max_recordings])
-    rows = runner(spec, plan, iter([Task(index, "always") for index in worst]), len(worst))
+    rows = runner(iter([Task(index, "always") for index in worst]))
     return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from aquanav_tools.envs.definitions import is_own_code
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.report.trajectory import FAILED
@@ -20,8 +21,9 @@ def failure_text(policy: str, episodes: Sequence[EpisodeMetrics]) -> str:
     start = "" if first.start < 0 else f", start {first.start}"
     reason = first.reason if first.reason.endswith((".", "?", "!")) else f"{first.reason}."
     more = "" if reasons == 1 else f" There are {reasons} different reasons; the report lists them."
+    what = "Code of your own failed" if is_own_code(first.reason) else f"The policy {policy} itself failed"
     return (
-        f"The policy {policy} itself failed in {count}, first in episode {first.index} (seed {first.seed}{start}) "
+        f"{what} in {count}, first in episode {first.index} (seed {first.seed}{start}) "
         f"after {first.time:.1f} s: {reason}{more}"
     )
 

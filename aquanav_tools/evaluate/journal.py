@@ -82,7 +82,7 @@ class Journal:
 
     @property
     def episodes(self) -> EpisodeTable:
-        """The metrics of the finished episodes, by their places in the evaluation."""
+        """The metrics of the finished episodes, by their numbers in the evaluation."""
         places = np.array(self._places)
         order = places[places != NOWHERE]
         if not np.array_equal(order, np.arange(len(self._table))):

@@ -19,9 +19,11 @@ from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.types import Array
 
 INFEASIBLE = "infeasible"
-OUTCOMES = ("success", "collision", "timeout", FAILED, INFEASIBLE)
+ENDED = "ended"
+"""By a rule of the user's own."""
+OUTCOMES = ("success", "collision", "timeout", FAILED, INFEASIBLE, ENDED)
 REGIONS = ("first third", "middle third", "last third")
-"""Of the route, by the length of the shortest way that is left at the start."""
+"""Of the route, by the length of the shortest path that is left at the start."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,7 @@ class EpisodeReference:
     width: float
     """Of the vehicle, m."""
     route_length: float | None
-    """Of the guide, m; None where each episode has a way of its own."""
+    """Of the guide, m; None where each episode has a path of its own."""
     top_speed: float
     """That the vehicle keeps ahead in still water, m/s."""
     power: Callable[[Array], Array] | None
@@ -42,7 +44,7 @@ class EpisodeReference:
     num_controls: int = 3
     """How many of ballast, steer and thrust it has: a boat the last two."""
     ideal: Callable[[float], float] | None = None
-    """Time that a way of some length (m) to the goal takes at best, s; None where that is not known."""
+    """Time that a path of some length (m) to the goal takes at best, s; None where that is not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +52,7 @@ class EpisodeMetrics:
     """One episode in numbers: metres, seconds, joules."""
 
     index: int
-    """Place in the evaluation, from 0."""
+    """Number in the evaluation, from 0."""
     scenario: str
     condition: str
     region: str
@@ -71,10 +73,10 @@ class EpisodeMetrics:
     """With less clearance than the vehicle is wide."""
     time: float
     time_ratio: float | None
-    """Time over that of the shortest way at the vehicle's top speed in still water; None without success."""
+    """Time over that of the shortest path at the vehicle's top speed in still water; None without success."""
     path_length: float
     geodesic: float
-    """Length of the shortest way through the water from the start to the goal."""
+    """Length of the shortest path through the water from the start to the goal."""
     progress: float
     """Along the guide at the end."""
     spl: float
@@ -107,7 +109,7 @@ class EpisodeMetrics:
 
 
 def spl(is_success: bool, geodesic: float, path_length: float) -> float:
-    """Return success weighted by path length, in [0, 1]: 0 for a failure, 1 for the shortest way.
+    """Return success weighted by path length, in [0, 1]: 0 for a failure, 1 for the shortest path.
 
     Source: Anderson et al., On evaluation of embodied navigation agents, arXiv 1807.06757 (2018).
     """
@@ -115,7 +117,7 @@ def spl(is_success: bool, geodesic: float, path_length: float) -> float:
 
 
 def region_of(geodesic: float, route_length: float) -> str:
-    """Return which third of a route a start lies in, from the way that is left to the goal."""
+    """Return which third of a route a start lies in, from the path that is left to the goal."""
     done = 1.0 - geodesic / route_length
     return REGIONS[int(np.clip(done * len(REGIONS), 0, len(REGIONS) - 1))]
 

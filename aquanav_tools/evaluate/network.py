@@ -57,7 +57,7 @@ class NetworkPolicy:
         self._num_outputs = _num_outputs(self._kind, settings, self.action_space, path)
         self._layers = pad_layers(torch.nn.Sequential(*(layer for part in parts.values() for layer in _flat(part))))
         self._memory: Any = None
-        """(2, layers, places, width) hidden and cell state of the vehicle at each place; None before any."""
+        """(2, layers, slots, width) hidden and cell state of the vehicle at each place; None before any."""
 
     def reset(self, seed: int) -> None:
         """Forget what was seen; nothing is drawn at random."""
@@ -67,17 +67,17 @@ class NetworkPolicy:
         """Return the action for one observation."""
         return self.decide(self._outputs(np.asarray(observation)[None], np.zeros(1, dtype=np.int64))[0])
 
-    def logits(self, observations: npt.NDArray[np.float32], places: IntArray | None = None) -> npt.NDArray[np.float32]:
+    def logits(self, observations: npt.NDArray[np.float32], slots: IntArray | None = None) -> npt.NDArray[np.float32]:
         """Return what the last layer makes of (N, O) observations, (N, K): of each the same as alone, to the bit.
 
-        A recurrent network remembers each vehicle by its place, one of `places` for each row; without them the rows'
+        A recurrent network remembers each vehicle by its slot, one of `slots` for each row; without them the rows'
         order tells.
         """
-        places = np.arange(len(observations)) if places is None else places
+        slots = np.arange(len(observations)) if slots is None else slots
         before, outputs = self._memory, []
         try:
             for first in range(0, len(observations), BLOCK):
-                rows, where = observations[first : first + BLOCK], places[first : first + BLOCK]
+                rows, where = observations[first : first + BLOCK], slots[first : first + BLOCK]
                 missing = BLOCK - len(rows)
                 outputs.append(self._outputs(np.pad(rows, ((0, missing), (0, 0))), where)[: len(rows)])
         except BaseException:
@@ -85,8 +85,8 @@ class NetworkPolicy:
             raise
         return np.concatenate(outputs)
 
-    def _outputs(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
-        """Return the (N, K) outputs; rows beyond the places are only computed."""
+    def _outputs(self, observations: npt.NDArray[np.float32], slots: IntArray) -> npt.NDArray[np.float32]:
+        """Return the (N, K) outputs; rows beyond the slots are only computed."""
         import torch
 
         with torch.inference_mode():
@@ -95,26 +95,26 @@ class NetworkPolicy:
                 features = self.normaliser(features)
             features, after = pad_columns(features), None
             if self._lstm is not None:
-                sequence, after = self._lstm(features[None], self._recall(places, len(features)))
+                sequence, after = self._lstm(features[None], self._recall(slots, len(features)))
                 features = sequence[0]
             output = self._layers(features)
             output = torch.tanh(output) if self._kind.is_squashed else output
             if after is not None:
                 memory = self._memory.clone()
-                memory[:, :, places] = torch.stack(after)[:, :, : len(places)]
+                memory[:, :, slots] = torch.stack(after)[:, :, : len(slots)]
                 self._memory = memory
             values: npt.NDArray[np.float32] = output[:, : self._num_outputs].numpy()
             return values
 
-    def _recall(self, places: IntArray, num_rows: int) -> tuple[Any, ...]:
-        """Return both parts of the memory of some places, and nothing for rows beyond; new places remember nothing."""
+    def _recall(self, slots: IntArray, num_rows: int) -> tuple[Any, ...]:
+        """Return both parts of the memory of some slots, and nothing for rows beyond; new slots remember nothing."""
         import torch
 
         known = 0 if self._memory is None else self._memory.shape[2]
-        new = torch.zeros(2, self._lstm.num_layers, max(int(places.max()) + 1 - known, 0), self._lstm.hidden_size)
+        new = torch.zeros(2, self._lstm.num_layers, max(int(slots.max()) + 1 - known, 0), self._lstm.hidden_size)
         self._memory = new if self._memory is None else torch.cat([self._memory, new], dim=2)
         rows = torch.zeros(2, self._lstm.num_layers, num_rows, self._lstm.hidden_size)
-        rows[:, :, : len(places)] = self._memory[:, :, places]
+        rows[:, :, : len(slots)] = self._memory[:, :, slots]
         return tuple(rows)
 
     def decide(self, logits: npt.NDArray[np.float32]) -> Any:

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
-ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
-"""Of a Ray cluster."""
 MAX_EPISODES = 100_000
 MAX_CONDITIONS = 1000
 Region = Literal["first third", "middle third", "last third"]
@@ -25,13 +23,13 @@ class Grid:
     """Conditions to vary: every combination of the values given is evaluated. What has none stays as it is."""
 
     current: tuple[float, ...] = ()
-    """Shares of the water's own speed."""
+    """Fractions of the water's own speed."""
     sensor_noise: tuple[float, ...] = ()
     """Standard deviations of the error of each ray's distance, m."""
     action_delay: tuple[int, ...] = ()
     """Decisions between choosing an action and its effect."""
     region: tuple[Region, ...] = ()
-    """Thirds of the route to start in, by the way to the goal; needs the scenario's own starts, of which those that
+    """Thirds of the route to start in, by the path to the goal; needs the scenario's own starts, of which those that
     aquanav chooses keep off the last third."""
 
 
@@ -46,7 +44,7 @@ class Case:
     sensor_noise: float = 0.0
     """Standard deviation of the error of each ray's distance, m."""
     current: float = 1.0
-    """Share of the water's own speed."""
+    """Fraction of the water's own speed."""
 
     def __post_init__(self) -> None:
         if self.start < 0 or self.seed < 0:
@@ -65,6 +63,9 @@ class ProtocolOptions(TaskOptions):
     """Episode i of each scenario and condition has seed + i."""
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
+    observation: str | None = None
+    """What the policy observes, where its file does not tell by the number of values: an observation of your own as
+    module:Name, or, with --sensors, the preset before them (full without it)."""
     grid: Grid = field(default_factory=Grid)
     cases: tuple[Case, ...] = ()
     """Episodes named one by one, instead of by number, seed and grid: what aquanav-eval stress saves. In a protocol's
@@ -114,8 +115,8 @@ class EvaluateOptions(ProtocolOptions):
     """Also write a WebM film of each recorded episode, from behind the vehicle: a tenth of a second of one core per
     decision. The report shows those of the worst; browsers play the others."""
     trust: bool = False
-    """Let policy files run code, which those of unknown make and TorchScript do when they are loaded. Only for files
-    whose maker you trust; what can be read without is, all the same."""
+    """Let policy files run code, which those of unknown make and TorchScript do when they are loaded, and let protocol
+    files name code. Only for files whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
     backend: Literal["pybullet", "batch"] = "pybullet"
@@ -170,7 +171,7 @@ class StressOptions(TaskOptions):
     max_noise: float = 0.2
     """The search may give rays errors of this standard deviation, m."""
     max_current: float = 1.5
-    """The search may let the water flow with this share of its speed."""
+    """The search may let the water flow with this fraction of its speed."""
     seeds: int = 8
     """Number of seeds to choose from, for gusts and noise."""
     worst: int = 20
@@ -200,7 +201,7 @@ class StressOptions(TaskOptions):
                 raise InputError(f"--{name.replace('_', '-')} is {getattr(self, name)}; choose 0 or more.")
         if self.starts == "anywhere" or self.sensor_noise or self.current_range != (1.0, 1.0):
             raise InputError(
-                "The search chooses starts, sensor noise and the share of the current itself: leave out --starts, "
+                "The search chooses starts, sensor noise and the fraction of the current itself: leave out --starts, "
                 "--sensor-noise and --current-range. --max-noise and --max-current bound the search."
             )
 
@@ -218,7 +219,7 @@ class ReplayOptions:
     policy: str | None = None
     """The policy, where it is no longer at its path."""
     trust: bool = False
-    """Let the policy's file run code; see aquanav-eval --help."""
+    """Let the policy's file run code, and run the code that the results name; see aquanav-eval --help."""
     scenario: Path | None = None
     """The scenario's folder, where it is no longer at its path."""
     vehicle: str | None = None

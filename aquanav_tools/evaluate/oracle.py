@@ -10,10 +10,8 @@ enough room and gets farthest (a rollout of a base policy: Bertsekas, Dynamic Pr
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -22,9 +20,8 @@ from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
-from aquanav_tools.sim.hull import hull_clearance
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
+from aquanav_tools.sim.batch.pursuit import Pursuit
 from aquanav_tools.types import Array
 
 NUM_NODES = (60_000, 300_000)
@@ -32,17 +29,6 @@ NUM_NODES = (60_000, 300_000)
 cave so few may miss the middle of a narrow place; then as many as the build seeks its route on."""
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
-REACH = 0.7
-"""Distance along the way to the point that is aimed at, m: about one and a half lengths of the vehicle."""
-SLOWEST, FASTEST, SPEED_PER_METRE = 0.3, 0.8, 0.8
-"""Speed over ground, m/s: so much per metre of clearance of the hull, between the two."""
-STEER_LEAD, STEER_DEADBAND = 0.25, float(np.radians(4.0))
-"""The rate of turn is taken to go on for so long, s; errors of heading up to the second are left."""
-OVERSPEED = 0.15
-"""It reverses when faster than it wants by this much, m/s."""
-CLIMB_PER_METRE, FASTEST_CLIMB = 1.2, 0.4
-"""Vertical speed per metre off the way, 1/s, and its limit, m/s."""
-TRIM_PER_SPEED, TRIM_DEADBAND = 4.0, 0.05
 HORIZON = 12
 """Decisions run ahead: longer than it takes to stop."""
 MARGIN = 0.15
@@ -75,9 +61,12 @@ class OraclePolicy:
         known, radius = self._env, env.vehicle.capsule.radius
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
             self._graphs = {}
-        self._env, self._model = env, Lookahead(env)
-        self._way = self._find_way(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
-        self._steer(env.state, 0.0, env.water_velocity)  # compiles now, not while a first action is timed
+        self._env, self._predictor = env, predictor_of(env, has_map=True)
+        way = self._find_way(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
+        self._pursuit = Pursuit(self._predictor, way.points, way.arc, HORIZON)
+        # Both compile now, not while a first action is timed.
+        self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.task.action_delay, 3)), np.zeros(3))
+        self._pursuit.foresee(env.state, 0.0, env.water_velocity)
 
     def _find_way(self, start: Array, goal: Array) -> Way:
         assert self._env is not None
@@ -105,8 +94,10 @@ class OraclePolicy:
         """Return [ballast, steer, thrust]; of the observation it only needs its own trim."""
         assert self._env is not None
         state, trim, current = self._env.state, float(observation[self._trim][0]), self._env.water_velocity
-        for command in self._pending:  # what was chosen before and has yet to come through
-            state, trim = self._model.after(state, trim, command, current)
+        if self._pending:  # what was chosen before and has yet to come through
+            pending = np.array(self._pending)[None]
+            ahead = self._predictor.predict(state[None], np.array([trim]), pending, current)
+            state, trim = ahead.states[0, -1], float(ahead.trims[0, -1])
         chosen = self._choose(state, trim, current)
         if self._env.task.action_delay:
             self._pending.append(chosen)
@@ -114,13 +105,13 @@ class OraclePolicy:
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:
-        *steered, _, made = self._steer(state, trim, current)
-        pursuit, margin = Command(*steered), self._margin(made)
-        room, _ = self._foresee(state, trim, current, pursuit)
-        if room >= margin:
-            return pursuit
-        foreseen = {command: self._foresee(state, trim, current, command) for command in CHOICES}
-        return max(CHOICES, key=lambda command: (min(foreseen[command][0], margin), foreseen[command][1]))
+        pursued = self._pursuit.foresee(state, trim, current)
+        margin = self._margin(float(pursued.reached[0]))
+        if pursued.clearances[0] >= margin:
+            return Command(*pursued.commands[0].tolist())
+        foreseen = self._pursuit.foresee(state, trim, current, np.array(CHOICES))
+        room = np.minimum(foreseen.clearances, margin)
+        return CHOICES[max(range(len(CHOICES)), key=lambda n: (room[n], foreseen.made[n]))]
 
     def _margin(self, made: float) -> float:
         """Return the clearance to ask for, m, when so much way is made, m."""
@@ -128,69 +119,6 @@ class OraclePolicy:
         if made > self._made + STRIDE:
             self._made, self._waited = made, 0
         return MARGIN * 0.5 ** min(self._waited // PATIENCE, MAX_HALVINGS)
-
-    def _foresee(self, state: Array, trim: float, current: Array, command: Command) -> tuple[float, float]:
-        """Return the least clearance, m, and the way made, m, of a command and the pursuit after it."""
-        room, made = np.inf, 0.0
-        chosen: Sequence[float] = command
-        for _ in range(HORIZON):
-            state, trim = self._model.after(state, trim, chosen, current)
-            *chosen, clearance, made = self._steer(state, trim, current)
-            room = min(room, clearance)
-        return room, made
-
-    def _steer(self, state: Array, trim: float, current: Array) -> tuple[float, ...]:
-        """Return the pursuit's ballast, steer and thrust, the hull's clearance, m, and the way made, m."""
-        assert self._env is not None
-        capsule, field = self._env.vehicle.capsule, self._env.scenario.field
-        clearance = hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid)
-        return _pursue(state, trim, current, self._way.points, self._way.arc, clearance)
-
-
-@numba.njit(cache=True)
-def _pursue(state, trim, current, points, arc, clearance):  # type: ignore[no-untyped-def]
-    """Return the command that steers along the way, the clearance, and the way made."""
-    at, nearest = 0, np.inf
-    for n in range(len(points)):
-        apart = (points[n, 0] - state[0]) ** 2 + (points[n, 1] - state[1]) ** 2 + (points[n, 2] - state[2]) ** 2
-        if apart < nearest:
-            at, nearest = n, apart
-    last = len(arc) - 1
-    aim = min(np.searchsorted(arc, arc[at] + REACH), last)
-    wanted = points[aim] - state[:3]
-    speed = min(max(SPEED_PER_METRE * clearance, SLOWEST), FASTEST)
-    wanted *= speed / max(np.sqrt((wanted**2).sum()), 1e-9)
-    above = points[min(np.searchsorted(arc, arc[at] + 0.5 * REACH), last), 2] - state[2]
-    wanted[2] = min(max(CLIMB_PER_METRE * above, -FASTEST_CLIMB), FASTEST_CLIMB)
-    ballast, steer, thrust = _command_for(state, trim, wanted - current, current)
-    return ballast, steer, thrust, clearance, arc[at]
-
-
-@numba.njit(cache=True)
-def _command_for(state, trim, wanted, current):  # type: ignore[no-untyped-def]
-    """Return ballast, steer and thrust towards a (3,) velocity through the water, world frame, m/s."""
-    rotation = rotation_rows(state)
-    nose = np.arctan2(rotation[1][0], rotation[0][0])
-    error = np.arctan2(wanted[1], wanted[0]) - nose
-    error -= 2.0 * np.pi * np.round(error / (2.0 * np.pi))
-    through = np.empty(3)
-    for axis in range(3):
-        row = rotation[axis]
-        through[axis] = row[0] * state[7] + row[1] * state[8] + row[2] * state[9] - current[axis]
-    surge = through[0] * np.cos(nose) + through[1] * np.sin(nose)
-    ahead = np.hypot(wanted[0], wanted[1]) * max(np.cos(error), 0.0)
-    thrust = 1.0 if surge < ahead else (-1.0 if surge > ahead + OVERSPEED else 0.0)
-    wanted_trim = min(max(TRIM_PER_SPEED * (wanted[2] - through[2]), -1.0), 1.0)
-    return (
-        _step(wanted_trim - trim, TRIM_DEADBAND),
-        _step(error - STEER_LEAD * state[12], STEER_DEADBAND),
-        thrust,
-    )
-
-
-@numba.njit(cache=True)
-def _step(error, deadband):  # type: ignore[no-untyped-def]
-    return 0.0 if abs(error) <= deadband else float(np.sign(error))
 
 
 def _smooth(points: Array) -> Array:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,9 +12,8 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ACTIONS
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.observation import PRESETS
-from aquanav_tools.errors import InputError, did_you_mean
-
-SPEC = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
+from aquanav_tools.errors import InputError
+from aquanav_tools.registry import import_own, module_file
 
 
 class CallablePolicy:
@@ -65,37 +61,6 @@ class OwnPolicy(CallablePolicy):
         Raises:
             InputError: it cannot be imported, is no callable, or asks for an unknown preset or form.
         """
-        module_name, name = spec.split(":")
-        module = _import(module_name)
-        if not hasattr(module, name):
-            raise InputError(f"The module {module_name} has no {name}.{did_you_mean(name, _callables(module))}")
-        found = getattr(module, name)
-        super().__init__(_made(found, spec) if isinstance(found, type) else found, spec)
-        self.path = Path(module.__file__) if getattr(module, "__file__", None) else None
+        super().__init__(import_own(spec, "policy"), spec)
+        self.path = module_file(spec)
         """Of the module, whose content stands for the policy; what it imports is not looked at."""
-
-
-def _import(name: str) -> Any:
-    if "" not in sys.path and str(Path.cwd()) not in sys.path:
-        sys.path.insert(0, str(Path.cwd()))  # a command's own path begins with its folder instead
-    try:
-        return importlib.import_module(name)
-    except Exception as cause:  # foreign code runs here: whatever it raises is told
-        raise InputError(
-            f"The module {name} cannot be imported: {type(cause).__name__}: {cause}. It is looked for in the working "
-            f"directory {Path.cwd()} and where Python finds modules. Run the command from the folder of the module."
-        ) from cause
-
-
-def _made(kind: type[Any], spec: str) -> Any:
-    try:
-        return kind()
-    except Exception as cause:  # foreign code again
-        raise InputError(
-            f"{spec} is a class, and making one without arguments failed: {type(cause).__name__}: {cause}. Name a "
-            "function, or a class that needs no arguments."
-        ) from cause
-
-
-def _callables(module: Any) -> list[str]:
-    return [name for name, value in vars(module).items() if callable(value) and not name.startswith("_")]

@@ -81,8 +81,8 @@ class RunRates:
     difference: Estimate
     """Mean score of the first's runs less that of the second's, with its 95 % bootstrap interval."""
     p_value: float
-    """Of the exact permutation test: the share of all ways to deal the runs out to the two methods in which their means
-    differ at least as much."""
+    """Of the exact permutation test: the fraction of all divisions of the runs between the two methods in which their
+    means differ at least as much."""
 
 
 def compare_runs(first: Array, second: Array) -> RunRates:
@@ -93,7 +93,7 @@ def compare_runs(first: Array, second: Array) -> RunRates:
 
 
 def _permutation_p(first: Array, second: Array) -> float:
-    """Return the share of ways to deal out scores whose means differ by as much as those of `first` and `second`."""
+    """Return the fraction of ways to deal out scores whose means differ by as much as those of `first` and `second`."""
     scores, size = np.concatenate([first, second]), len(first)
     if comb(len(scores), size) <= MAX_DEALS:
         deals = np.array(list(combinations(range(len(scores)), size)))
@@ -119,8 +119,8 @@ def probability_of_improvement(first: Array, second: Array) -> float:
     return float(above)
 
 
-def share_won(first: Array, second: Array) -> Estimate:
-    """Return the share of the same episodes that the first scored higher in, ties half, with a bootstrap interval."""
+def fraction_won(first: Array, second: Array) -> Estimate:
+    """Return the fraction of the same episodes that the first scored higher in, ties half, with its interval."""
     return bootstrap_means((0.5 + 0.5 * np.sign(first - second))[:, None])[0]
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -16,16 +18,18 @@ from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import NetworkPolicy
+from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.oracle import OraclePolicy
-from aquanav_tools.evaluate.own_code import SPEC, CallablePolicy, OwnPolicy
+from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
-from aquanav_tools.policy.run_folder import KINDS, best_policy
+from aquanav_tools.policy.run_folder import KINDS, best_policy, observed_in
 from aquanav_tools.provenance import file_hash
+from aquanav_tools.registry import is_own
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.types import IntArray
 
@@ -63,10 +67,10 @@ class Adapting(Protocol):
 class Vectorised(Policy, Protocol):
     """A policy that can compute logits for many vehicles at once."""
 
-    def logits(self, observations: npt.NDArray[np.float32], places: IntArray) -> npt.NDArray[np.float32]:
-        """Return a row of anything for each of (N, O) observations, of the vehicles at so many (N,) places.
+    def logits(self, observations: npt.NDArray[np.float32], slots: IntArray) -> npt.NDArray[np.float32]:
+        """Return a row of anything for each of (N, O) observations, of the vehicles in (N,) slots.
 
-        What is remembered of a vehicle belongs to its place. A call that raises an error remembers nothing.
+        What is remembered of a vehicle belongs to its slot. A call that raises an error remembers nothing.
         """
 
     def decide(self, logits: npt.NDArray[np.float32]) -> Any:
@@ -90,6 +94,8 @@ class LoadedPolicy:
     """Which it was made for; None for any."""
     draws: bool = False
     """Whether it may draw at random, which of code that is not ours nobody knows."""
+    size: int | None = None
+    """Values that it observes, where that is to be held against the environment's; None where it fits a preset."""
 
     def reset(self, seed: int) -> None:
         """Begin an episode; random numbers, if any, are drawn from `seed`."""
@@ -152,7 +158,13 @@ BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]
 }
 
 
-def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
+def policy_loader(options: ProtocolOptions, *, is_trusted: bool) -> Callable[[str], LoadedPolicy]:
+    """Return what loads policies for an evaluation; it travels to other processes."""
+    observation = options.observation or ("full" if options.sensors else None)
+    return partial(load_policy, is_trusted=is_trusted, observation=observation)
+
+
+def load_policy(spec: str, is_trusted: bool = False, observation: str | None = None) -> LoadedPolicy:
     """Return the policy named by `spec`.
 
     Args:
@@ -160,25 +172,46 @@ def load_policy(spec: str, is_trusted: bool = False) -> LoadedPolicy:
             baseline; or "shield:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
+        observation: What a file's policy observes; None tells it from the number of values.
 
     Raises:
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
     if spec.startswith(SHIELD):
-        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted))
+        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation))
     if spec.startswith(PREFIX):
         return _baseline(spec)
-    if SPEC.fullmatch(spec):
-        return own_policy(OwnPolicy(spec), spec)
+    if is_own(spec):
+        own = own_policy(OwnPolicy(spec), spec)
+        return own if observation is None else replace(own, observation=observation)
     path, name = Path(spec), Path(spec).name
     if path.is_dir():
         path = best_policy(path)
         name = f"{path.resolve().parent.name}/{path.name}"
     found = _load_file(path, is_trusted)
-    fit = fitting_presets(found.observation_space, found.action_space, spec)
+    try:
+        fit = fitting_presets(found.observation_space, found.action_space, spec, observation)
+    except InputError as cause:
+        raise InputError(f"{cause}{observed_in(Path(spec))}") from cause
     draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
-    return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws)
+    size = None if observation is None else spaces.flatdim(found.observation_space)
+    return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws, size)
+
+
+def check_size(policy: LoadedPolicy, space: spaces.Space[Any]) -> None:
+    """Check that a policy takes what an environment lets it observe.
+
+    Raises:
+        InputError: it takes another number of values.
+    """
+    size = spaces.flatdim(space)
+    if policy.size not in (None, size):
+        raise InputError(
+            f"The policy {policy.name} takes {policy.size} values, and there are {size} of the observation "
+            f"{policy.observation} with the sensors that are named. Name with --observation and --sensors what it was "
+            "trained with."
+        )
 
 
 def own_policy(own: CallablePolicy, name: str) -> LoadedPolicy:

@@ -31,8 +31,12 @@ class Fit(NamedTuple):
     action: str
 
 
-def fitting_presets(observation: spaces.Space[Any], action: spaces.Space[Any], name: str) -> Fit:
+def fitting_presets(
+    observation: spaces.Space[Any], action: spaces.Space[Any], name: str, observed: str | None = None
+) -> Fit:
     """Return the task, the observation preset and the action form that have a policy's spaces.
+
+    `observed` names the observation where that is known, so that its space need be none of a preset.
 
     Raises:
         InputError: no task has both; the message shows what was found, what fits and what the tasks offer.
@@ -41,6 +45,8 @@ def fitting_presets(observation: spaces.Space[Any], action: spaces.Space[Any], n
     for task, sizes in OBSERVATION_SIZES.items():
         presets = [preset for preset, size in sizes.items() if observation.shape == (size,)]
         forms = [form for form, space in _forms(task).items() if is_same_space(action, space)]
+        if observed is not None:
+            presets = [observed]
         if presets and forms:
             return Fit(task, presets[0], forms[0])
         found[task] = presets, forms
@@ -52,7 +58,8 @@ def fitting_presets(observation: spaces.Space[Any], action: spaces.Space[Any], n
         f"The policy {name} observes a {describe_space(observation)}{_fit(presets, 'preset')} and acts in "
         f"{describe_space(action)}{_fit(forms, 'form')}. There are, {offers}. It was trained for another task: train "
         f"it again in aquanav_tools.envs.{env}, observation='{(presets or ['full'])[0]}', "
-        f"action='{(forms or ['multidiscrete'])[0]}'), or with aquanav-train."
+        f"action='{(forms or ['multidiscrete'])[0]}'), or with aquanav-train. If it observes by code of your own, name "
+        "that: --observation or --sensors with module:Name."
     )
 
 

@@ -17,9 +17,10 @@ from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
 from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolOptions
 from aquanav_tools.evaluate.task_adapter import adapter_of
+from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.task import TaskOptions, choices_of, task_options
+from aquanav_tools.task import TaskOptions, choices_of, named_code, task_options
 
 FOLDER = "eval/protocols"
 NOMINAL = "as given"
@@ -46,14 +47,18 @@ class Condition:
     """Third of the route to start in; None for all."""
 
 
-def read_protocol(name: str) -> dict[str, Any]:
+def read_protocol(name: str, is_trusted: bool = False) -> dict[str, Any]:
     """Return the options in a protocol: a shipped one by its name, or a file by a path that ends in .toml.
 
     Raises:
-        InputError: no such protocol (with the closest name), or an unknown or senseless value in it.
+        InputError: no such protocol (with the closest name), an unknown or senseless value in it, or code that it names
+            and nobody trusts.
     """
     path = Path(name) if name.endswith(".toml") else shipped_path(FOLDER, name)
     table = read_toml(path)
+    if not is_trusted:
+        names = [*named_code(table), table.get("observation")]
+        refuse_recorded(names, str(path), "If you trust it, add --trust; or name the code as options instead.")
     options = from_table(ProtocolOptions, table, path.name)
     return {key: getattr(options, key) for key in table}
 
@@ -88,7 +93,7 @@ def plan_case(scenario: Place, case: Case) -> EpisodePlan:
     Raises:
         InputError: the scenario has no such start.
     """
-    count = len(adapter_of(scenario).ways)
+    count = len(adapter_of(scenario).path_lengths)
     if case.start >= count:
         raise InputError(
             f"A case begins at start {case.start}, and {scenario.name} has {count} listed starts, counted from 0: the "
@@ -130,10 +135,10 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
         InputError: none of the scenario's starts lies in the condition's region.
     """
     starts = starts_in(scenario, condition)
-    is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).ways
+    is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).path_lengths
     if not starts and (condition.region is not None or not is_anywhere):
         raise InputError(
-            f"None of the {len(adapter_of(scenario).ways)} listed starts of {scenario.name} lies in the "
+            f"None of the {len(adapter_of(scenario).path_lengths)} listed starts of {scenario.name} lies in the "
             f"{condition.region} of its route. Leave out that region, or build the scenario with more starts."
         )
     count = options.episodes or usual_episodes(scenario, task_under(condition, options), len(starts))
@@ -145,8 +150,8 @@ def starts_in(scenario: Place, condition: Condition) -> list[int]:
     adapter = adapter_of(scenario)
     return [
         index
-        for index, way in enumerate(adapter.ways)
-        if condition.region in (None, region_of(way, adapter.reference.route_length or way))
+        for index, length in enumerate(adapter.path_lengths)
+        if condition.region in (None, region_of(length, adapter.reference.route_length or length))
     ]
 
 
@@ -165,6 +170,6 @@ def _condition(combination: tuple[tuple[str, Any, str], ...]) -> Condition:
     values = {key: value for key, value, _ in combination}
     region = values.pop("region", None)
     if "current" in values:
-        share = values.pop("current")
-        values["current_range"] = (share, share)
+        fraction = values.pop("current")
+        values["current_range"] = (fraction, fraction)
     return Condition(", ".join(text for *_, text in combination) or NOMINAL, values, region)

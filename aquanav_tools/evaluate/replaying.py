@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,12 +15,13 @@ from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
-from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
+from aquanav_tools.registry import is_own, refuse_recorded
 from aquanav_tools.report.trajectory import FAILED, Trajectory
-from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress
 
 RECORDING = "replay-{index:05d}.rrd"
@@ -64,14 +64,17 @@ def replay(
     path = options.results / "results.json" if options.results.is_dir() else options.results
     table = read_results(path)
     episode = _find(episodes_of(table), options.episode, path)
-    policy = _policy(table, options, load or partial(load_policy, is_trusted=options.trust))
+    rules = _rules(table["protocol"])
+    if not options.trust:
+        refuse_recorded([*named_code(choices_of(rules)), rules.observation], str(path), "If you trust it, add --trust.")
+    policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
     start = None if episode.start == NOWHERE_LISTED else episode.start
     spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     is_batched = table["protocol"].get("backend") == "batch"
-    trajectory, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, _rules(table["protocol"]))
+    trajectory, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, rules)
     record_trajectory(scenario, trajectory, output)
     if options.film is not None:
         film_trajectory(scenario, trajectory, options.film, options.view, progress)
@@ -134,11 +137,16 @@ def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place
 
 
 def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
-    task = {name: protocol[name] for name in choices_of(TaskOptions())}
+    task = {name: protocol.get(name, usual) for name, usual in choices_of(TaskOptions()).items()}
     for name, value in task.items():
         task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
+    observation = protocol["observation"] if task["sensors"] or is_own(protocol["observation"]) else None
     return ProtocolOptions(
-        episodes=protocol["episodes"], seed=protocol["seed"], max_decisions=protocol["max_decisions"], **task
+        observation=observation,
+        episodes=protocol["episodes"],
+        seed=protocol["seed"],
+        max_decisions=protocol["max_decisions"],
+        **task,
     )
 
 

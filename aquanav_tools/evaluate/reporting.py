@@ -61,8 +61,8 @@ MEAN_ROWS = {
     "mean_clearance": ("clearance, mean over time", "2f", "m"),
     "time_close": ("time closer to a wall than the vehicle is wide", "1f", "s"),
     "time": ("time", "1f", "s"),
-    "time_ratio": ("time over the shortest way's at top speed, successes", "2f", ""),
-    "path_length": ("way travelled", "1f", "m"),
+    "time_ratio": ("time over the shortest path's at top speed, successes", "2f", ""),
+    "path_length": ("path length", "1f", "m"),
     "reward": ("return, the sum of the reward", "1f", ""),
     "cost": ("safety cost, decisions in contact", "1f", ""),
     "control_effort": ("control effort, 0 idle to 1 full", "2f", ""),
@@ -120,11 +120,11 @@ def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pi
     picture = adapter_of(scenario).picture()
     if not picture.is_shared:
         charts = []
-        for episode in [own[place] for place in worst_first(own)[:NUM_CHARTS]]:
+        for episode in [own[index] for index in worst_first(own)[:NUM_CHARTS]]:
             path = pictures / f"{scenario.name}-{episode.index:05d}.png"
             picture.draw(path, [journal.trajectory(episode.index)])
             charts.append(Figure(path, f"One of the worst: {_describe(episode)}."))
-        return Section(f"In {scenario.name}, where each episode has another place", figures=tuple(charts))
+        return Section(f"In {scenario.name}, where each episode has another map", figures=tuple(charts))
     worst = own[worst_first(own)[0]]
     paths = {kind: pictures / f"{scenario.name}-{kind}.png" for kind in ("worst", "trails", "collisions")}
     picture.draw(paths["worst"], [journal.trajectory(worst.index)])

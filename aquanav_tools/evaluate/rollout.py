@@ -5,25 +5,23 @@ from __future__ import annotations
 import ctypes
 import dataclasses
 import random
-import re
 import signal
 import sys
-import sysconfig
 import threading
 import time
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import aquanav_tools
 from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.places import PlaceEnv
+from aquanav_tools.errors import OwnCodeError
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
+from aquanav_tools.registry import error_text
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 
 TERM_PREFIX = "reward/"
@@ -31,17 +29,6 @@ ACTION_TIME_LIMIT = 30.0
 """Wall time in which a policy must give an action, s: hundreds of times what any network here takes."""
 LOOKS = 4
 """Times that the clock is looked at within the time limit; a policy may overrun by one part of it."""
-
-
-_ADDRESS = re.compile(r" at 0x[0-9a-f]+")
-"""In texts of objects; it changes from run to run."""
-_MAX_REASON = 500
-"""Characters kept of an error's text."""
-_LIBRARIES = (
-    str(Path(aquanav_tools.__file__).parent),
-    *(sysconfig.get_paths()[name] for name in ("stdlib", "purelib", "platlib")),
-)
-"""Folders of code that is not the user's own."""
 
 
 class _HangError(BaseException):
@@ -86,8 +73,7 @@ class CallTimeout:
         except _HangError:
             return None, self.reason
         except (Exception, SystemExit) as error:  # foreign code: whatever it raises costs this episode only
-            text = _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:_MAX_REASON]
-            return None, text + _line_of(error)
+            return None, error_text(error)
 
     @property
     def reason(self) -> str:
@@ -105,16 +91,6 @@ class CallTimeout:
             raise _HangError
 
 
-def _line_of(error: BaseException) -> str:
-    """Return the last line of the user's own code on the way to an error: " (own.py, line 7)"; "" without any."""
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(("<", *_LIBRARIES))
-    ]
-    return f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-
-
 def run_episode(
     env: PlaceEnv,
     policy: Policy,
@@ -130,7 +106,12 @@ def run_episode(
     `conditions` are options of reset: what this episode has of its own.
     """
     timeout = timeout or CallTimeout()
-    observation, info = env.reset(seed=plan.seed, options={**_start(plan), **(conditions or {})})
+    try:
+        observation, info = env.reset(seed=plan.seed, options={**_start(plan), **(conditions or {})})
+    except OwnCodeError as error:
+        if not isinstance(env, CaveEnv):
+            raise
+        observation, info, reason = np.zeros(0, dtype=np.float32), env.info, error.reasons[0]
     if isinstance(policy, Adapting):
         policy.adapt(env.action_space)
     if isinstance(policy, PrivilegedPolicy):
@@ -144,7 +125,11 @@ def run_episode(
             if reason:
                 break
             action, command = chosen
-            observation, reward, terminated, truncated, info = env.step(action)
+            try:
+                observation, reward, terminated, truncated, info = env.step(action)
+            except OwnCodeError as error:
+                reason = error.reasons[0]
+                break
             is_over = terminated or truncated
             infos.append(info)
             actions.append(action)

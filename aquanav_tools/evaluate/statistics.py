@@ -27,7 +27,7 @@ CHUNK = 2_000_000
 
 @dataclass(frozen=True)
 class Proportion:
-    """A share of episodes with its 95 % Wilson interval."""
+    """A fraction of episodes with its 95 % Wilson interval."""
 
     rate: float
     low: float
@@ -35,7 +35,7 @@ class Proportion:
 
 
 UNKNOWN = Proportion(0.0, 0.0, 1.0)
-"""The share of no episodes at all."""
+"""The fraction of no episodes at all."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Estimate:
 
 
 def wilson(num_hits: int, num_trials: int) -> Proportion:
-    """Return the share of hits with its 95 % Wilson score interval.
+    """Return the fraction of hits with its 95 % Wilson score interval.
 
     Unlike rate +- 1.96 standard errors it stays in [0, 1] and does not shrink to nothing at 0 % and 100 %.
 
@@ -147,9 +147,9 @@ def resampled_means(values: Array, resamples: int = RESAMPLES, seed: int = BOOTS
     """Return the (resamples, ...) means of the rows of (N, ...) values drawn with replacement; the same for a seed."""
     rng = np.random.default_rng(seed)
     count = len(values)
-    shares = np.full(count, 1.0 / count)
+    weights = np.full(count, 1.0 / count)
     chunks = np.array_split(np.arange(resamples), max(1, ceil(resamples * count / CHUNK)))
-    return np.concatenate([rng.multinomial(count, shares, size=len(chunk)) @ values / count for chunk in chunks])
+    return np.concatenate([rng.multinomial(count, weights, size=len(chunk)) @ values / count for chunk in chunks])
 
 
 def _wilson_half_width(rate: float, num_trials: int) -> float:
@@ -159,4 +159,4 @@ def _wilson_half_width(rate: float, num_trials: int) -> float:
 
 def _check_counts(num_hits: int, num_trials: int) -> None:
     if num_trials < 1 or not 0 <= num_hits <= num_trials:
-        raise ValueError(f"Cannot take the share of {num_hits} hits in {num_trials} trials.")
+        raise ValueError(f"Cannot take the fraction of {num_hits} hits in {num_trials} trials.")

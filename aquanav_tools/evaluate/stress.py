@@ -10,6 +10,7 @@ from typing import Any
 
 from aquanav_tools.envs.places import cave_of
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results
 from aquanav_tools.evaluate.options import EvaluateOptions, StressOptions
@@ -18,7 +19,6 @@ from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.search import GENERATION, CaseSpace, Search, danger, load_cmaes, random_points
 from aquanav_tools.evaluate.stress_report import Stress, Trial, write_stress_report
-from aquanav_tools.evaluate.worker_pool import run_tasks
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Array, Progress
@@ -55,9 +55,10 @@ def _search(spec: EvaluationSpec, plan: Plan, options: StressOptions, progress: 
     journal = _open_journal(options, plan)
     campaign = _Campaign(options, scenario, journal)
     progress(len(journal), 2 * options.budget)
-    for row in run_tasks(spec, plan, campaign.tasks(), 2 * options.budget - len(journal)):
-        journal.add(row)
-        progress(len(journal), 2 * options.budget)
+    with open_runner(spec, plan, 2 * options.budget - len(journal)) as runner:
+        for row in runner(campaign.tasks()):
+            journal.add(row)
+            progress(len(journal), 2 * options.budget)
     drawn, searched = campaign.trials(range(options.budget)), campaign.trials(range(options.budget, 2 * options.budget))
     worst = _worst((*drawn, *searched), options.worst)
     write_cases([trial.case for trial in worst], options, options.max_decisions, options.output / WORST)
@@ -98,8 +99,8 @@ class _Campaign:
 
     def _trial(self, index: int) -> Trial:
         case, metrics = self._cases[index], self._journal.episode(index)
-        way = self._scenario.starts[case.start].geodesic_to_goal
-        return Trial(case, metrics, danger(metrics, self._scenario.guide.length), way)
+        path_length = self._scenario.starts[case.start].geodesic_to_goal
+        return Trial(case, metrics, danger(metrics, self._scenario.guide.length), path_length)
 
     def _generations(self) -> Iterator[tuple[int, list[Array]]]:
         """Yield the first index and the points of each generation; the caller runs them before it asks for more."""

@@ -15,7 +15,7 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
 from aquanav_tools.evaluate.reporting import task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
-from aquanav_tools.evaluate.summary_text import metres, percent, share
+from aquanav_tools.evaluate.summary_text import fraction_text, metres, percent
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_cases
 from aquanav_tools.scenario.schema import Scenario
@@ -38,7 +38,7 @@ class Trial:
     metrics: EpisodeMetrics
     danger: float
     """As `search.danger` has it: above 0 for a failure."""
-    way: float
+    path_length: float
     """From the start to the goal, m."""
 
     @property
@@ -73,19 +73,19 @@ class Axis:
 
 
 AXES = (
-    Axis("way from the start to the goal, m", "way, m", lambda trial: trial.way),
-    Axis("share of the current", "current", lambda trial: trial.case.current),
+    Axis("shortest path from the start to the goal, m", "path, m", lambda trial: trial.path_length),
+    Axis("fraction of the current", "current", lambda trial: trial.case.current),
     Axis("sensor noise, m", "noise, m", lambda trial: trial.case.sensor_noise),
 )
 
 
 def failure_rate(trials: Sequence[Trial]) -> Proportion:
-    """Return the share of failures among the trials that differ to the bit, with its 95 % Wilson interval."""
+    """Return the fraction of failures among the trials that differ to the bit, with its 95 % Wilson interval."""
     return _rate({trial.metrics.digest: trial.is_failure for trial in trials})
 
 
 def miss_rate(trials: Sequence[Trial]) -> Proportion:
-    """Return the share of trials that did not reach the goal, as `failure_rate` has it: failures at their worst."""
+    """Return the fraction of trials that did not reach the goal, as `failure_rate` has it: failures at their worst."""
     return _rate({trial.metrics.digest: not trial.metrics.is_success for trial in trials})
 
 
@@ -102,7 +102,7 @@ def verdict(found: Stress) -> str:
     times = f"{searched.rate / drawn.rate:.1f} times as many" if drawn.rate else "where drawing at random found none"
     return (
         f"It failed in {percent(drawn)} of {len(found.drawn)} cases drawn at random. The search, with as many "
-        f"episodes, found failures in {share(searched.rate)} of its cases: {times}. It missed the goal in "
+        f"episodes, found failures in {fraction_text(searched.rate)} of its cases: {times}. It missed the goal in "
         f"{percent(miss_rate(found.drawn))} of those drawn, in {percent(miss_rate(found.searched))} of those searched."
     )
 
@@ -141,11 +141,15 @@ def _facts(found: Stress) -> tuple[Fact, ...]:
     drawn, searched = failure_rate(found.drawn), failure_rate(found.searched)
     most = found.worst[0]
     return (
-        Fact("failures at random", share(drawn.rate), f"95 % interval {drawn.low:.0%} to {drawn.high:.0%}"),
-        Fact("failures searched", share(searched.rate), f"95 % interval {searched.low:.0%} to {searched.high:.0%}"),
+        Fact("failures at random", fraction_text(drawn.rate), f"95 % interval {drawn.low:.0%} to {drawn.high:.0%}"),
+        Fact(
+            "failures searched",
+            fraction_text(searched.rate),
+            f"95 % interval {searched.low:.0%} to {searched.high:.0%}",
+        ),
         Fact(
             "goal missed, at random and searched",
-            f"{share(miss_rate(found.drawn).rate)}, {share(miss_rate(found.searched).rate)}",
+            f"{fraction_text(miss_rate(found.drawn).rate)}, {fraction_text(miss_rate(found.searched).rate)}",
             f"of {len(found.drawn)} episodes each",
         ),
         Fact("worst", _outcome(most), f"{most.metrics.collisions} contacts, start {most.case.start}"),
@@ -164,14 +168,16 @@ def _warnings(found: Stress, options: StressOptions) -> tuple[Notice, ...]:
     drawn = failure_rate(found.drawn)
     if drawn.rate > FAILS_ANYWAY:
         text = (
-            f"The policy fails in {share(drawn.rate)} of cases drawn at random, so that the search has little to find "
-            "but how badly. Train it further, or search where it is better: with a smaller --max-current or "
+            f"The policy fails in {fraction_text(drawn.rate)} of cases drawn at random, so that the search has little "
+            "to find but how badly. Train it further, or search where it is better: with a smaller --max-current or "
             "--max-noise, or in an easier scenario."
         )
         notices.append(Notice("fails-anyway", text))
     water = found.scenario.settings.water.current if options.current is None else options.current
     if water in ("still", 0.0):
-        text = "The water is still, so the share of the current changes nothing. Add --current half to search currents."
+        text = (
+            "The water is still, so the fraction of the current changes nothing. Add --current half to search currents."
+        )
         notices.append(Notice("still-water", text))
     return tuple(notices)
 
@@ -211,14 +217,14 @@ def _part(found: Stress, axis: Axis, low: float, high: float, is_first: bool) ->
 def _worst_table(found: Stress) -> Table:
     rows = tuple(
         (
-            str(number), str(trial.case.start), f"{trial.way:.1f}", str(trial.case.seed), f"{trial.case.current:g}",
-            f"{trial.case.sensor_noise:g}", _outcome(trial), str(trial.metrics.collisions),
+            str(number), str(trial.case.start), f"{trial.path_length:.1f}", str(trial.case.seed),
+            f"{trial.case.current:g}", f"{trial.case.sensor_noise:g}", _outcome(trial), str(trial.metrics.collisions),
             f"{trial.metrics.progress:.1f}", metres(trial.metrics.min_clearance),
         )
         for number, trial in enumerate(found.worst[:NUM_SHOWN])
     )  # fmt: skip
     columns = (
-        "case", "start", "way, m", "seed", "current", "noise, m", "outcome", "contacts", "progress, m",
+        "case", "start", "path, m", "seed", "current", "noise, m", "outcome", "contacts", "progress, m",
         "min clearance, m",
     )  # fmt: skip
     return Table("The worst cases", columns, rows)

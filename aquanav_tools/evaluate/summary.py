@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.evaluate.episode_table import EpisodeTable
-from aquanav_tools.evaluate.metrics import INFEASIBLE, OUTCOMES, REGIONS, EpisodeMetrics
+from aquanav_tools.evaluate.metrics import ENDED, INFEASIBLE, OUTCOMES, REGIONS, EpisodeMetrics
 from aquanav_tools.evaluate.statistics import (
     UNKNOWN,
     Estimate,
@@ -45,7 +45,7 @@ class Summary:
     outcomes: dict[str, int]
     """Number of episodes per outcome; infeasible ones are named where there are any."""
     collisions_per_100m: Estimate
-    """Collisions of all episodes over the way of all, per 100 m."""
+    """Collisions of all episodes over the path of all, per 100 m."""
     min_clearance: float
     """Smallest over all episodes, m."""
     means: dict[str, Estimate]
@@ -55,7 +55,7 @@ class Summary:
 
     @property
     def counted_episodes(self) -> int:
-        """Different episodes that the rates are shares of; 0 where the limit left none a chance."""
+        """Different episodes that the rates are fractions of; 0 where the limit left none a chance."""
         return self.distinct_episodes - self.infeasible_episodes
 
     def as_table(self) -> dict[str, Any]:
@@ -103,7 +103,7 @@ def summarise(episodes: Sequence[EpisodeMetrics]) -> Summary:
 
 def _counts(table: EpisodeTable) -> dict[str, int]:
     counts = {outcome: int(table.are("outcome", outcome).sum()) for outcome in OUTCOMES}
-    return {outcome: count for outcome, count in counts.items() if count or outcome != INFEASIBLE}
+    return {outcome: count for outcome, count in counts.items() if count or outcome not in (INFEASIBLE, ENDED)}
 
 
 def group(episodes: Sequence[EpisodeMetrics]) -> tuple[Group, ...]:
@@ -131,6 +131,6 @@ def _means(episodes: EpisodeTable) -> dict[str, Estimate]:
     is_whole = ~lacks.any(axis=0)
     whole = [name for name, all_have_it in zip(MEANS, is_whole, strict=True) if all_have_it]
     found = dict(zip(whole, bootstrap_means(values[:, is_whole]), strict=True))
-    for place in np.flatnonzero(~is_whole & ~lacks.all(axis=0)):
-        found[MEANS[place]] = bootstrap_means(values[~lacks[:, place], place, None])[0]
+    for column in np.flatnonzero(~is_whole & ~lacks.all(axis=0)):
+        found[MEANS[column]] = bootstrap_means(values[~lacks[:, column], column, None])[0]
     return {name: found[name] for name in MEANS if name in found}

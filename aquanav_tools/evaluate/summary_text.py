@@ -19,16 +19,16 @@ def percent(proportion: Proportion) -> str:
     """Return a rate with its interval: 80 % [66, 89]."""
     if proportion == UNKNOWN:
         return rate_text(proportion)
-    return f"{share(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
+    return f"{fraction_text(proportion.rate)} [{100 * proportion.low:.0f}, {100 * proportion.high:.0f}]"
 
 
 def rate_text(rate: Proportion) -> str:
     """Return a rate without its interval."""
-    return "not known" if rate == UNKNOWN else share(rate.rate)
+    return "not known" if rate == UNKNOWN else fraction_text(rate.rate)
 
 
-def share(value: float) -> str:
-    """Return a share in per cent, with a decimal where it is small: 80 %, 2.3 %."""
+def fraction_text(value: float) -> str:
+    """Return a fraction in per cent, with a decimal where it is small: 80 %, 2.3 %."""
     return f"{100 * value:.1f} %" if 0.0 < value < 0.095 else f"{100 * value:.0f} %"
 
 
@@ -72,18 +72,18 @@ def bound(summary: Summary) -> tuple[str, str]:
     count = summary.counted_episodes
     num_free = round(summary.collision_free_success.rate * count)
     if 2 * num_free >= count:
-        return "fails in at most", share(summary.failure_bound)
-    return "is collision-free in at most", share(failure_bound(num_free, count))
+        return "fails in at most", fraction_text(summary.failure_bound)
+    return "is collision-free in at most", fraction_text(failure_bound(num_free, count))
 
 
 def infeasible_text(summary: Summary) -> str:
     """Return what is said of episodes in which no policy could have arrived in time."""
     count = summary.outcomes[INFEASIBLE]
     return (
-        f"In {count} of {summary.episodes} episodes the time limit is shorter than the way takes at the vehicle's top "
+        f"In {count} of {summary.episodes} episodes the time limit is shorter than the path takes at the vehicle's top "
         "speed, so no policy could arrive. They ran out of time, and count neither as success nor as failure. Give "
         "more time with --max-decisions; without it, and without a limit in the scenario, the limit follows from the "
-        "way."
+        "path."
     )
 
 

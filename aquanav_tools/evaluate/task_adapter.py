@@ -24,10 +24,10 @@ class Picture(Protocol):
     """Draws where episodes led."""
 
     is_shared: bool
-    """Whether all episodes were in one place, so that they can be drawn together."""
+    """Whether all episodes were in one scenario, so that they can be drawn together."""
 
     def draw(self, path: Path, trajectories: Sequence[TrajectorySummary] = (), contacts: Array | None = None) -> None:
-        """Write a PNG with trails, or with where (C, 3) contacts crowd."""
+        """Write a PNG with trajectories, or with where (C, 3) contacts crowd."""
 
 
 class TaskAdapter(Protocol):
@@ -35,24 +35,24 @@ class TaskAdapter(Protocol):
 
     task: str
     """One of the tasks in `presets`: a policy must have been made for it."""
-    ways: tuple[float, ...]
-    """Length of the shortest way to the goal from each listed start, m; none where each episode has another place."""
+    path_lengths: tuple[float, ...]
+    """Length of the shortest path to the goal from each listed start, m; none where each episode has another map."""
 
     @property
     def reference(self) -> EpisodeReference:
         """What episodes are held against; its condition is to be filled in."""
 
     def ideal_time(self, task: TaskOptions) -> Callable[[float], float] | None:
-        """Return the time that a way of some length to the goal takes at best, s; None where that is not known."""
+        """Return the time that a path of some length to the goal takes at best, s; None where that is not known."""
 
     def draws_water(self, task: TaskOptions) -> bool:
         """Return whether the water alone makes episodes from one start differ."""
 
     def picture(self) -> Picture:
-        """Return what draws episodes in their place."""
+        """Return what draws episodes in their scenario."""
 
     def model(self, path: Path, trajectories: Sequence[TrajectorySummary], total: int) -> Model | None:
-        """Write the 3D view of the place with trails of some of `total` episodes as a GLB; None where there is none."""
+        """Write the 3D view of the scenario with trajectories of some of `total` episodes as GLB; None without one."""
 
     def scene(self, trajectory: Trajectory) -> Scene:
         """Return what the recording of a trajectory shows around the vehicle."""
@@ -66,6 +66,6 @@ class TaskAdapter(Protocol):
 
 
 @functools.lru_cache(maxsize=8)
-def adapter_of(place: Place) -> TaskAdapter:
+def adapter_of(scenario: Place) -> TaskAdapter:
     """Return the adapter of a scenario."""
-    return BayAdapter(place) if isinstance(place, Bay) else CaveAdapter(place)
+    return BayAdapter(scenario) if isinstance(scenario, Bay) else CaveAdapter(scenario)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.text_files import read_json
 
 POLICY_FILE, BEST_FILE = "policy.zip", "best.zip"
 KINDS = {
@@ -12,6 +13,17 @@ KINDS = {
     POLICY_FILE: "the last one; a best one is kept where aquanav-train has --validation",
 }
 """What each is, the better first."""
+
+
+def observed_in(folder: Path) -> str:
+    """Return, in the words of options, what a training run's folder says that its policy observes; "" of no run."""
+    try:
+        lesson = read_json(folder / "train.json")["lessons"][-1]
+        sensors = [str(name) for name in lesson.get("sensors", ())]
+        words = [f"--observation {lesson['observation']}", *(["--sensors", *sensors] if sensors else [])]
+    except (InputError, LookupError, TypeError, AttributeError):
+        return ""
+    return f" {folder} says that it was trained with {' '.join(words)}."
 
 
 def best_policy(folder: Path) -> Path:

@@ -20,7 +20,14 @@ PORTAL = "#fb5607"
 JPEG_QUALITY = 88
 """A tenth of a PNG's size for photographs, letters still sharp."""
 
-OUTCOME_COLOURS = {"success": GOOD, "collision": BAD, "timeout": IDLE, "failed": MUTED, "infeasible": MUTED}
+OUTCOME_COLOURS = {
+    "success": GOOD,
+    "collision": BAD,
+    "timeout": IDLE,
+    "failed": MUTED,
+    "infeasible": MUTED,
+    "ended": BAD,
+}
 
 
 def new_figure(width_in: float, height_in: float) -> Any:

@@ -25,7 +25,7 @@ class Learning:
     """Mean return of the last episodes."""
     success: Series
     """Share of the last episodes that reached the goal."""
-    clean_success: Series
+    collision_free_success: Series
     """Share that did so without a collision."""
     validation: Series
     """Collision-free success in the validation scenarios."""
@@ -40,7 +40,7 @@ def plot_learning(learning: Learning, path: Path) -> None:
     _draw(left, learning.reward, BLUE, "")
     left.set_title("Return per episode", loc="left", fontweight="bold")
     _draw(right, learning.success, BLUE, "success")
-    _draw(right, learning.clean_success, GOOD, "without a collision")
+    _draw(right, learning.collision_free_success, GOOD, "without a collision")
     if learning.validation:
         right.plot(*_columns(learning.validation), "o", color=PORTAL, markersize=4, label="the latter in validation")
     right.set_ylim(-0.03, 1.03)

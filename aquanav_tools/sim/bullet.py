@@ -1,4 +1,4 @@
-"""One vehicle in one cave: our own motion, PyBullet's contacts. The only module that imports pybullet.
+"""PyBullet's contacts, the reference for our own. The only module that imports pybullet.
 
 Bullet knows neither added mass nor Coriolis forces in water, and feeding added mass back as a force diverges. So our
 integrator moves the vehicle, and Bullet is asked only what the wall does to that motion: it gets the mean velocity of
@@ -16,19 +16,16 @@ import os
 import tempfile
 import threading
 import weakref
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.libraries import stderr_silenced
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.contact import take_over_contact
-from aquanav_tools.sim.hull import glide, hull_clearance
-from aquanav_tools.sim.hydrodynamics import mean_velocity
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.types import Array, Mesh, Pose, yaw_quaternion
+from aquanav_tools.types import Array, Mesh
 
 with stderr_silenced():
     import pybullet
@@ -65,10 +62,11 @@ class _Arena:
         self.mesh = cave
         """Kept, so that no other mesh gets its id."""
         # Bullet reads float32 coordinates from the file, so it works near the cave's middle.
-        self._middle: Array = cave.vertices.mean(axis=0)
+        middle = cave.vertices.mean(axis=0)
+        self._middle: list[float] = middle.tolist()
         self._client = _connect(dt)
         weakref.finalize(self, pybullet.disconnect, physicsClientId=self._client)
-        self._cave = _load_cave(cave, self._middle, self._client)
+        self._cave = _load_cave(cave, middle, self._client)
         self._outside = (float(np.ptp(cave.vertices, axis=0).max()) + OUTSIDE, 0.0, 0.0)
         self._awake = NO_BODY
         self._abandoned: list[int] = []
@@ -99,38 +97,29 @@ class _Arena:
             # Bullet drops all that it knows of the pairs of a body whose filter is set, even to what it was.
             pybullet.setCollisionFilterGroupMask(body, -1, VEHICLES, CAVES, physicsClientId=client)
 
-    def solve(self, body: int, pose: Array | None, velocity: list[float]) -> Array | None:
-        """Move a body for one step; return where the wall lets it, or None where there was no contact.
-
-        Args:
-            body: From `enter`.
-            pose: (7,) position and quaternion (w, x, y, z), world; None is where the last step left it.
-            velocity: Linear and angular, world frame.
-
-        Returns:
-            (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world.
-        """
-        client = self._client
+    def solve(self, body: int, question: Sequence[float], is_continued: bool) -> tuple[float, ...] | None:
+        """Move a body, from `enter`, for one step; see `ContactEngine.solve`."""
+        client, (x, y, z) = self._client, self._middle
         with self._lock:
             self._awaken(body)
-            if pose is not None:
-                w, x, y, z = pose[3:7].tolist()
-                position = (pose[:3] - self._middle).tolist()
-                pybullet.resetBasePositionAndOrientation(body, position, (x, y, z, w), physicsClientId=client)
-            pybullet.resetBaseVelocity(body, velocity[:3], velocity[3:], physicsClientId=client)
+            if not is_continued:
+                east, north, up, rw, rx, ry, rz = question[:7]
+                pybullet.resetBasePositionAndOrientation(
+                    body, (east - x, north - y, up - z), (rx, ry, rz, rw), physicsClientId=client
+                )
+            pybullet.resetBaseVelocity(body, question[7:10], question[10:13], physicsClientId=client)
             pybullet.stepSimulation(physicsClientId=client)
             contacts = pybullet.getContactPoints(body, self._cave, physicsClientId=client)
             if not any([contact[NORMAL_FORCE] > 0.0 for contact in contacts]):
                 return None
             return self.motion(body)
 
-    def motion(self, body: int) -> Array:
-        """Return Bullet's (13,) position, quaternion (x, y, z, w), linear and angular velocity, in the world."""
-        position, orientation = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+    def motion(self, body: int) -> tuple[float, ...]:
+        """Return where a body is and how it moves: 13 numbers, as in `ContactEngine.solve`."""
+        place, (rx, ry, rz, rw) = pybullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
         linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._client)
-        solved = np.array((*position, *orientation, *linear, *angular))
-        solved[:3] += self._middle
-        return solved
+        x, y, z = self._middle
+        return (place[0] + x, place[1] + y, place[2] + z, rw, rx, ry, rz, *linear, *angular)
 
     def _awaken(self, body: int) -> None:
         """Put the body that moved last to sleep, and wake this one."""
@@ -160,123 +149,35 @@ def _arena_of(cave: Mesh, dt: float) -> _Arena:
     return arena
 
 
-class BulletWorld:
-    """A cave with one vehicle. Close it after use."""
+class BulletContacts:
+    """What a cave's wall does to one vehicle, as `sim.batch.engine.ContactEngine` has it. Close it after use."""
+
+    margin = CONTACT_MARGIN
 
     def __init__(self, scenario: Scenario, vehicle: Vehicle) -> None:
-        limits = scenario.settings.limits
-        self.state: Array = vehicle.state_at(Pose(np.zeros(3), yaw_quaternion(0.0)))
-        """(13,) position (world, m), quaternion (w, x, y, z), velocity over ground (body, m/s and rad/s), and what the
-        vehicle's model adds."""
-        self._free: Array = self.state.copy()
-        self._vehicle = vehicle
-        self._dt = limits.dt
-        self._parameters = vehicle.motion_parameters(scenario.settings.water.density)
-        self._half_axis = 0.5 * vehicle.capsule.axis_length
-        self._radius = vehicle.capsule.radius
-        self._mass = vehicle.total_mass
-        self._reach = _contact_reach(vehicle, scenario)
-        self._field = scenario.field
-        self._grid = scenario.field.grid
-        arena = _arena_of(scenario.collision, limits.dt)
+        """Put a vehicle's hull into a scenario's collision mesh."""
+        arena = _arena_of(scenario.collision, scenario.settings.limits.dt)
         self._arena: _Arena | None = arena
         self._body = arena.enter(vehicle)
         self._leave = weakref.finalize(self, arena.leave, self._body)
-        self._is_body_placed = False
 
-    def reset(self, pose: Pose) -> None:
-        """Put the vehicle at rest at a pose and forget all contacts."""
-        self.state[:] = self._vehicle.state_at(pose)
+    def reset(self) -> None:
+        """Forget all contacts."""
         self._open_arena().forget(self._body)
-        self._is_body_placed = False
 
-    def step(self, wrenches: Array, current: Array) -> list[bool]:
-        """Advance one decision.
-
-        Args:
-            wrenches: (N, 6) from the actuators per physics step: for most vehicles a wrench, body frame, N and N m.
-            current: (3,) velocity of the water, world frame, m/s.
-
-        Returns:
-            For each of the N steps, whether the hull touched a wall.
-        """
-        arena = self._open_arena()
-        touched = [False] * len(wrenches)
-        index = self._glide(wrenches, 0, current)
-        while index < len(wrenches):
-            touched[index] = self._step_beside_wall(arena)
-            index = self._glide(wrenches, index + 1, current)
-        return touched
-
-    def clearance(self) -> float:
-        """Return the distance from the hull to the nearest wall, m."""
-        return float(hull_clearance(self.state, self._half_axis, self._radius, *self._grid))
+    def solve(self, question: Sequence[float], is_continued: bool) -> tuple[float, ...] | None:
+        """Move the vehicle for one step; return None, or where the wall lets it: see `ContactEngine`."""
+        return self._open_arena().solve(self._body, question, is_continued)
 
     def close(self) -> None:
         """Leave the cave. Closing twice does nothing."""
         self._leave()
         self._arena = None
 
-    def _glide(self, wrenches: Array, first: int, current: Array) -> int:
-        """Advance while the wall is out of reach; return the index of the next step, and leave its end in _free."""
-        last = glide(
-            self.state,
-            wrenches,
-            first,
-            current,
-            self._parameters,
-            self._dt,
-            self._half_axis,
-            self._reach,
-            *self._grid,
-            self._free,
-        )
-        if last > first:
-            self._is_body_placed = False
-        return int(last)
-
-    def _step_beside_wall(self, arena: _Arena) -> bool:
-        """Take the step to _free with Bullet watching the wall; return whether there was contact."""
-        intended = mean_velocity(self.state, self._free, self._dt)
-        pose = None if self._is_body_placed else self.state[:7]
-        solved = arena.solve(self._body, pose, intended.tolist())
-        self._is_body_placed = True
-        if solved is None:
-            self.state[:] = self._free
-            return False
-        last_pose = self.state[:7].copy()
-        take_over_contact(self._free, intended, solved, self._mass, self.state)
-        if self._field.clearance_at(self.state[:3]) < 0.0:
-            # It tunnelled through, or was pressed through, the thin shell: back to the last place in the water.
-            self.state[:7], self.state[7:13] = last_pose, 0.0
-            self._is_body_placed = False
-        return True
-
     def _open_arena(self) -> _Arena:
         if self._arena is None:
             raise InputError("This environment was closed. Make a new one to go on.")
         return self._arena
-
-
-def _contact_reach(vehicle: Vehicle, scenario: Scenario) -> float:
-    """Return the clearance of the axis (m) above which Bullet can find no contact."""
-    capsule, field = vehicle.capsule, scenario.field
-    return (
-        capsule.radius
-        + CONTACT_MARGIN
-        + scenario.settings.collision_error
-        + _field_error(field)
-        + 0.25 * capsule.axis_length
-    )
-
-
-def _field_error(field: DistanceField) -> float:
-    """Return the bound on the error of trilinear interpolation of a distance, m.
-
-    A distance changes no faster than the position, and the weights' mean distance to the eight corners is at most
-    sqrt(3) / 2 spacings (reached in the middle of a cell).
-    """
-    return float(0.5 * np.sqrt(3.0) * field.spacing)
 
 
 def _connect(dt: float) -> int:

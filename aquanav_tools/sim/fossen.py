@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aquanav_tools.sim.hydrodynamics import Feedback, pack_parameters
+from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.thrusters import Thrusters, check_reach
 from aquanav_tools.sim.vehicle_base import (
     GRAVITY,
@@ -209,21 +209,21 @@ class FossenVehicle(Vehicle):
         """(6,) diagonal of the mass matrix, kg and kg m^2."""
         return np.diag(self.mass_matrix).copy()
 
-    def motion_parameters(self, density: float) -> Array:
-        """Return the parameters for `hydrodynamics.advance` in water of `density` (kg/m^3).
+    def motion_parameters(self, density: float) -> BodyParameters:
+        """Return the parameters of its motion in water of `density` (kg/m^3).
 
         Without thrusters the autopilot's rate loop acts as damping and its level loop as metacentric height, so that
         the integrator's exact damping flow covers them. With thrusters it is a feedback, once per step.
         """
         net_weight, arm = self.body.restoring(density)
-        linear, feedback = np.array(self.water.linear_damping), None
+        linear, quadratic = np.array(self.water.linear_damping), np.array(self.water.quadratic_damping)
+        rate_gain, level_gain = np.array(self.autopilot.rate_gain), self.autopilot.level_gain
         if self.thrusters is None:
-            linear[3:] += self.autopilot.rate_gain
-            arm[2] += self.autopilot.level_gain
-        else:
-            feedback = Feedback(np.array(self.autopilot.rate_gain), self.autopilot.level_gain, self.thrusters)
-        quadratic = np.array(self.water.quadratic_damping)
-        return pack_parameters(self.mass_matrix, linear, quadratic, net_weight, arm, feedback)
+            linear[3:] += rate_gain
+            arm[2] += level_gain
+            return BodyParameters(self.mass_matrix, linear, quadratic, net_weight, arm)
+        thrusters = self.thrusters.parameters()
+        return BodyParameters(self.mass_matrix, linear, quadratic, net_weight, arm, rate_gain, level_gain, thrusters)
 
     def state_at(self, pose: Pose) -> Array:
         """Return the state at rest: (13,), and the force of every thruster, N."""

@@ -21,85 +21,24 @@ Source: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control (2011)
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numba
 import numpy as np
 
-from aquanav_tools.sim.thrusters import Thrusters
+from aquanav_tools.sim.body_parameters import MAX_ANGLE
+from aquanav_tools.sim.rotation import rotation_rows as rotation_rows
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
-from aquanav_tools.types import Array
 
-FOSSEN = 0.0
-"""What the first parameter says when they are for this module."""
 _WEIGHT, _IS_COUPLED, _NUM_THRUSTERS, _ARM, _MASS, _LINEAR, _QUADRATIC, _RATE_GAIN, _LEVEL_GAIN, _LAG, _BRISKNESS = (
     1, 2, 3, 4, 7, 13, 19, 25, 28, 29, 30
 )  # fmt: skip
 _MATRIX, _INVERSE, _THRUSTERS = 31, 67, 103
 _PER_THRUSTER = 14
 """Wrench per newton (6,), newtons per wrench (6,), most force in reverse and forward."""
-MAX_ANGLE = 1.0
-"""Most that a body may swing in one Runge-Kutta step, rad; the method gains energy from 2.8 on."""
 
 compiled = numba.njit(cache=True, error_model="numpy")
 """Divisors are positive here; looking at each first, as Python does, took a sixth of a step."""
 inlined = numba.njit(cache=True, error_model="numpy", forceinline=True)
 """Passing tuples of 13 values to functions and back took another half."""
-
-
-@dataclass(frozen=True, eq=False)
-class Feedback:
-    """An autopilot that works through thrusters."""
-
-    rate_gain: Array
-    """(3,) moment per rate of turn about body x, y, z, N m s/rad."""
-    level_gain: float
-    """Moment per sine of the tilt, N m."""
-    thrusters: Thrusters
-
-
-def pack_parameters(
-    mass: Array,
-    linear_damping: Array,
-    quadratic_damping: Array,
-    net_weight: float = 0.0,
-    righting: float | Array = 0.0,
-    feedback: Feedback | None = None,
-) -> Array:
-    """Return the parameters that `advance` takes.
-
-    Args:
-        mass: (6,) or (6, 6) rigid-body plus added mass, kg, kg m and kg m^2; positive definite.
-        linear_damping: (6,) N s/m and N m s/rad; not negative.
-        quadratic_damping: (6,) N s^2/m^2 and N m s^2/rad^2; not negative.
-        net_weight: weight minus buoyancy, N; negative floats up.
-        righting: moment per sine of the tilt, N m: buoyancy times its height above the centre of mass; or the (3,)
-            arm whose cross product with the vertical is the moment of weight and buoyancy, N m.
-        feedback: Thrusters and the autopilot that commands them, if there are any.
-
-    Raises:
-        ValueError: the mass is not positive definite or a damping coefficient is negative.
-    """
-    matrix = np.diag(mass) if np.ndim(mass) == 1 else np.array(mass, dtype=np.float64)
-    damping = np.concatenate([linear_damping, quadratic_damping])
-    if not np.isfinite(matrix).all() or not np.linalg.eigvalsh(0.5 * (matrix + matrix.T))[0] > 0:
-        raise ValueError(f"Masses must be positive, got {mass}.")
-    if not np.all(damping >= 0):
-        raise ValueError(f"Damping must not be negative, got {damping}.")
-    is_coupled = bool(np.any(matrix != np.diag(np.diag(matrix))))
-    arm = righting if isinstance(righting, np.ndarray) else np.array([0.0, 0.0, righting])
-    head = [FOSSEN, net_weight, float(is_coupled), 0.0, *arm, *np.diag(matrix), *damping]
-    inverse = np.linalg.inv(matrix)
-    # The Munk moment swings a body at a rate of up to sqrt(mass / inertia) times its speed.
-    briskness = np.sqrt(np.linalg.eigvalsh(matrix[:3, :3])[-1] / np.linalg.eigvalsh(matrix[3:, 3:])[0])
-    if feedback is None:
-        return np.concatenate([head, np.zeros(5), [briskness], matrix.ravel(), inverse.ravel()])
-    thrusters = feedback.thrusters
-    head[_NUM_THRUSTERS] = len(thrusters.positions)
-    limits = np.tile([thrusters.max_reverse, thrusters.max_forward], (len(thrusters.positions), 1))
-    rows = np.concatenate([thrusters.wrenches().T, thrusters.allocation(), limits], axis=1)
-    loop = [*feedback.rate_gain, feedback.level_gain, thrusters.time_constant, briskness]
-    return np.concatenate([head, loop, matrix.ravel(), inverse.ravel(), rows.ravel()])
 
 
 @compiled
@@ -111,7 +50,7 @@ def advance(state, wrench, current, parameters, dt):  # type: ignore[no-untyped-
         wrench: (6,) force and moment that is asked for, body frame, constant over the step, N and N m. Without
             thrusters it acts as it is.
         current: (3,) velocity of the water, world frame, constant in space and time, m/s.
-        parameters: From `pack_parameters`.
+        parameters: From `BodyParameters.packed`.
         dt: Step, s.
     """
     moving = state.copy()
@@ -155,26 +94,6 @@ def _thrust(state, wrench, parameters, dt):  # type: ignore[no-untyped-def]
             acting[axis] += parameters[first + axis] * (command + mean_left * difference)
         state[STATE_SIZE + n] = command + left * difference
     return acting
-
-
-@compiled
-def mean_velocity(before, after, dt):  # type: ignore[no-untyped-def]
-    """Return the (6,) world-frame velocity and rate of turn that, held for `dt`, lead from one state to the next."""
-    result = np.empty(6)
-    for axis in range(3):
-        result[axis] = (after[axis] - before[axis]) / dt
-    # The turn is after * conjugate(before); of its two signs, take the shorter way round.
-    aw, ax, ay, az = after[3], after[4], after[5], after[6]
-    bw, bx, by, bz = before[3], -before[4], -before[5], -before[6]
-    w = aw * bw - ax * bx - ay * by - az * bz
-    x = aw * bx + ax * bw + ay * bz - az * by
-    y = aw * by - ax * bz + ay * bw + az * bx
-    z = aw * bz + ax * by - ay * bx + az * bw
-    sine = np.sqrt(x * x + y * y + z * z)
-    scale = 2.0 * np.arctan2(sine, abs(w)) / sine if sine > 1e-12 else 2.0  # 2 asin(s) / s tends to 2
-    scale = -scale if w < 0.0 else scale
-    result[3], result[4], result[5] = x * scale / dt, y * scale / dt, z * scale / dt
-    return result
 
 
 @compiled
@@ -340,15 +259,3 @@ def _row_times(parameters, first, vector):  # type: ignore[no-untyped-def]
     for column in range(6):
         total += parameters[first + column] * vector[column]
     return total
-
-
-@compiled
-def rotation_rows(state):  # type: ignore[no-untyped-def]
-    """Return the rows of the matrix world from body; the quaternion's length does not matter."""
-    w, x, y, z = state[3], state[4], state[5], state[6]
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    return (
-        (1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)),
-        (s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)),
-        (s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)),
-    )

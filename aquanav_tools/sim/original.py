@@ -1,4 +1,4 @@
-"""The original benchmark's vehicles, whose body a game engine moves: see `original_motion`."""
+"""The original benchmark's vehicles, whose body a game engine moves: see `sim/batch/original.py`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from aquanav_tools.sim.original_motion import pack_original
+from aquanav_tools.sim.body_parameters import DraggedBodyParameters
 from aquanav_tools.sim.vehicle_base import (
     GRAVITY,
     Three,
@@ -19,6 +19,9 @@ from aquanav_tools.sim.vehicle_base import (
     rest_state,
 )
 from aquanav_tools.types import Array, Pose
+
+STABILISER_STEP = 0.02
+"""Step for which the stabiliser's share is given, s."""
 
 
 @dataclass(frozen=True)
@@ -120,17 +123,18 @@ class OriginalVehicle(Vehicle):
             return 0.0
         return self.body.mass * GRAVITY / (len(self.ballast.floaters) * self.ballast.power)
 
-    def motion_parameters(self, density: float) -> Array:
-        """Return the parameters for `original_motion.advance`; the original's water has no density."""
-        return pack_original(
-            self.body.mass,
-            np.array(self.body.inertia),
-            (self.body.linear_drag, self.body.angular_drag),
-            self.body.max_turn_rate,
-            np.array(self.body.centre_of_mass),
-            self.stabiliser,
-            np.array(self.ballast.floaters if self.ballast else ()),
-            self.ballast is None,
+    def motion_parameters(self, density: float) -> DraggedBodyParameters:
+        """Return the parameters of its motion; the original's water has no density."""
+        return DraggedBodyParameters(
+            mass=self.body.mass,
+            inertia=np.array(self.body.inertia),
+            linear_drag=self.body.linear_drag,
+            angular_drag=self.body.angular_drag,
+            max_turn_rate=self.body.max_turn_rate,
+            centre_of_mass=np.array(self.body.centre_of_mass),
+            stabiliser_rate=-np.log1p(-self.stabiliser) / STABILISER_STEP,
+            floaters=np.array(self.ballast.floaters if self.ballast else ()).reshape(-1, 3),
+            is_afloat=self.ballast is None,
         )
 
     def state_at(self, pose: Pose) -> Array:

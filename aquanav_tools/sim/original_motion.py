@@ -17,46 +17,14 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.sim.hydrodynamics import rotation_rows
+from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.sim.vehicle_base import GRAVITY, STATE_SIZE
-from aquanav_tools.types import Array
 
-ORIGINAL = 1.0
-"""What the first parameter says when they are for this module."""
 SURFACE = STATE_SIZE
 """Where the state holds the height of the water's surface, m."""
 _MASS, _INERTIA, _DRAG, _ANGULAR_DRAG, _MAX_RATE, _CENTRE, _STABILISER, _IS_AFLOAT, _FLOATERS = (
     1, 2, 5, 6, 7, 8, 11, 12, 13
 )  # fmt: skip
-STABILISER_STEP = 0.02
-"""Step for which the stabiliser's share is given, s."""
-
-
-def pack_original(
-    mass: float,
-    inertia: Array,
-    drag: tuple[float, float],
-    max_turn_rate: float,
-    centre_of_mass: Array,
-    stabiliser: float,
-    floaters: Array,
-    is_afloat: bool,
-) -> Array:
-    """Return the parameters that `advance` takes.
-
-    Args:
-        mass: kg.
-        inertia: (3,) about body x, y, z through the centre of mass, kg m^2.
-        drag: Linear and angular, 1/s.
-        max_turn_rate: rad/s.
-        centre_of_mass: (3,) in the body frame, m.
-        stabiliser: Share of the tilt that is taken away in 0.02 s.
-        floaters: (N, 3) in the body frame, m; may be empty.
-        is_afloat: Whether the body stays upright at its height, as on still water.
-    """
-    rate = -np.log1p(-stabiliser) / STABILISER_STEP
-    head = [ORIGINAL, mass, *inertia, *drag, max_turn_rate, *centre_of_mass, rate, float(is_afloat)]
-    return np.concatenate([head, np.ravel(floaters)]).astype(np.float64)
 
 
 @numba.njit(cache=True)
@@ -69,7 +37,7 @@ def advance(state, command, current, parameters, dt):  # type: ignore[no-untyped
         command: (6,) force ahead, N; power of the floaters, N/m, in place of heave; moment about body z, N m. The
             other three are not used.
         current: (3,) velocity of the water, world frame, m/s.
-        parameters: From `pack_original`.
+        parameters: From `DraggedBodyParameters.packed`.
         dt: Step, s.
     """
     moving = state.copy()

@@ -7,17 +7,14 @@ right and left alternately. Distances end at the ray's length when nothing is hi
 
 from __future__ import annotations
 
-import weakref
 from dataclasses import dataclass
-from typing import Any
 
-import numba
 import numpy as np
-import numpy.typing as npt
 
-from aquanav_tools.sim.hydrodynamics import rotation_rows
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array
 
+NOTHING, WALL, START_WALL, UNTAGGED = range(4)
+"""Tags of what the original's rays meet."""
 SCALE = 0.25
 """The original's vehicle is drawn at a quarter of its size, and its rays with it."""
 BOAT_REACH, BOAT_RADIUS = 30.0, 1.0
@@ -87,50 +84,3 @@ def _azimuths(num_per_side: int) -> Array:
     """Return the (2 * num_per_side + 1,) angles of a fan: straight ahead, then right and left alternately, rad."""
     sides = np.radians(90.0) * np.arange(1, num_per_side + 1) / num_per_side
     return np.concatenate([[0.0], np.stack([-sides, sides], axis=1).ravel()])  # left is positive
-
-
-class RangeSensor:
-    """Casts a pattern of rays against a mesh."""
-
-    def __init__(self, mesh: Mesh, pattern: RayPattern) -> None:
-        # embree computes in float32, so it works near the mesh's middle.
-        self._middle = mesh.vertices.mean(axis=0)
-        self._scene = _scene_of(mesh, self._middle)
-        self._directions = np.ascontiguousarray(pattern.directions)
-        self._lengths: npt.NDArray[np.float32] = pattern.lengths.astype(np.float32)
-        self.tags = np.zeros(len(pattern.lengths), dtype=np.int64)
-        """(R,) rays do not tell what they meet: always 0."""
-        self._origins = np.empty((len(pattern.lengths), 3), dtype=np.float32)
-        self._rays = np.empty_like(self._origins)
-
-    def sense(self, state: Array) -> npt.NDArray[np.float32]:
-        """Return the (R,) distances to the mesh from a (13,) state, m; at most the rays' lengths."""
-        _aim(state, self._middle, self._directions, self._origins, self._rays)
-        distances = self._lengths.copy()  # embreex takes the rays' lengths and writes the hits over them
-        self._scene.run(self._origins, self._rays, dists=distances, query="DISTANCE")
-        return distances
-
-
-_scenes: weakref.WeakKeyDictionary[Mesh, Any] = weakref.WeakKeyDictionary()
-
-
-def _scene_of(mesh: Mesh, middle: Array) -> Any:
-    """Return the Embree scene of a mesh about a middle; sensors in the same cave share it."""
-    from embreex import mesh_construction, rtcore_scene
-
-    scene = _scenes.get(mesh)
-    if scene is None:
-        scene = _scenes[mesh] = rtcore_scene.EmbreeScene()
-        mesh_construction.TriangleMesh(scene, (mesh.vertices - middle).astype(np.float32), mesh.faces.astype(np.int32))
-    return scene
-
-
-@numba.njit(cache=True)
-def _aim(state, middle, directions, origins, rays):  # type: ignore[no-untyped-def]
-    """Write every ray's origin and world direction for a vehicle at `state`."""
-    rotation = rotation_rows(state)
-    for n in range(len(directions)):
-        for axis in range(3):
-            row = rotation[axis]
-            origins[n, axis] = state[axis] - middle[axis]
-            rays[n, axis] = row[0] * directions[n, 0] + row[1] * directions[n, 1] + row[2] * directions[n, 2]

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.sim.body_parameters import ThrusterParameters
 from aquanav_tools.sim.vehicle_base import Three, check_finite, check_not_negative, check_positive
 from aquanav_tools.types import Array
 
@@ -58,6 +59,12 @@ class Thrusters:
         """Return the (N, 6) forces per unit of wrench: the least squares of forces that give it."""
         inverse: Array = np.array(np.linalg.pinv(self.wrenches(), rcond=1e-6))
         return inverse
+
+    def parameters(self) -> ThrusterParameters:
+        """Return what the equations of motion take of them."""
+        num = len(self.positions)
+        limits = np.full(num, self.max_reverse), np.full(num, self.max_forward)
+        return ThrusterParameters(self.wrenches().T.copy(), self.allocation(), *limits, self.time_constant)
 
 
 def check_reach(thrusters: Thrusters, demands: dict[str, Array], autopilot_axes: list[int]) -> None:

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.sea.sea_map import Berth
-from aquanav_tools.sim.actuators import actuator_model
 from aquanav_tools.sim.batch.boat_motion import OpenWater
 from aquanav_tools.sim.batch.boat_world import state_at_berth
 from aquanav_tools.sim.boat import DENSITY, Boat
-from aquanav_tools.sim.motion import advance
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sea_water import SeaWater
@@ -70,9 +68,8 @@ def boat_speed(boat: Boat | OriginalVehicle) -> float:
 
 def _swim(vehicle: Vehicle, density: float, command: tuple[float, float, float], duration: float) -> Array:
     """Return the (N + 1, S) states of holding ballast, steer and thrust from rest at the origin, heading along x."""
-    actuators, parameters = actuator_model(vehicle, DT, SUBSTEPS), vehicle.motion_parameters(density)
-    states = [vehicle.state_at(Pose(np.zeros(3), yaw_quaternion(0.0)))]
-    for _ in range(round(duration / (DT * SUBSTEPS))):
-        for wrench in actuators.apply(*command):
-            states.append(advance(states[-1], wrench, np.zeros(3), parameters, DT))
-    return np.array(states)
+    from aquanav_tools.sim.batch.prediction import Predictor
+
+    start = vehicle.state_at(Pose(np.zeros(3), yaw_quaternion(0.0)))
+    commands = np.broadcast_to(np.array(command), (1, round(duration / DT), 3))
+    return Predictor(vehicle, density, DT, 1).predict(start[None], np.zeros(1), commands, np.zeros(3)).states[0]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.sim.body_parameters import MotionParameters
 from aquanav_tools.types import Array, Capsule, Pose
 
 GRAVITY = 9.81
@@ -35,8 +36,8 @@ class Vehicle(ABC):
         """(6,) what resists acceleration along and about body x, y, z: kg and kg m^2, with added mass."""
 
     @abstractmethod
-    def motion_parameters(self, density: float) -> Array:
-        """Return the parameters for `motion.advance` in water of `density` (kg/m^3)."""
+    def motion_parameters(self, density: float) -> MotionParameters:
+        """Return the parameters of its motion in water of `density` (kg/m^3)."""
 
     @abstractmethod
     def state_at(self, pose: Pose) -> Array:

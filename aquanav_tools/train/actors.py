@@ -18,7 +18,7 @@ class Actor(nn.Module):
     """From (N, size) observations to (N, ...) actions, as `policy.predict(deterministic=True)` chooses them."""
 
     def __init__(self, policy: BasePolicy) -> None:
-        """Take the layers of a trained policy; they are shared, not copied.
+        """Take the layers of a trained policy; they are not copied.
 
         Raises:
             InputError: the policy has a memory.

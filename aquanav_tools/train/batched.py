@@ -1,4 +1,4 @@
-"""The training environments as one batch, in which each scenario of the lesson has its share of the vehicles."""
+"""The training environments as one batch, in which the vehicles are divided among the scenarios of the lesson."""
 
 from __future__ import annotations
 

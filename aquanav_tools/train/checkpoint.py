@@ -1,7 +1,7 @@
 """All that the future of a training run depends on, in one file.
 
 A run that goes on from it ends like one that never stopped. Beside the learner's tensors that takes every generator of
-random numbers, where each environment is, the running spread of returns, the learning curve and the best policy's
+random numbers, where each environment is, the running statistics of returns, the learning curve and the best policy's
 score. The file holds tensors, texts and numbers only, so that reading it runs no code.
 """
 
@@ -32,7 +32,7 @@ REPLAYED = ("observations", "next_observations", "actions", "rewards", "dones", 
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """A moment of a run, between two updates."""
+    """A run between two updates."""
 
     lesson: int
     """Index of the lesson."""
@@ -90,7 +90,7 @@ def learner_state(learner: BaseAlgorithm, envs: Resumable, scale: VecNormalize) 
         "observations": torch.from_numpy(np.array(learner._last_obs)),
         "episode_starts": torch.from_numpy(np.array(learner._last_episode_starts)),
         "returns": torch.from_numpy(scale.returns.copy()),
-        "spread": spread_of(scale),
+        "spread": return_statistics(scale),
         "environments": envs.state(),
     }
     if hasattr(learner, "_last_lstm_states"):
@@ -120,7 +120,7 @@ def restore_learner(learner: Any, envs: Resumable, scale: VecNormalize, state: d
         )
     learner._last_obs = learner._last_original_obs = observations
     learner._last_episode_starts = state["episode_starts"].numpy()
-    set_spread(scale, state["spread"])
+    set_return_statistics(scale, state["spread"])
     scale.returns = state["returns"].numpy().copy()
     scale.old_obs = observations
     if "lstm" in state:
@@ -131,14 +131,14 @@ def restore_learner(learner: Any, envs: Resumable, scale: VecNormalize, state: d
     _set_generators(learner, state["generators"])
 
 
-def spread_of(scale: VecNormalize) -> list[float]:
+def return_statistics(scale: VecNormalize) -> list[float]:
     """Return the running mean, variance and count of the returns."""
     return [float(scale.ret_rms.mean), float(scale.ret_rms.var), float(scale.ret_rms.count)]
 
 
-def set_spread(scale: VecNormalize, spread: list[float]) -> None:
+def set_return_statistics(scale: VecNormalize, statistics: list[float]) -> None:
     """Take over the running mean, variance and count of other returns."""
-    mean, variance, count = spread
+    mean, variance, count = statistics
     scale.ret_rms.mean, scale.ret_rms.var, scale.ret_rms.count = np.array(mean), np.array(variance), count
 
 

@@ -13,7 +13,7 @@ from aquanav_tools.train.fitting import decisions_of, fitted
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.settings import TrainSettings
 
-OPEN = ("buffer", "batch", "learning_starts")
+OPEN = ("n_steps", "batch", "learning_starts")
 """Settings that a lesson may leave open, and that are then chosen by its steps."""
 Tables = Sequence[dict[str, Any]]
 """The lessons of a run, as its record has them."""
@@ -64,7 +64,7 @@ def is_lesson_over(lesson: TrainSettings, checkpoint: Checkpoint) -> bool:
     return bool(lesson.steps <= checkpoint.learner["num_timesteps"])
 
 
-def told(pipeline: Pipeline, tables: Tables, checkpoint: Checkpoint, folder: Path) -> str:
+def continuation_text(pipeline: Pipeline, tables: Tables, checkpoint: Checkpoint, folder: Path) -> str:
     """Return a sentence about where a run goes on."""
     lesson, before = pipeline.lessons[checkpoint.lesson], tables[checkpoint.lesson]["steps"]
     done = checkpoint.learner["num_timesteps"]

@@ -1,4 +1,4 @@
-"""The training environments as one Stable-Baselines3 VecEnv, in this process or shared out to workers.
+"""The training environments as one Stable-Baselines3 VecEnv, in this process or divided among workers.
 
 What an environment does depends on its own seed and actions only, so that the number of workers changes nothing but
 the time. A worker has several environments: with one each, as SB3's SubprocVecEnv has it, handing over costs more than
@@ -8,18 +8,28 @@ a second processor brings.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from functools import partial
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.joint_batch import shares
+from aquanav_tools.envs.cave_batch import shares as slices_of
 from aquanav_tools.envs.places import Place
-from aquanav_tools.train.crew import Crew, Floats, Stepped
-from aquanav_tools.train.rewinding import Moment
+from aquanav_tools.train.environment_group import EnvironmentGroup, Floats, Stepped, make_group
 from aquanav_tools.train.settings import TrainSettings
-from aquanav_tools.train.workers import Worker
+from aquanav_tools.train.snapshots import Snapshot
+from aquanav_tools.train.versions import versions
+from aquanav_tools.workers.pipe import PipeTransport
+from aquanav_tools.workers.pool import WorkerPool
+from aquanav_tools.workers.ray_cluster import as_at_home, connected
+from aquanav_tools.workers.worker import Transport, WorkerSpec
+
+CALL_LIMIT = 600.0
+"""Wall time in which a worker must answer, s: of thousands of steps done again from a snapshot. Chosen."""
+KEPT = "The last checkpoint is kept; the same command goes on from it."
 
 
 @runtime_checkable
@@ -40,20 +50,37 @@ class Resumable(Protocol):
 class TrainingEnvs(VecEnv):
     """All environments of a lesson, in PyBullet."""
 
-    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, num_workers: int) -> None:
-        """Make the environments, shared out over the lesson's scenarios; with no workers, in this process."""
+    def __init__(
+        self, scenarios: Sequence[Place], settings: TrainSettings, num_workers: int, ray: str | None = None
+    ) -> None:
+        """Make the environments.
+
+        Args:
+            scenarios: Of the lesson, among which the environments are divided evenly, in order.
+            settings: Of the lesson.
+            num_workers: Workers among which the environments are divided; with 0 they are in this process.
+            ray: Address of the Ray cluster whose actors the workers are; None for processes of this machine.
+
+        Raises:
+            ResourceError: a worker does not start, or the cluster does not answer.
+        """
         num = settings.num_envs
-        places = [
+        per_env = [
             scenario
-            for scenario, share in zip(scenarios, shares(num, len(scenarios)), strict=True)
-            for _ in range(share.stop - share.start)
+            for scenario, part in zip(scenarios, slices_of(num, len(scenarios)), strict=True)
+            for _ in range(part.stop - part.start)
         ]
-        self._shares = shares(num, num_workers)
-        self._crew = Crew(places, settings) if not self._shares else None
-        self.workers = [
-            Worker(places[share], settings, f"training worker {n + 1} of {len(self._shares)}")
-            for n, share in enumerate(self._shares)
-        ]
+        self._slices = slices_of(num, num_workers)
+        self._held = ExitStack()
+        self.pool: WorkerPool | None = None
+        """The workers; None where there are none."""
+        if self._slices:
+            transport: Transport = PipeTransport() if ray is None else self._held.enter_context(connected(ray))
+            specs = [_worker_spec(per_env[part], settings, is_on_ray=ray is not None) for part in self._slices]
+            self.pool = self._held.enter_context(WorkerPool(transport, specs))
+        else:
+            self._group = EnvironmentGroup(per_env, settings)
+            self._held.callback(self._group.close)
         self.render_mode = None
         self._actions: Any = None
         super().__init__(num, *self._spaces())
@@ -62,62 +89,55 @@ class TrainingEnvs(VecEnv):
         """Begin all episodes, with the seeds given to `seed` the first time."""
         seeds, self._seeds = self._seeds, [None] * self.num_envs
         self._reset_options()
-        if self._crew is not None:
-            return self._crew.reset(seeds)
-        return np.concatenate(self._ask_all("reset", seeds))
+        return np.concatenate(self._call("reset", seeds))
 
     def step_async(self, actions: Any) -> None:
         """Take the actions of the next decision."""
         self._actions = actions
-        for worker, share in zip(self.workers, self._shares, strict=True):
-            worker.ask("step", actions[share])
+        if self.pool is not None:
+            self.pool.call("step", [self._divided(actions)])
 
     def step_wait(self) -> tuple[Floats, Floats, Any, list[dict[str, Any]]]:
         """Carry out the decision."""
-        if self._crew is not None:
-            stepped = self._crew.step(self._actions)
-            return stepped.observations, stepped.rewards, stepped.dones, stepped.infos
-        parts: list[Stepped] = [worker.answer() for worker in self.workers]
+        parts: list[Stepped] = self.pool.answers() if self.pool is not None else [self._group.step(self._actions)]
         observations, rewards, dones, infos = zip(*parts, strict=True)
         return np.concatenate(observations), np.concatenate(rewards), np.concatenate(dones), _joined(infos)
 
     def state(self) -> dict[str, Any]:
         """Return where each environment is: its generator at the episode's start, and the actions since."""
-        moments = self._crew.moments() if self._crew is not None else _joined(self._ask_all("moments"))
+        snapshots: list[Snapshot] = _joined(self._call("snapshots"))
         return {
-            "starts": [moment["generator"] for moment in moments],
-            "actions": [torch.from_numpy(moment["actions"].copy()) for moment in moments],
+            "starts": [snapshot["generator"] for snapshot in snapshots],
+            "actions": [torch.from_numpy(snapshot["actions"].copy()) for snapshot in snapshots],
         }
 
     def restore(self, state: dict[str, Any]) -> Floats:
         """Bring each environment back to where it was; return the observations there."""
         pairs = zip(state["starts"], state["actions"], strict=True)
-        moments: list[Moment] = [{"generator": start, "actions": actions.numpy()} for start, actions in pairs]
-        if self._crew is not None:
-            return self._crew.rewind(moments)
-        return np.concatenate(self._ask_all("rewind", moments))
+        snapshots: list[Snapshot] = [{"generator": start, "actions": actions.numpy()} for start, actions in pairs]
+        return np.concatenate(self._call("restore", snapshots))
 
     def close(self) -> None:
         """Free all environments and end the workers."""
-        if self._crew is not None:
-            self._crew.close()
-        for worker in self.workers:
-            worker.close()
+        self._held.close()
 
     def _spaces(self) -> tuple[Any, Any]:
-        if self._crew is not None:
-            return self._crew.spaces
         try:
-            return self._ask_all("spaces")[0]
+            found: tuple[Any, Any] = self._call("spaces")[0]
+            return found
         except BaseException:
             self.close()
             raise
 
-    def _ask_all(self, method: str, values: Sequence[Any] | None = None) -> list[Any]:
-        """Call a method of each worker's crew, with its share of the values."""
-        for worker, share in zip(self.workers, self._shares, strict=True):
-            worker.ask(method, *([] if values is None else [list(values[share])]))
-        return [worker.answer() for worker in self.workers]
+    def _call(self, method: str, *columns: Sequence[Any]) -> list[Any]:
+        """Return what a method of each group of environments returns for its part of the values."""
+        if self.pool is None:
+            return [getattr(self._group, method)(*columns)]
+        self.pool.call(method, [self._divided(column) for column in columns])
+        return self.pool.answers()
+
+    def _divided(self, column: Sequence[Any]) -> list[Any]:
+        return [column[part] for part in self._slices]
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of this object, once for each environment asked for."""
@@ -126,7 +146,7 @@ class TrainingEnvs(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: environments of a lesson are alike."""
-        raise NotImplementedError("Environments of a lesson share their settings.")
+        raise NotImplementedError("Environments of a lesson have their settings in common.")
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
         """Refuse: environments of a lesson are not called one by one."""
@@ -135,6 +155,17 @@ class TrainingEnvs(VecEnv):
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """Return False for each: what wraps them is no concern of SB3's."""
         return [False for _ in self._get_indices(indices)]
+
+
+def _worker_spec(scenarios: Sequence[Place], settings: TrainSettings, *, is_on_ray: bool) -> WorkerSpec:
+    make = partial(make_group, scenarios, settings)
+    return WorkerSpec(
+        make=as_at_home(make, versions) if is_on_ray else make,
+        name="training worker",
+        activity="environments ran",
+        advice=KEPT,
+        call_limit=CALL_LIMIT,
+    )
 
 
 def _joined(parts: Iterable[list[Any]]) -> list[Any]:

@@ -10,6 +10,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+RENAMED = {"clean_success_rate": "collision_free_success"}
+"""Numbers by the names that they have in the files of older runs, and have now."""
 SUMMARY = "summary"
 """Key of the summary in the info of an episode's last step."""
 WINDOW = 100
@@ -56,7 +58,7 @@ class SummaryWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 @dataclass(frozen=True)
 class CurvePoint:
-    """The last episodes at some moment of the training."""
+    """The last episodes at some time of the training."""
 
     lesson: int
     """From 1."""
@@ -71,13 +73,13 @@ class CurvePoint:
     mean_length: float
     """Decisions per episode."""
     success_rate: float
-    """Share that reached the goal."""
-    clean_success_rate: float
-    """Share that reached the goal without a collision."""
+    """Fraction that reached the goal."""
+    collision_free_success: float
+    """Fraction that reached the goal without a collision."""
     mean_collisions: float
     """Contacts begun per episode."""
     cut_short_rate: float = 0.0
-    """Share that was cut short by chance, and counts as any other that did not reach the goal."""
+    """Fraction that was cut short by chance, and counts as any other that did not reach the goal."""
     learner: dict[str, float] = field(default_factory=dict)
     """What the algorithm tells of its last update: losses, entropy and the like, by the names SB3 gives them."""
 
@@ -124,7 +126,7 @@ class LearningCurve:
         means = np.full(6, np.nan)
         if self._recent:
             means = np.mean([_numbers(episode) for episode in self._recent], axis=0)
-        reward, length, success, clean, collisions, cut_short = (round(float(mean), 4) for mean in means)
+        reward, length, success, collision_free, collisions, cut_short = (round(float(mean), 4) for mean in means)
         point = CurvePoint(
             lesson,
             steps,
@@ -133,7 +135,7 @@ class LearningCurve:
             mean_reward=reward,
             mean_length=length,
             success_rate=success,
-            clean_success_rate=clean,
+            collision_free_success=collision_free,
             mean_collisions=collisions,
             cut_short_rate=cut_short,
             learner=learner,
@@ -150,20 +152,24 @@ class LearningCurve:
     def from_table(table: dict[str, Any]) -> LearningCurve:
         """Return the curve that `as_table` described."""
         curve = LearningCurve()
-        curve.points = [CurvePoint(**point) for point in table["points"]]
+        curve.points = [CurvePoint(**with_new_names(point)) for point in table["points"]]
         curve.num_episodes = table["episodes"]
         curve._recent.extend(EpisodeSummary(**episode) for episode in table["recent"])
         return curve
 
 
+def with_new_names(row: dict[str, Any]) -> dict[str, Any]:
+    """Return the numbers of a point or a trial, which an older version may have written, by their names now."""
+    return {RENAMED.get(name, name): value for name, value in row.items()}
+
+
 def _numbers(episode: EpisodeSummary) -> tuple[float, ...]:
     """Return what a CurvePoint averages, in its order."""
-    is_clean = episode.is_success and episode.num_collisions == 0
     return (
         episode.reward,
         float(episode.length),
         float(episode.is_success),
-        float(is_clean),
+        float(episode.is_success and episode.num_collisions == 0),
         float(episode.num_collisions),
         float(episode.is_cut_short),
     )

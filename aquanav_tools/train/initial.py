@@ -18,7 +18,7 @@ from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.policy.spaces import describe_space, is_same_space, parse_space
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_path
-from aquanav_tools.train.learners import blind_places, make_policy
+from aquanav_tools.train.learners import make_policy, maskable_indices
 from aquanav_tools.train.settings import TrainSettings
 
 BASELINE = "baseline:"
@@ -139,7 +139,7 @@ def _check_weights(initial: InitialPolicy, wanted: dict[str, torch.Tensor]) -> N
 def _check_sight(initial: InitialPolicy, settings: TrainSettings) -> None:
     """Refuse a policy that was kept from seeing what this run shows: its statistics would hide that for good."""
     variances = [value for name, value in initial.weights.items() if name.endswith(NORMALISER_VARIANCE)]
-    places = blind_places(settings.observation) if variances else {}
+    places = maskable_indices(settings.observation) if variances else {}
     hidden = [name for name, place in places.items() if place < len(variances[0]) and variances[0][place] >= HIDDEN]
     if not set(hidden) <= set(settings.masked_observations):
         raise InputError(

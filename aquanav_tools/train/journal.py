@@ -7,11 +7,11 @@ import time
 from dataclasses import dataclass, field
 from typing import Any
 
-from aquanav_tools.train.episodes import CurvePoint, LearningCurve
+from aquanav_tools.train.episodes import CurvePoint, LearningCurve, with_new_names
 from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.validation import Trial
 
-TRIAL_TAGS = ("clean_success_rate", "success_rate", "mean_reward", "mean_collisions")
+TRIAL_TAGS = ("collision_free_success", "success_rate", "mean_reward", "mean_collisions")
 
 
 @dataclass
@@ -72,8 +72,8 @@ class RunJournal:
             table["steps"],
             table["steps_before"],
             LearningCurve.from_table(table["curve"]),
-            [Trial(**trial) for trial in table["trials"]],
-            None if table["final"] is None else Trial(**table["final"]),
+            [Trial(**with_new_names(trial)) for trial in table["trials"]],
+            None if table["final"] is None else Trial(**with_new_names(table["final"])),
             table["seconds"],
         )
         for point in journal.curve.points:

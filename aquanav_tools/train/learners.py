@@ -23,11 +23,11 @@ from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.train.fitting import decisions_of, update_size
+from aquanav_tools.train.ppo import ParallelPPO
 from aquanav_tools.train.settings import OFF_POLICY, TrainSettings
-from aquanav_tools.train.update import LeanPPO
 
-EXPLORATION = 0.1
-"""Standard deviation of the noise on td3's actions; the value of its authors (Fujimoto et al. 2018)."""
+ACTION_NOISE_STD = 0.1
+"""Of the noise on td3's actions; the value of its authors (Fujimoto et al. 2018)."""
 MAX_WEIGHT = 1e9
 """Of a network that can still compute: four layers of such weights overflow float32, at 3e38."""
 Parameters = dict[str, Any]
@@ -39,7 +39,7 @@ def class_of(algorithm: str) -> Any:
     Raises:
         InputError: it is not installed.
     """
-    return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": LeanPPO, "sac": SAC, "td3": TD3}[algorithm]
+    return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": ParallelPPO, "sac": SAC, "td3": TD3}[algorithm]
 
 
 def make_learner(envs: VecEnv, settings: TrainSettings, seed: int, done: int = 0) -> BaseAlgorithm:
@@ -56,7 +56,7 @@ def make_learner(envs: VecEnv, settings: TrainSettings, seed: int, done: int = 0
     """
     make = _make_off_policy if settings.algorithm in OFF_POLICY else _make_on_policy
     learner = make(envs, settings, seed, _schedule(settings, done))
-    _hide(learner, settings)
+    _mask_observations(learner, settings)
     learner.set_logger(Logger(None, []))
     return learner
 
@@ -80,11 +80,12 @@ def _policy_of(settings: TrainSettings) -> tuple[str, dict[str, Any]]:
 
 def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: LinearSchedule) -> BaseAlgorithm:
     name, network = _policy_of(settings)
+    precision = {"precision": settings.precision} if settings.algorithm == "ppo" else {}
     return class_of(settings.algorithm)(
         name,
         envs,
         learning_rate=rate,
-        n_steps=settings.buffer // settings.num_envs,
+        n_steps=settings.n_steps,
         batch_size=settings.batch,
         n_epochs=settings.epochs,
         gamma=settings.discount,
@@ -94,11 +95,12 @@ def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Line
         policy_kwargs=network,
         seed=seed,
         device="cpu",
+        **precision,
     )
 
 
 def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: LinearSchedule) -> BaseAlgorithm:
-    noise = NormalActionNoise(np.zeros(3), np.full(3, EXPLORATION)) if settings.algorithm == "td3" else None
+    noise = NormalActionNoise(np.zeros(3), np.full(3, ACTION_NOISE_STD)) if settings.algorithm == "td3" else None
     name, network = _policy_of(settings)
     return class_of(settings.algorithm)(
         name,
@@ -141,29 +143,29 @@ def _recurrent_ppo() -> Any:
     return RecurrentPPO
 
 
-def take_in(learner: BaseAlgorithm, observations: np.ndarray, settings: TrainSettings) -> None:
-    """Let the network's normalisers see observations; nothing where it has none."""
+def update_normalisers(learner: BaseAlgorithm, observations: np.ndarray, settings: TrainSettings) -> None:
+    """Add observations to the statistics of the network's normalisers; nothing where it has none."""
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
             module.take_in(observations)
-    _hide(learner, settings)
+    _mask_observations(learner, settings)
 
 
-def _hide(learner: BaseAlgorithm, settings: TrainSettings) -> None:
-    """Keep from the network what it is to be blind to."""
+def _mask_observations(learner: BaseAlgorithm, settings: TrainSettings) -> None:
+    """Keep from the network the values that its settings mask."""
     if not settings.masked_observations:
         return
-    places = blind_places(settings.observation)
+    indices = maskable_indices(settings.observation)
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
-            module.hide([places[name] for name in settings.masked_observations])
+            module.hide([indices[name] for name in settings.masked_observations])
 
 
-def blind_places(observation: str) -> dict[str, int]:
-    """Return the indices, in an observation preset, of what a network can be kept from seeing."""
+def maskable_indices(observation: str) -> dict[str, int]:
+    """Return where in an observation preset the values are that can be masked, by their names."""
     slices = layout(observation)
-    places = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2} if "goal" in slices else {}
-    return places | ({"depth": slices["depth"].start} if "depth" in slices else {})
+    goal = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2} if "goal" in slices else {}
+    return goal | ({"depth": slices["depth"].start} if "depth" in slices else {})
 
 
 def parameters_of(learner: BaseAlgorithm) -> Parameters:
@@ -189,7 +191,7 @@ def inherit(learner: BaseAlgorithm, parameters: Parameters, settings: TrainSetti
     set_parameters(learner, parameters)
 
 
-def is_sound(learner: BaseAlgorithm) -> bool:
+def has_finite_weights(learner: BaseAlgorithm) -> bool:
     """Return whether all weights are numbers no larger than MAX_WEIGHT."""
     values = learner.policy.state_dict().values()
     return all(bool((value.abs() <= MAX_WEIGHT).all()) for value in values)  # false for nan

@@ -4,39 +4,35 @@ from __future__ import annotations
 
 import csv
 import dataclasses
-import importlib.metadata
 import io
 import json
-import platform
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools import __version__
 from aquanav_tools.envs.places import Place
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.run_folder import BEST_FILE, POLICY_FILE
-from aquanav_tools.provenance import code_digest
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, read_checkpoint, write_checkpoint
-from aquanav_tools.train.continuing import as_begun, check_steps, continued, is_lesson_over, told
+from aquanav_tools.train.continuing import as_begun, check_steps, continuation_text, continued, is_lesson_over
 from aquanav_tools.train.episodes import LearningCurve
 from aquanav_tools.train.fitting import fitted
 from aquanav_tools.train.initial import InitialPolicy
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.settings import RENAMED
-from aquanav_tools.train.validation import Trial
+from aquanav_tools.train.renamed import current_lesson
+from aquanav_tools.train.validation import TRIED_FILE, Trial
+from aquanav_tools.train.versions import versions
 
 FORMAT = 2
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
-LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
-FREE = ("workers", "checkpoint_every", "init")
-"""Settings of the run that change neither the policy nor what is told of it; of `init` the file's hash counts."""
+FREE = ("workers", "ray", "checkpoint_every", "init")
+"""Settings of the run that change neither the policy nor its record; of `init` the file's hash counts."""
 OWN_FILES = (
     CHECKPOINT_FILE, POLICY_FILE, BEST_FILE, RECORD_FILE, CURVE_FILE, TRIALS_FILE, EVENTS_DIR, "policy.onnx",
-    "policy.pt", "curve.rrd", "report.html", "pictures",
+    "policy.pt", "curve.rrd", "report.html", "pictures", TRIED_FILE,
 )  # fmt: skip
 
 
@@ -73,12 +69,12 @@ class RunRecord:
         if checkpoint is None:
             return None
         begun = checkpoint.journal["identity"]
-        begun["lessons"] = [{RENAMED.get(key, key): value for key, value in one.items()} for one in begun["lessons"]]
+        begun["lessons"] = [current_lesson(one) for one in begun["lessons"]]
         different = list(_differences(begun, self._as_begun(begun)))
         if different:
             raise InputError(
-                f"{self.folder} holds another training run, with {_told(different)}. Nothing was changed there. Go on "
-                "with what it was begun with, name another folder with -o, or begin anew with --overwrite."
+                f"{self.folder} holds another training run, with {_differences_text(different)}. Nothing was changed "
+                "there. Go on with what it was begun with, name another folder with -o, or begin anew with --overwrite."
             )
         check_steps(self._asked, begun["lessons"], checkpoint, self.folder)
         self.pipeline = continued(self._asked, begun["lessons"])
@@ -87,7 +83,7 @@ class RunRecord:
         asked = [lesson["steps"] for lesson in begun["lessons"]]
         self._resumed.append({"steps": checkpoint.journal["steps"], "asked": asked, "versions": self._versions})
         if not self.is_finished(checkpoint):
-            tell(told(self.pipeline, begun["lessons"], checkpoint, self.folder))
+            tell(continuation_text(self.pipeline, begun["lessons"], checkpoint, self.folder))
         return checkpoint
 
     def is_finished(self, checkpoint: Checkpoint) -> bool:
@@ -143,16 +139,6 @@ class RunRecord:
         write_checkpoint(dataclasses.replace(checkpoint, journal=journal), self.folder)
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of all that a policy rests on, and a hash of the code."""
-    return {
-        "aquanav": __version__,
-        "code": code_digest("aquanav_tools.train.training"),
-        "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in LIBRARIES},
-    }
-
-
 def _identity(
     pipeline: Pipeline,
     seed: int,
@@ -197,7 +183,7 @@ def _differences(found: Any, wanted: Any, where: str = "") -> Any:
         yield where, found, wanted
 
 
-def _told(differences: Sequence[tuple[str, Any, Any]]) -> str:
+def _differences_text(differences: Sequence[tuple[str, Any, Any]]) -> str:
     texts = [f"{where} {found!r} instead of {wanted!r}" for where, found, wanted in differences[:3]]
     more = f", and {len(differences) - 3} more" if len(differences) > 3 else ""
     return ", ".join(texts) + more

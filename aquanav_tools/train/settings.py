@@ -7,20 +7,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.task import TaskOptions
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
 Algorithm = Literal["ppo", "recurrent-ppo", "sac", "td3"]
 OFF_POLICY = ("sac", "td3")
 """Algorithms that learn from a memory of old decisions; they act continuously."""
-NETWORK = ("algorithm", "observation", "action", "hidden", "normalise", "masked_observations", "memory")
+NETWORK = ("algorithm", "observation", "sensors", "action", "hidden", "normalise", "masked_observations", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
-RENAMED = {
-    "also": "scenarios",
-    "blind_to": "masked_observations",
-    "trace": "gae_lambda",
-    "warm_up": "learning_starts",
-    "entropy": "ent_coef",
-}
-"""Settings by the names that they once had, and have now: pipelines with an old one are refused, runs go on."""
 _POSITIVE = (
     "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
 )  # fmt: skip
@@ -33,16 +26,16 @@ class TrainSettings(TaskOptions):
     scenario: str = ""
     """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
     scenarios: tuple[str, ...] = ()
-    """More scenarios to learn in during the same lesson; the environments are shared out evenly, in this order."""
+    """More scenarios to learn in during the same lesson; the environments are divided evenly, in this order."""
     steps: int = 300_000
-    """Decisions to learn from, over all environments. PPO learns from whole buffers, so it may take a few more; the
+    """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
     algorithm: Algorithm = "ppo"
     """ppo; recurrent-ppo, with an LSTM (needs the extra: pip install 'aquanav[recurrent]'); sac or td3, which act
     continuously."""
-    observation: Literal["paper", "full", "original"] = "full"
-    """What the agent sees: the paper's 31 values, those and the vehicle's own motion, or the 120 of the original's
-    code."""
+    observation: str = "full"
+    """What the agent sees: the paper's 31 values (paper), those and the vehicle's own motion (full), the 120 of the
+    original's code (original), or an observation of your own, module:Name (docs/extending.md)."""
     action: Literal["multidiscrete", "discrete", "continuous"] = "multidiscrete"
     """Form of the action."""
     num_envs: int = 8
@@ -65,13 +58,17 @@ class TrainSettings(TaskOptions):
     paper's pipelines have it, so that published runs repeat."""
     clip: float = 0.2
     """PPO's clip range."""
-    buffer: int = 0
-    """Decisions collected before each of PPO's updates, over all environments; a point of the curve stands for as
-    many. 0 takes what fits the steps: at least 30 updates, of the original's 20480 decisions at most."""
+    n_steps: int = 0
+    """Decisions that each environment takes before each of PPO's updates, as in Stable-Baselines3: a rollout, and a
+    point of the curve, is n_steps * num_envs. 0 takes what fits the steps: at least 30 updates, of the original's 20480
+    decisions at most."""
     batch: int = 0
-    """Decisions per gradient step. 0 takes about a sixteenth of the buffer."""
+    """Decisions per gradient step. 0 takes about a sixteenth of the rollout."""
     epochs: int = 5
-    """Passes over the buffer per update."""
+    """Passes over the rollout per update."""
+    precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the matrix products in ppo's networks while learning; weights and the saved policy are float32. bfloat16
+    rounds to 2 or 3 digits; without instructions for it (AVX512_BF16, AMX), a processor takes ten times as long."""
     discount: float = 0.99
     """Gamma."""
     gae_lambda: float = 0.95
@@ -89,6 +86,11 @@ class TrainSettings(TaskOptions):
     optimiser: Literal["carried", "fresh"] = "carried"
     """Whether a lesson goes on with the optimiser's moments of the one before, as the original does, or without.
     Weights, and the means and spreads of observations and returns, are carried on always."""
+
+    @property
+    def rollout_size(self) -> int:
+        """Decisions of all environments between two updates."""
+        return self.n_steps * self.num_envs
 
     @property
     def all_scenarios(self) -> tuple[str, ...]:
@@ -109,21 +111,27 @@ class TrainSettings(TaskOptions):
             f"The lesson has {len(self.all_scenarios)} scenarios for {self.num_envs} environments. Take more "
             "(num_envs).",
         )
-        for name in ("buffer", "batch", "learning_starts"):
+        for name in ("n_steps", "batch", "learning_starts"):
             _check(getattr(self, name) >= 0, f"{name} must not be negative, got {getattr(self, name)}.")
         _check(bool(self.hidden) and min(self.hidden) > 0, f"hidden must list positive widths, got {self.hidden}.")
-        for name in ("num_envs", "batch"):
-            _check(
-                getattr(self, name) == 0 or self.buffer % getattr(self, name) == 0,
-                f"buffer ({self.buffer}) must be a multiple of {name} ({getattr(self, name)}).",
-            )
+        _check(
+            self.batch == 0 or self.rollout_size % self.batch == 0,
+            f"A rollout has {self.rollout_size} decisions (n_steps {self.n_steps} x num_envs {self.num_envs}), which "
+            f"batch ({self.batch}) must divide.",
+        )
+        _check(
+            self.precision == "float32" or self.algorithm == "ppo",
+            f"precision {self.precision} is for ppo, and the algorithm is {self.algorithm}. Leave it out.",
+        )
         _check(
             self.normalise or not self.masked_observations,
             "Without normalise, the network sees all that is observed. Leave masked_observations out.",
         )
         _check(
-            self.observation != "original" or not (self.masked_observations or self.mirrored),
-            "mirrored and masked_observations need the observation paper or full, and it is original. Leave them out.",
+            (self.observation in ("paper", "full") and not self.sensors)
+            or not (self.masked_observations or self.mirrored),
+            "mirrored and masked_observations need the observation paper or full without sensors, and it is "
+            f"{' and '.join((self.observation, *self.sensors))}. Leave them out.",
         )
         _check(
             self.observation == "full" or "depth" not in self.masked_observations,
@@ -146,7 +154,7 @@ class RunSettings:
     """Scenarios to try the policy in while it learns, each in its own water. The best policy is kept in best.zip, which
     there is with validation only."""
     validation_episodes: int = 20
-    """Episodes per scenario, from fixed starts."""
+    """Episodes per scenario: those that aquanav-eval runs with as many and seed 0."""
     validate_every: int = 250_000
     """Decisions between two trials; the first update after a multiple of these is tried."""
     checkpoint_every: int = 100_000
@@ -156,7 +164,13 @@ class RunSettings:
     them in one batch, faster by several times with hundreds of them (num_envs). Validation takes the former in any
     case."""
     workers: int = 0
-    """Processes that share PyBullet's environments; 0 runs them in the process that learns. The result is the same."""
+    """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
+    process that learns. The result is the same."""
+    ray: str | None = None
+    """Have the workers' environments on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same
+    result; trials then run in the process that learns. This machine must be one of its nodes, and the working directory
+    and the scenarios must lie at the same paths on all. Each decision takes a message to every worker and back, so take
+    it where environments are slow. Needs pip install 'aquanav[cluster]'."""
     init: str | None = None
     """A policy to begin with: the policy.zip or best.zip of another run, that run's folder, or baseline:reference. Its
     weights and its means and spreads of observations are taken over; spaces and network must be the same."""
@@ -173,6 +187,11 @@ class RunSettings:
             self.workers == 0 or self.backend == "pybullet",
             f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "
             "backend pybullet.",
+        )
+        _check(self.ray is None or self.workers > 0, "ray is given without workers. Say how many actors: workers.")
+        _check(
+            self.ray is None or bool(ADDRESS.fullmatch(self.ray)),
+            f"ray is {self.ray!r}; give auto, or the HOST:PORT that `ray start --head` shows.",
         )
 
 

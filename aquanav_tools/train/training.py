@@ -14,29 +14,28 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
-from aquanav_tools.envs.batch import check_batched
 from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
-from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, set_spread, spread_of
+from aquanav_tools.train.callback import TrainingCallback
+from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, return_statistics, set_return_statistics
 from aquanav_tools.train.continuing import is_lesson_over
-from aquanav_tools.train.crew import training_env
+from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.fitting import decisions_of, described, fitted
 from aquanav_tools.train.initial import InitialPolicy, begin_with, check_initial, read_initial
 from aquanav_tools.train.journal import RunJournal
-from aquanav_tools.train.keeper import Keeper
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
 from aquanav_tools.train.mirror import MirroredEnvs
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.presenting import REPORT_FILE, present
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
+from aquanav_tools.train.reporting import REPORT_FILE, write_artifacts
 from aquanav_tools.train.settings import RunSettings, TrainSettings
-from aquanav_tools.train.validation import Trial, Validation
+from aquanav_tools.train.validation import Trial, open_trials
 
 
 def _tell_nobody(sentence: str) -> None:
@@ -86,23 +85,21 @@ def train(
             fit, or the vehicle does not fit into a scenario.
         ScenarioError: a scenario cannot be read.
         ResourceError: the disk is full, or a worker was killed.
+        WorkerError: an environment in a worker raised an error, or took too long.
         TrainingError: learning diverged.
     """
-    if pipeline.run.backend == "batch":
-        for lesson in pipeline.lessons:
-            check_batched(lesson.observation)
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [
         [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.all_scenarios)]
         for lesson in pipeline.lessons
     ]
-    trials_in = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
-    places = [one for group in scenarios for one in group]
-    _check_task(pipeline, [*places, *trials_in])
-    say_left_out([*places, *trials_in])
-    initial = _initial(pipeline, places[0])
-    record = RunRecord(output_dir, pipeline, seed, places, trials_in, initial)
+    validation = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
+    all_scenarios = [one for group in scenarios for one in group]
+    _check_task(pipeline, [*all_scenarios, *validation])
+    say_left_out([*all_scenarios, *validation])
+    initial = _initial(pipeline, all_scenarios[0])
+    record = RunRecord(output_dir, pipeline, seed, all_scenarios, validation, initial)
     with _writable(output_dir):
         if overwrite:
             record.clear()
@@ -111,16 +108,16 @@ def train(
             journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
             was_finished = checkpoint is not None and record.is_finished(checkpoint)
             if not was_finished:
-                run = _Run(record.pipeline, seed, record, journal, trials_in, initial)
+                run = _Run(record.pipeline, seed, record, journal, validation, initial)
                 _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
             if not (was_finished and (output_dir / REPORT_FILE).is_file()):
-                present(output_dir, record.pipeline, journal)
+                write_artifacts(output_dir, record.pipeline, journal)
         return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
 
 
 @dataclass(frozen=True)
 class _Run:
-    """What the lessons of a run share."""
+    """What the lessons of a run have in common."""
 
     pipeline: Pipeline
     seed: int
@@ -135,25 +132,25 @@ class _Learned:
     """What passes from lesson to lesson."""
 
     parameters: dict[str, Any]
-    spread: list[float]
+    returns: list[float]
     """Running mean, variance and count of the returns."""
 
 
-def _check_task(pipeline: Pipeline, places: list[Place]) -> None:
-    bays = [place.name for place in places if isinstance(place, Bay)]
-    caves = [place.name for place in places if not isinstance(place, Bay)]
+def _check_task(pipeline: Pipeline, scenarios: list[Place]) -> None:
+    bays = [one.name for one in scenarios if isinstance(one, Bay)]
+    caves = [one.name for one in scenarios if not isinstance(one, Bay)]
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
     if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
         raise InputError(f"mirrored and masked_observations are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
-def _initial(pipeline: Pipeline, place: Place) -> InitialPolicy | None:
+def _initial(pipeline: Pipeline, scenario: Place) -> InitialPolicy | None:
     """Return the policy to begin with, checked against the first lesson's task."""
     if pipeline.run.init is None:
         return None
     initial, lesson = read_initial(pipeline.run.init), fitted(pipeline.lessons[0])
-    with closing(training_env(place, lesson)) as env:
+    with closing(training_env(scenario, lesson)) as env:
         check_initial(initial, env.observation_space, env.action_space, lesson)
     return initial
 
@@ -207,15 +204,16 @@ def _learn(
             restore_learner(learner, envs, scale, checkpoint.learner)
         elif learned is not None:
             inherit(learner, learned.parameters, settings)
-            set_spread(scale, learned.spread)
+            set_return_statistics(scale, learned.returns)
             journal.curve.begin_lesson()
             journal.steps_before = journal.steps
         elif run.initial is not None:
             begin_with(learner, run.initial)
-        with _validation(run, number) as validation:
-            keeper = Keeper(run.pipeline, number, run.record, journal, validation, scenarios, bar)
-            _go_on(learner, settings.steps - learner.num_timesteps, keeper)
-        return _Learned(parameters_of(learner), spread_of(scale))
+        is_last, folder = number == len(run.pipeline.lessons) - 1, run.record.folder
+        with open_trials(run.pipeline.run, settings, run.validation, scenarios, folder, is_last=is_last) as trials:
+            callback = TrainingCallback(run.pipeline, number, run.record, journal, trials, bar)
+            _go_on(learner, settings.steps - learner.num_timesteps, callback)
+        return _Learned(parameters_of(learner), return_statistics(scale))
 
 
 def _environments(
@@ -225,29 +223,22 @@ def _environments(
     if run.backend == "batch":
         envs = BatchedEnvs(scenarios, settings)
     else:
-        envs = TrainingEnvs(scenarios, settings, run.workers)
+        envs = TrainingEnvs(scenarios, settings, run.workers, run.ray)
     return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
 
 
-def _go_on(learner: BaseAlgorithm, steps: int, keeper: Keeper) -> None:
+def _go_on(learner: BaseAlgorithm, steps: int, callback: TrainingCallback) -> None:
     """Learn for a number of decisions; what diverging makes libraries raise becomes a sentence."""
     try:
-        learner.learn(steps, callback=keeper, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+        learner.learn(steps, callback=callback, log_interval=None, reset_num_timesteps=False)  # type: ignore[arg-type]
+    except OwnCodeError as cause:
+        raise OwnCodeError(f"{cause} {callback.kept}", cause.reasons) from cause
     except (ValueError, InputError) as cause:
         try:
-            keeper.check()
+            callback.check()
         except Exception as diverged:
             raise diverged from cause
         raise
-
-
-@contextmanager
-def _validation(run: _Run, number: int) -> Iterator[Validation | None]:
-    if not run.validation:
-        yield None
-        return
-    with closing(Validation(run.validation, run.pipeline.lessons[number], run.pipeline.run.validation_episodes)) as it:
-        yield it
 
 
 @contextmanager

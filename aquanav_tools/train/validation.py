@@ -1,22 +1,33 @@
-"""Trying the policy in whole episodes: while it learns, in places it does not learn from, and when it has learned."""
+"""Trying the policy in whole episodes: while it learns, in places it does not learn from, and when it has learned.
+
+Trials are evaluations: the figures are those of aquanav-eval with the same policy, scenarios, seed and episodes.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import random
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from stable_baselines3.common.base_class import BaseAlgorithm
+import torch
 
-from aquanav_tools.envs.places import Place, make_env
-from aquanav_tools.task import choices_of
-from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary, SummaryWrapper
-from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.envs.places import Place
+from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.repeated import RepeatedEvaluation
+from aquanav_tools.evaluate.summary import Summary
+from aquanav_tools.store import write_whole
+from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 
-AT_ONCE = 10
-"""Episodes flown side by side: the network takes hardly longer for ten observations than for one."""
+TRIED_FILE = "tried.zip"
+"""The policy of a trial that goes on, in the run's folder."""
+SEED = 0
+"""Of all trials: the default of aquanav-eval."""
 
 
 @dataclass(frozen=True)
@@ -27,10 +38,10 @@ class Trial:
     """From 1."""
     steps: int
     """Decisions learned from so far, over all lessons."""
-    clean_success_rate: float
-    """Share of episodes that reached the goal without a collision."""
+    collision_free_success: float
+    """Fraction of episodes that reached the goal without a collision."""
     success_rate: float
-    """Share that reached the goal."""
+    """Fraction that reached the goal."""
     mean_reward: float
     """Per episode."""
     mean_collisions: float
@@ -41,107 +52,116 @@ class Trial:
     @property
     def score(self) -> tuple[float, float, float]:
         """What the best policy is chosen by: collision-free success, then success, then reward."""
-        return self.clean_success_rate, self.success_rate, self.mean_reward
+        return self.collision_free_success, self.success_rate, self.mean_reward
 
 
 class Validation:
-    """The validation scenarios, ready to fly in."""
+    """Scenarios in which one policy after another is tried, from the same starts, acting without chance."""
 
-    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings, num_episodes: int) -> None:
-        """Prepare environments under a lesson's rules, but each with the scenario's own water."""
-        own_water = dataclasses.replace(settings, current=None, current_range=(1.0, 1.0))
-        self._num_episodes = num_episodes
-        self._groups = [_group(scenario, own_water, num_episodes) for scenario in scenarios]
+    def __init__(
+        self, scenarios: Sequence[Place], task: TaskOptions, num_episodes: int, folder: Path, num_workers: int = 0
+    ) -> None:
+        """Prepare trials; environments are made, and workers started, by the first.
 
-    def try_out(self, learner: BaseAlgorithm, lesson: int, steps: int) -> Trial:
-        """Return how the policy does, acting without chance, from fixed starts. Draws no global random numbers."""
-        summaries = [summary for envs in self._groups for summary in _fly(learner, envs, self._num_episodes)]
-        return _trial(summaries, lesson, steps)
+        Args:
+            scenarios: Where to try.
+            task: Rules of the episodes.
+            num_episodes: In each scenario.
+            folder: Of the run; holds the policy during a trial.
+            num_workers: Processes that run episodes; fewer than two run them in this process.
+        """
+        self._path = folder / TRIED_FILE
+        options = EvaluateOptions(
+            policies=(str(self._path),),
+            scenario=tuple(Path(scenario.name) for scenario in scenarios),
+            episodes=num_episodes,
+            seed=SEED,
+            workers=max(1, num_workers),
+            **choices_of(task),
+        )
+        self._evaluation = RepeatedEvaluation(options, scenarios)
+
+    def trial(self, policy: bytes, lesson: int, steps: int) -> Trial:
+        """Return how a policy does; draws nothing from the generators that learning draws from.
+
+        Args:
+            policy: The bytes of its zip, as Stable-Baselines3 saves it.
+            lesson: Its number, from 1.
+            steps: Decisions learned from so far.
+        """
+        write_whole(self._path, policy)
+        with _generators_kept():
+            return _trial(self._evaluation.summary(), lesson, steps)
 
     def close(self) -> None:
-        """Free the environments."""
-        for env in (env for group in self._groups for env in group):
-            env.close()
+        """Free environments and workers, and remove the policy that was tried last."""
+        self._evaluation.close()
+        self._path.unlink(missing_ok=True)
 
 
-def measure(
-    learner: BaseAlgorithm,
-    scenarios: Sequence[Place],
+@dataclass(frozen=True)
+class Trials:
+    """What a lesson's policies are tried in."""
+
+    validation: Validation | None
+    """In between; None without validation scenarios."""
+    final: Validation | None
+    """When all is learned; None in lessons before the last, and where no last episodes are asked for."""
+
+
+@contextmanager
+def open_trials(
+    run: RunSettings,
     settings: TrainSettings,
-    num_episodes: int,
-    lesson: int,
-    steps: int,
-) -> Trial:
-    """Return how the policy does in a lesson's own scenarios and water, as `Validation.try_out` does.
+    validation: Sequence[Place],
+    scenarios: Sequence[Place],
+    folder: Path,
+    *,
+    is_last: bool,
+) -> Iterator[Trials]:
+    """Yield the trials of a lesson: validation in each scenario's own water, the final ones in the lesson's.
 
     Args:
-        learner: Has the policy.
-        scenarios: Of the lesson; one after the other is loaded, as there may be dozens.
-        settings: Of the lesson.
-        num_episodes: In all; shared out evenly, with one in each scenario at least.
-        lesson: Its number, from 1.
-        steps: Decisions learned from so far.
+        run: The run's settings.
+        settings: The lesson's.
+        validation: Scenarios to validate in.
+        scenarios: The lesson's own, among which the final episodes are divided evenly, with one in each at least.
+        folder: Of the run.
+        is_last: Whether the lesson is the last.
     """
-    summaries: list[EpisodeSummary] = []
-    share = max(1, num_episodes // len(scenarios))
-    for scenario in scenarios:
-        envs = _group(scenario, settings, share)
-        try:
-            summaries += _fly(learner, envs, share)
-        finally:
-            for env in envs:
-                env.close()
-    return _trial(summaries, lesson, steps)
+    num_workers = 0 if run.ray is not None else run.workers
+    with ExitStack() as held:
+        between = final = None
+        if validation:
+            own_water = dataclasses.replace(settings, current=None, current_range=(1.0, 1.0))
+            between = Validation(validation, own_water, run.validation_episodes, folder, num_workers)
+            held.callback(between.close)
+        if is_last and run.final_episodes > 0:
+            num_each = max(1, run.final_episodes // len(scenarios))
+            final = Validation(scenarios, settings, num_each, folder, num_workers)
+            held.callback(final.close)
+        yield Trials(between, final)
 
 
-def _group(scenario: Place, settings: TrainSettings, num_episodes: int) -> list[SummaryWrapper]:
-    """Return environments for so many episodes, of which some are flown side by side."""
-    form = {"observation": settings.observation, "action": settings.action, **choices_of(settings)}
-    return [SummaryWrapper(make_env(scenario, **form)) for _ in range(min(AT_ONCE, num_episodes))]
-
-
-def _trial(summaries: Sequence[EpisodeSummary], lesson: int, steps: int) -> Trial:
-    clean = [summary.is_success and summary.num_collisions == 0 for summary in summaries]
+def _trial(summary: Summary, lesson: int, steps: int) -> Trial:
     return Trial(
         lesson=lesson,
         steps=steps,
-        clean_success_rate=round(float(np.mean(clean)), 4),
-        success_rate=round(float(np.mean([summary.is_success for summary in summaries])), 4),
-        mean_reward=round(float(np.mean([summary.reward for summary in summaries])), 4),
-        mean_collisions=round(float(np.mean([summary.num_collisions for summary in summaries])), 4),
-        episodes=len(summaries),
+        collision_free_success=round(summary.collision_free_success.rate, 4),
+        success_rate=round(summary.success.rate, 4),
+        mean_reward=round(summary.means["reward"].mean, 4),
+        mean_collisions=round(summary.means["collisions"].mean, 4),
+        episodes=summary.episodes,
     )
 
 
-def _fly(learner: BaseAlgorithm, envs: Sequence[SummaryWrapper], num_episodes: int) -> list[EpisodeSummary]:
-    """Return the summaries of episodes 0 to num_episodes - 1, each with its own seed and start."""
-    learner.policy.set_training_mode(False)
-    summaries: list[EpisodeSummary] = []
-    for first in range(0, num_episodes, len(envs)):
-        summaries += _fly_side_by_side(learner, envs, range(first, min(first + len(envs), num_episodes)))
-    return summaries
-
-
-def _fly_side_by_side(
-    learner: BaseAlgorithm, envs: Sequence[SummaryWrapper], episodes: Sequence[int]
-) -> list[EpisodeSummary]:
-    flying = list(envs[: len(episodes)])
-    observations = [_begin(env, episode) for env, episode in zip(flying, episodes, strict=True)]
-    summaries: list[EpisodeSummary] = []
-    memory: Any = None
-    is_first = np.ones(len(flying), dtype=bool)
-    while flying:
-        actions, memory = learner.predict(np.stack(observations), memory, is_first, deterministic=True)
-        steps = [env.step(action) for env, action in zip(flying, actions, strict=True)]
-        is_going = np.array([not (step[2] or step[3]) for step in steps])
-        summaries += [step[4][SUMMARY] for step in steps if SUMMARY in step[4]]
-        flying = [env for env, goes_on in zip(flying, is_going, strict=True) if goes_on]
-        observations = [step[0] for step, goes_on in zip(steps, is_going, strict=True) if goes_on]
-        memory = None if memory is None else tuple(part[:, is_going] for part in memory)
-        is_first = np.zeros(len(flying), dtype=bool)
-    return summaries
-
-
-def _begin(env: SummaryWrapper, episode: int) -> Any:
-    num_starts = env.unwrapped.num_starts  # type: ignore[attr-defined]  # it is a PlaceEnv
-    return env.reset(seed=episode, options={"start": episode % num_starts} if num_starts else None)[0]
+@contextmanager
+def _generators_kept() -> Iterator[None]:
+    """Leave the libraries' own generators as they are: an evaluation seeds them for each episode."""
+    states: tuple[Any, Any, Any] = random.getstate(), np.random.get_state(), torch.get_rng_state()
+    try:
+        yield
+    finally:
+        random.setstate(states[0])
+        np.random.set_state(states[1])
+        torch.set_rng_state(states[2])

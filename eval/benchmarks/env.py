@@ -1,4 +1,4 @@
-"""Measure the environment: decisions per second on one core, where the time goes, reset, memory.
+"""Measure the environment: decisions per second on one core, by what solves contacts and casts rays, reset, memory.
 
     python eval/benchmarks/env.py [scenario folder ...] [--smoke]
 
@@ -8,8 +8,7 @@ habit of steering to the goal, in one velocity of water everywhere and in the fl
 "random" draws actions and soon rubs along the walls, which is the dearest there is: what Bullet itself takes of it is
 told apart.
 
-Each row of the breakdown is the environment without one of its parts, all of them tried in turn, so that what the part
-costs is the difference.
+Contacts are PyBullet's or our own, rays cast against the mesh or traced through the distance field: all in one run.
 Where gym-pybullet-drones can be imported (clone github.com/utiasDSL/gym-pybullet-drones and name the clone in
 PYTHONPATH), its hover task is stepped in the same run: no cave, no rays, 8 physics steps of 1/240 s per decision.
 """
@@ -21,12 +20,12 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("NUMBA_NUM_THREADS", "1")
 
-import contextlib
 import dataclasses
 import importlib.util
+import itertools
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -60,13 +59,11 @@ class Size:
     repeats: int = 8
     """Runs, of which the best counts."""
     resets: int = 200
-    drift: int = 200
-    """Decisions of a run of the breakdown."""
     extra: int = 64
     """Environments whose memory is measured."""
 
 
-SMOKE = Size(decisions=20, repeats=1, resets=3, drift=5, extra=2)
+SMOKE = Size(decisions=20, repeats=1, resets=3, extra=2)
 
 
 def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
@@ -130,60 +127,6 @@ def per_decision(env: Any, act: Callable[[Any, Any], Any], size: Size) -> float:
     return microseconds(step, size.decisions, size.repeats)
 
 
-@contextlib.contextmanager
-def without(env: CaveEnv, part: str) -> Iterator[None]:
-    """Switch one part of the environment off for a while."""
-    state, rays = env._world.state, env._sensor.sense(env._world.state)
-    held = env._actuators.apply(0.0, 0.0, 0.0)
-    still, info = (
-        np.zeros(3),
-        env._info(
-            rays,
-            False,
-            dict.fromkeys(("progress", "time", "contact", "proximity", "goal", "collision", "timeout"), 0.0),
-        ),
-    )
-    observation = env._observe(rays, state, env.action_model.command([1, 1, 1]))
-    replaced: dict[str, tuple[Any, str, Any]] = {
-        "physics, 5 substeps": (env._world, "step", lambda commands, current: [False] * len(commands)),
-        "28 rays": (env._sensor, "sense", lambda state: rays),
-        "current": (env._water, "velocity", lambda position: still),
-        "actuators": (env._actuators, "apply", lambda *command: held),
-        "progress": (env, "_update_progress", lambda: 0.0),
-        "observation": (env, "_observe", lambda rays, before, command: observation),
-        "info, clearance": (env, "_info", lambda rays, is_touched, terms: info),
-    }
-    owner, name, stub = replaced[part]
-    setattr(owner, name, stub)
-    try:
-        yield
-    finally:
-        delattr(owner, name)
-
-
-PARTS = ("physics, 5 substeps", "28 rays", "current", "actuators", "progress", "observation", "info, clearance")
-
-
-def drift(env: CaveEnv, decisions: int) -> float:
-    """Return the microseconds of a decision that lets the vehicle drift along the passage, away from the walls."""
-    env.reset(seed=0, options={"start": 0})
-    start = time.process_time()
-    for _ in range(decisions):
-        env.step([1, 1, 1])
-    return (time.process_time() - start) / decisions * 1e6
-
-
-def breakdown(env: CaveEnv, size: Size) -> dict[str, float]:
-    """Return the microseconds of a whole decision, and of one without each part."""
-    best = dict.fromkeys(("", *PARTS), np.inf)
-    for _ in range(10 * size.repeats):
-        best[""] = min(best[""], drift(env, size.drift))
-        for part in PARTS:
-            with without(env, part):
-                best[part] = min(best[part], drift(env, size.drift))
-    return best
-
-
 def bullet_steps(env: CaveEnv, size: Size) -> tuple[float, float]:
     """Return how many of the physics steps of a random decision ask Bullet, and the microseconds of one in Bullet."""
     step, durations = pybullet.stepSimulation, []
@@ -225,20 +168,23 @@ def report(scenario: Scenario, size: Size) -> None:
     """Print everything about one scenario."""
     triangles = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {triangles}, {scenario.settings.limits.substeps} substeps")
-    env, flowing = (CaveEnv(scenario, reward="safe", current=current) for current in (CURRENT, "full"))
-    runs = (("ahead", env, steer_to_goal), ("ahead, full flow", flowing, steer_to_goal), ("random", env, act_at_random))
-    for name, which, act in runs:
-        duration = per_decision(which, act, size)
-        print(f"  {name:<17}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
-    num_asked, duration = bullet_steps(env, size)
-    print(f"  random: {num_asked:.1f} steps per decision ask Bullet, whose own step takes {duration:.1f} us")
-    durations = breakdown(env, size)
-    print(f"  one decision in free water {durations.pop(''):6.1f} us; without ...")
-    for part, duration in durations.items():
-        print(f"    {part:<24}{duration:6.1f} us")
-    print(f"  reset {microseconds(env.reset, size.resets, size.repeats) / 1000:.3f} ms")
-    env.close()
-    flowing.close()
+    for contacts, rays in itertools.product(("bullet", "own"), ("mesh", "field")):
+        options: dict[str, Any] = {"reward": "safe", "contacts": contacts, "rays": rays}
+        env, flowing = (CaveEnv(scenario, current=current, **options) for current in (CURRENT, "full"))
+        runs = (
+            ("ahead", env, steer_to_goal),
+            ("ahead, full flow", flowing, steer_to_goal),
+            ("random", env, act_at_random),
+        )
+        for name, which, act in runs:
+            duration = per_decision(which, act, size)
+            print(f"  {contacts:<6} {rays:<5} {name:<17}{1e6 / duration:8.0f} decisions/s {duration:8.1f} us each")
+        if contacts == "bullet":
+            num_asked, duration = bullet_steps(env, size)
+            print(f"  random: {num_asked:.1f} steps per decision ask Bullet, whose own step takes {duration:.1f} us")
+        print(f"  reset {microseconds(env.reset, size.resets, size.repeats) / 1000:.3f} ms")
+        env.close()
+        flowing.close()
     print(f"  memory per extra environment {memory_per_env(scenario, size.extra):.2f} MB, the mean of {size.extra}")
 
 

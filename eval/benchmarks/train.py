@@ -1,13 +1,14 @@
 """Measure training: what collecting decisions costs in several places, and what learning from them costs.
 
-    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 lean batch512] [--smoke]
+    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 ours batch512] [--smoke]
 
-Settings are those of the paper's curriculum (3 x 128 swish, twice; buffer 20480, batch 1024, 5 epochs). Collecting:
-"here" are PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train
---workers 2), "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train
---backend batch). Learning, from one buffer: "sb3" is Stable-Baselines3's own update, "lean" ours (train/update.py),
-"sb3-4096" and "lean-4096" with minibatches of 4096, "sbx" the update of sbx (JAX; pip install sbx-rl), without scaling
-of observations, where that is installed.
+Settings are those of the paper's curriculum (31 values, 3 x 128 swish, twice; rollouts of 20480, batch 1024, 5 epochs),
+or with --settings reference those of that pipeline (44 values, rollouts of 24576, batch 2048). Collecting: "here" are
+PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train --workers 2),
+"subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train --backend
+batch). Learning, from one rollout: "sb3" is Stable-Baselines3's own update, "ours" that of train/ppo.py, "ours-bf16"
+the same with the precision bfloat16, "sb3-4096" and "ours-4096" with minibatches of 4096, "sbx" the update of sbx (JAX;
+pip install sbx-rl), without scaling of observations, where that is installed.
 
 All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
 are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where
@@ -38,19 +39,21 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # eval and the tiny caves ar
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.train.batched import BatchedEnvs
-from aquanav_tools.train.crew import training_env
+from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
+from aquanav_tools.train.ppo import ParallelPPO
 from aquanav_tools.train.settings import TrainSettings
-from aquanav_tools.train.update import LeanPPO
 from eval.smoke import parser_of
 from tests.caves import tube_scenario
 
 Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
-LEARNERS = ("sb3", "lean", "sb3-4096", "lean-4096", "sbx")
-SETTINGS = TrainSettings(observation="paper", reward="dense", current="still", num_envs=16, buffer=20_480, batch=1024)
-SMOKE = dataclasses.replace(SETTINGS, num_envs=2, buffer=4096, batch=1024, epochs=1)
+LEARNERS = ("sb3", "ours", "ours-bf16", "sb3-4096", "ours-4096", "sbx")
+PAPER = TrainSettings(observation="paper", reward="dense", current="still", num_envs=16, n_steps=1280, batch=1024)
+REFERENCE = dataclasses.replace(PAPER, observation="full", reward="careful", n_steps=1536, batch=2048)
+SETTINGS = {"paper": PAPER, "reference": REFERENCE}
+SMOKE = dataclasses.replace(PAPER, num_envs=2, n_steps=2048, batch=1024, epochs=1)
 """The largest batch has 2048 environments, of two decisions each at least."""
 
 
@@ -67,16 +70,17 @@ def cpu_seconds() -> float:
 
 
 def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple[Any, Action]:
-    """Return a learner with environments in a place, and what collects a buffer with it."""
+    """Return a learner with environments in a place, and what collects a rollout with it."""
     if place.startswith("batch"):
-        settings = dataclasses.replace(settings, num_envs=int(place.removeprefix("batch")))
+        num_envs = int(place.removeprefix("batch"))
+        settings = dataclasses.replace(settings, num_envs=num_envs, n_steps=settings.rollout_size // num_envs)
         envs: Any = BatchedEnvs([scenario], settings)
     elif place == "subproc":
         envs = SubprocVecEnv([lambda: training_env(scenario, settings)] * settings.num_envs)
     else:
         envs = TrainingEnvs([scenario], settings, 2 if place == "workers" else 0)
     learner: Any = make_learner(VecNormalize(envs, norm_obs=False), settings, seed=0)
-    _, callback = learner._setup_learn(settings.buffer, Watch(), True, "", False)
+    _, callback = learner._setup_learn(settings.rollout_size, Watch(), True, "", False)
 
     def collect() -> None:
         torch.set_num_threads(1)
@@ -86,9 +90,10 @@ def collecting(place: str, scenario: Scenario, settings: TrainSettings) -> tuple
 
 
 def learning(name: str, full: Any) -> Action:
-    """Return what learns once from a full buffer, which is kept as it is."""
+    """Return what learns once from a full rollout, which is kept as it is."""
     learner: Any = copy.copy(full)
-    learner.__class__ = PPO if name.startswith("sb3") else LeanPPO
+    learner.__class__ = PPO if name.startswith("sb3") else ParallelPPO
+    learner.precision = "bfloat16" if name.endswith("bf16") else "float32"
     learner.policy = copy.deepcopy(full.policy)
     learner.policy.optimizer = torch.optim.Adam(learner.policy.parameters(), lr=3e-4, eps=1e-5)
     learner.batch_size = 4096 if name.endswith("4096") else full.batch_size
@@ -102,7 +107,7 @@ def learning(name: str, full: Any) -> Action:
 
 
 def learning_in_jax(full: Any) -> Action:
-    """Return what learns once from a full buffer, as sbx does it; its imports are not the project's."""
+    """Return what learns once from a full rollout, as sbx does it; its imports are not the project's."""
     import sbx
     from flax import linen
 
@@ -124,9 +129,10 @@ def main() -> None:
     parser.add_argument("--scenario", default="cave-train-1")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--only", nargs="+", choices=PLACES + LEARNERS, default=PLACES + LEARNERS, metavar="NAME")
+    parser.add_argument("--settings", choices=SETTINGS, default="paper")
     options = parser.parse_args()
     scenario = tube_scenario() if options.smoke else read_scenario(options.scenario)
-    settings, num_rounds = (SMOKE, 1) if options.smoke else (SETTINGS, options.rounds)
+    settings, num_rounds = (SMOKE, 1) if options.smoke else (SETTINGS[options.settings], options.rounds)
     actions: dict[str, Action] = {}
     learners = []
     for place in (place for place in PLACES if place in options.only):
@@ -154,7 +160,7 @@ def main() -> None:
                 spent[name] += np.array([time.perf_counter(), cpu_seconds()]) - before
     print(f"| {'':<22} | decisions/CPU-s | CPU-us/decision | decisions/s |\n|---|---|---|---|")
     for name, (wall, cpu) in spent.items():
-        num = num_rounds * settings.buffer
+        num = num_rounds * settings.rollout_size
         print(f"| {name:<22} | {num / cpu:>15,.0f} | {1e6 * cpu / num:>15.1f} | {num / wall:>11,.0f} |")
     print(f"load {os.getloadavg()[0]:.1f}")
     for learner in learners:

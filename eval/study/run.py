@@ -29,6 +29,7 @@ import tomli_w
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the study is no part of the package
 
+from aquanav_tools.train.episodes import with_new_names
 from aquanav_tools.train.pipeline import read_pipeline
 from eval.study.commands import aquanav
 from eval.study.page import write_page
@@ -120,8 +121,8 @@ def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str,
     """Return what a variant's pipeline file says, with the study's settings and caves above it."""
     table = {**study.variants[name], **study.settings}
     if study.caves:
-        said = {key: value for key, value in table.items() if key != "extends"}
-        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(table["extends"], said).lessons]
+        overrides = {key: value for key, value in table.items() if key != "extends"}
+        lessons = [dataclasses.asdict(lesson) for lesson in read_pipeline(table["extends"], overrides).lessons]
         for lesson in lessons:
             lesson["scenario"] = places[study.caves[lesson["scenario"]]]
         table["lessons"] = [{key: value for key, value in lesson.items() if value is not None} for lesson in lessons]
@@ -129,11 +130,11 @@ def pipeline_table(study: Study, name: str, places: dict[str, str]) -> dict[str,
 
 
 def curve(path: Path) -> list[list[float]]:
-    """Return decisions, and shares of success and of collision-free success of the last episodes, at some points."""
+    """Return decisions, and fractions of success and of collision-free success of the last episodes, at some points."""
     with path.open(encoding="utf-8") as stream:
-        rows = [row for row in csv.DictReader(stream) if row["success_rate"] not in ("", "nan")]
+        rows = [with_new_names(row) for row in csv.DictReader(stream) if row["success_rate"] not in ("", "nan")]
     kept = rows[:: max(1, len(rows) // NUM_CURVE_POINTS)]
-    return [[float(row[key]) for key in ("steps", "success_rate", "clean_success_rate")] for row in kept]
+    return [[float(row[key]) for key in ("steps", "success_rate", "collision_free_success")] for row in kept]
 
 
 def scores(study: Study, episodes: list[dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:

@@ -55,8 +55,8 @@ PAPER_QUESTIONS = (
 )
 SAFE_CLAIM = "a price on nearness keeps policies off the walls"
 CURRENTS: dict[str, float | None] = {"still": 0.0, "half": 0.5, "full": 1.0}
-# 40 decisions of each of 512 vehicles make the original's buffer of 20,480.
-ON_THE_BATCH = {"backend": "batch", "num_envs": 512, "validation": []}
+# 40 decisions of each of 512 vehicles make the original's rollout of 20,480.
+ON_THE_BATCH = {"backend": "batch", "num_envs": 512, "n_steps": 40, "validation": []}
 
 CAVES = Study(
     title="The paper's questions: caves",

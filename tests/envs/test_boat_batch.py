@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,6 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import Rock
 from aquanav_tools.sim.batch.boat_state import AHEAD
-from aquanav_tools.task import TaskOptions
 from tests.envs.test_surface_env import bay_with, block
 
 SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
@@ -148,24 +146,24 @@ def test_boats_fly_as_alone_past_a_sunken_rock_that_beams_do_not_see(rng: np.ran
     fly_both(bay_with(deep, block(25.0, 1.0)), 60, rng, SEEDS[:2], observation="paper")
 
 
-def test_an_episode_may_have_conditions_of_its_own(rng: np.random.Generator) -> None:
-    """The first of each boat has them, as `SurfaceEnv.reset` gives them; later ones the task's."""
-    task = TaskOptions(**{name: HARD[name] for name in ("reward", "current")})
-    given = [{"sensor_noise": 0.5}, {"current_range": (2.0, 3.0)}, {"sensor_dropout": 0.4}]
-    batch = BoatBatch(SMALL, 3, next_step=True, max_decisions=5, **HARD)
-    batch.reset(SEEDS[:3], tasks=[replace(task, **{"current_range": (0.5, 1.5), **one}) for one in given])
+def test_episodes_may_have_conditions_of_their_own(rng: np.random.Generator) -> None:
+    """Until the next reset, as `SurfaceEnv.reset` gives them to one."""
+    given: list[dict[str, Any]] = [{"sensor_noise": 0.5}, {"current_range": (2.0, 3.0)}, {"sensor_dropout": 0.4}]
+    usual = {"sensor_noise": 0.0, "sensor_dropout": 0.0, "current_range": (0.5, 1.5)}
+    conditions = {name: [one.get(name, value) for one in given] for name, value in usual.items()}
+    together = SurfaceVectorEnv(3, SMALL, max_decisions=5, **HARD)
     envs = [SurfaceEnv(SMALL, max_decisions=5, **HARD) for _ in given]
     seen = [env.reset(seed=seed, options=one)[0] for env, seed, one in zip(envs, SEEDS, given, strict=False)]
-    assert np.array_equal(batch.copy_of("observations"), seen)
-    for n in range(6):
+    assert np.array_equal(together.reset(seed=SEEDS[:3], options=conditions)[0], seen)
+    for _ in range(5):
         actions = actions_of(rng, 3)
-        batch.command(actions)
-        batch.step()
-        if n < 5:
-            assert np.array_equal(
-                batch.copy_of("observations"), [env.step(a)[0] for env, a in zip(envs, actions, strict=True)]
-            )
-    assert not batch.copy_of("noises").any() and not batch.copy_of("dropouts").any()
+        alone = [env.step(action)[0] for env, action in zip(envs, actions, strict=True)]
+        assert np.array_equal(together.step(actions)[0], alone)
+    together.step(actions)
+    assert together.batch.copy_of("noises").tolist() == [0.5, 0.0, 0.0]  # of the next episodes
+    together.reset(seed=1)
+    assert not together.batch.copy_of("noises").any() and not together.batch.copy_of("dropouts").any()
+    together.close()
 
 
 @pytest.mark.slow

@@ -17,7 +17,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario, WaterSettings
 from aquanav_tools.scenario.shipped import CONTENT
 from aquanav_tools.shipped import shipped_names
-from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
+from aquanav_tools.types import Array, rotation_matrix, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.envs.steps import random_steps
 from tests.evaluate.winding import winding_scenario
@@ -118,10 +118,11 @@ def places_of(scenario: Scenario) -> Array:
 def push(env: CaveEnv, place: Array, way: Array) -> tuple[Array, bool]:
     """Push the vehicle at SPEED for 1.5 s; return where it went, and whether it touched."""
     env.reset(seed=0)
-    env._world.reset(Pose(place, yaw_quaternion(float(np.arctan2(way[1], way[0])))))
+    arrays = env._arrays
+    arrays["positions"][0], arrays["orientations"][0] = place, yaw_quaternion(float(np.arctan2(way[1], way[0])))
     positions, is_touched = [], False
     for _ in range(15):
-        env._world.state[7:10] = rotation_matrix(env._world.state[3:7]).T @ (SPEED * way)
+        arrays["velocities"][0, :3] = rotation_matrix(arrays["orientations"][0]).T @ (SPEED * way)
         info = env.step([1, 1, 2])[4]
         positions.append(info["position"])
         is_touched |= info["collision"]

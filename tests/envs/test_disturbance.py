@@ -7,7 +7,7 @@ import pytest
 
 from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.sim.batch.disturbance import RayErrors, delay
-from aquanav_tools.sim.spheres import NOTHING, WALL
+from aquanav_tools.sim.sensors import NOTHING, WALL
 
 LENGTHS = np.full(2000, 4.0)
 HIT = np.full(2000, 2.0, dtype=np.float32)

@@ -8,24 +8,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.action import IDLE
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.observation import ObservationModel, Reading, layout
+from aquanav_tools.envs.observation import layout, observation_space
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.sensors import original_pattern
-from aquanav_tools.sim.spheres import NOTHING, START_WALL, UNTAGGED, WALL
+from aquanav_tools.sim.sensors import NOTHING, START_WALL, UNTAGGED, WALL, original_pattern
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, rotation_matrix
+from tests.sim.batch.worlds import look_from, make_world
 
 LENGTHS = original_pattern().lengths
 SENSORS = (slice(0, 36), slice(36, 72), slice(72, 92), slice(92, 112))
 """The original's obs_0 to obs_3; obs_4 is the rest."""
 
 
-def observe(state: Array, before: Array, goal: Array, rays: Array | None = None, tags: Array | None = None) -> Array:
-    model = ObservationModel("original", LENGTHS, goal, np.zeros(3))
-    rays, tags = LENGTHS if rays is None else rays, np.zeros(28, dtype=np.int64) if tags is None else tags
-    obs = model.observe(Reading(state, before, rays.astype(np.float32), tags.astype(np.int64), 0.0, IDLE))
-    assert model.space.contains(obs)
+def observe(tube: Scenario, state: Array, before: Array, goal: Array) -> Array:
+    world = make_world(tube, load_vehicle("original-auv"), 1, goal=goal, observation="original")
+    world.as_numpy("previous_positions")[:], world.as_numpy("previous_orientations")[:] = before[:3], before[3:7]
+    (obs,) = look_from(world, state[None])
+    assert observation_space("original").contains(obs)
     return obs.astype(np.float64)
 
 
@@ -47,17 +47,22 @@ def test_it_has_the_originals_parts(data_dir: Path) -> None:
     assert parts["motion"].stop - parts["angles"].start == len(contract["auv_vector_observation"]) - 1 + 5
 
 
-def test_each_ray_has_its_flags_and_the_share_of_its_length() -> None:
-    tags = np.array([NOTHING, WALL, START_WALL, UNTAGGED] * 7)
-    rays = np.where(tags == NOTHING, LENGTHS, np.linspace(0.1, 0.9, 28) * LENGTHS)
-    obs = observe(random_state(np.random.default_rng(0)), np.zeros(13) + 1.0, np.ones(3), rays, tags)
-    cells = obs[:112].reshape(28, 4)
-    np.testing.assert_array_equal(cells[:4, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, 0]])
-    np.testing.assert_allclose(cells[:, 3], rays / LENGTHS, atol=1e-6)
+def test_each_ray_has_its_flags_and_the_fraction_of_its_length(tube: Scenario) -> None:
+    seen = set()
+    for x, yaw in ((1.0, np.pi), (19.0, 0.0), (10.0, 0.0)):  # near the wall behind the start, the goal, and neither
+        state = np.array([x, 0, 0, np.cos(yaw / 2), 0, 0, np.sin(yaw / 2), 0, 0, 0, 0, 0, 0.0])
+        world = make_world(tube, load_vehicle("original-auv"), 1, observation="original")
+        cells = look_from(world, state[None])[0, :112].reshape(28, 4)
+        tags, rays = world.as_numpy("tags")[0], world.as_numpy("rays")[0]
+        for n, flags in {NOTHING: (0, 0, 1), WALL: (1, 0, 0), START_WALL: (0, 1, 0), UNTAGGED: (0, 0, 0)}.items():
+            assert (cells[tags == n, :3] == flags).all()
+        np.testing.assert_allclose(cells[:, 3], rays / LENGTHS, atol=1e-6)
+        seen |= set(tags.tolist())
+    assert seen == {NOTHING, WALL, START_WALL, UNTAGGED}
 
 
-def test_angles_are_the_formulas_of_the_original_one_step_before(rng: np.random.Generator) -> None:
-    for _ in range(50):
+def test_angles_are_the_formulas_of_the_original_one_step_before(tube: Scenario, rng: np.random.Generator) -> None:
+    for _ in range(20):
         state, before, goal = random_state(rng), random_state(rng), 5.0 * rng.normal(size=3)
         rotation = rotation_matrix(before[3:7])
         way, forward, up = (in_unity(v) for v in (goal - before[:3], rotation[:, 0], rotation[:, 2]))
@@ -65,32 +70,34 @@ def test_angles_are_the_formulas_of_the_original_one_step_before(rng: np.random.
         # the engine's cross product has the usual formula in its left-handed axes
         heading = np.degrees(np.arccos(level @ forward)) * np.sign(np.cross(forward, way)[1])
         elevation = np.degrees(np.arcsin(way @ up / np.linalg.norm(way)))
-        np.testing.assert_allclose(observe(state, before, goal)[112:114], [heading, elevation], rtol=1e-5, atol=1e-4)
+        np.testing.assert_allclose(
+            observe(tube, state, before, goal)[112:114], [heading, elevation], rtol=1e-5, atol=1e-4
+        )
 
 
-def test_goal_to_the_right_and_above_reads_positive() -> None:
+def test_goal_to_the_right_and_above_reads_positive(tube: Scenario) -> None:
     still = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0.0])
-    angles = observe(still, still, np.array([1.0, -1.0, np.sqrt(2.0)]))[112:114]
+    angles = observe(tube, still, still, np.array([1.0, -1.0, np.sqrt(2.0)]))[112:114]
     np.testing.assert_allclose(angles, [45.0, 45.0], atol=1e-4)
 
 
-def test_motion_is_given_as_unit_vectors_of_the_engines_world(rng: np.random.Generator) -> None:
+def test_motion_is_given_as_unit_vectors_of_the_engines_world(tube: Scenario, rng: np.random.Generator) -> None:
     for _ in range(20):
         state = random_state(rng)
         rotation = rotation_matrix(state[3:7])
         velocity, rate = rotation @ state[7:10], rotation @ state[10:13]
         expected = [in_unity(velocity) / np.linalg.norm(velocity), -in_unity(rate) / np.linalg.norm(rate)]
-        np.testing.assert_allclose(observe(state, state, np.ones(3))[114:], np.concatenate(expected), atol=1e-6)
+        np.testing.assert_allclose(observe(tube, state, state, np.ones(3))[114:], np.concatenate(expected), atol=1e-6)
 
 
-def test_a_turn_to_the_right_is_positive_about_the_engines_up() -> None:
+def test_a_turn_to_the_right_is_positive_about_the_engines_up(tube: Scenario) -> None:
     state = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, -0.7])  # clockwise seen from above
-    np.testing.assert_allclose(observe(state, state, np.ones(3))[117:], [0, 1, 0], atol=1e-7)
+    np.testing.assert_allclose(observe(tube, state, state, np.ones(3))[117:], [0, 1, 0], atol=1e-7)
 
 
-def test_a_vehicle_at_rest_at_the_goal_reads_zeros() -> None:
+def test_a_vehicle_at_rest_at_the_goal_reads_zeros(tube: Scenario) -> None:
     still = np.array([0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0.0])
-    np.testing.assert_array_equal(observe(still, still, np.zeros(3))[112:], 0.0)
+    np.testing.assert_array_equal(observe(tube, still, still, np.zeros(3))[112:], 0.0)
 
 
 def test_the_environment_looks_back_one_physics_step(tube: Scenario) -> None:

@@ -167,7 +167,7 @@ def test_next_step_mode_shows_the_last_observation_then_begins_anew() -> None:
     assert rewards[0] == 0.0
     assert not terminated[0]
     assert infos["outcome"].tolist() == ["running", "running"]
-    start = env.batch.scenario.starts[infos["start_index"][0]].pose.position
+    start = env.batch.scenarios[0].starts[infos["start_index"][0]].pose.position
     assert np.array_equal(infos["position"][0], start)
     assert rewards[1] != 0.0
 
@@ -186,7 +186,7 @@ def test_same_step_mode_begins_anew_and_keeps_the_end() -> None:
     assert infos["final_info"]["outcome"][0] == "success"
     assert infos["final_info"]["length"][0] == steps
     assert infos["outcome"].tolist() == ["running", "running"]
-    start = env.batch.scenario.starts[infos["start_index"][0]].pose.position
+    start = env.batch.scenarios[0].starts[infos["start_index"][0]].pose.position
     assert np.array_equal(infos["position"][0], start)
     assert not np.array_equal(obs[0], last)
 
@@ -220,27 +220,29 @@ def test_the_same_seed_gives_the_same_episodes(tube: Scenario) -> None:
     assert not np.array_equal(runs[0], runs[2])
 
 
-@pytest.mark.parametrize("num", [1, 7, 1024, 16384])
-def test_vehicle_has_the_episodes_that_it_has_alone(num: int, rng: np.random.Generator) -> None:
-    """To the bit, over several episodes: all that is drawn comes from its seed alone."""
+@pytest.mark.parametrize(
+    ("num", "observation"), [(1, "full"), (7, "full"), (1024, "full"), (16384, "full"), (7, "original")]
+)
+def test_vehicle_has_the_episodes_that_it_has_alone(num: int, observation: str, rng: np.random.Generator) -> None:
+    """To the bit, over several episodes and through contacts: all that is drawn comes from its seed alone."""
     seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
     options: dict[str, Any] = {"current": "full", "current_range": (0.2, 1.0), "max_decisions": 9}
     options |= {"sensor_noise": 0.1, "sensor_dropout": 0.1, "action_delay": 2, "observation_delay": 1}
-    options |= {"progress": "original"}
+    options |= {"progress": "original", "observation": observation}
     together = CaveVectorEnv(num, flowing(), num_threads=2, **options)
-    alone = [CaveVectorEnv(1, flowing(), num_threads=1, **options) for _ in chosen]
+    alone = [CaveEnv(flowing(), contacts="own", rays="field", **options) for _ in chosen]
     seen = together.reset(seed=seeds)[0][chosen]
-    assert np.array_equal(
-        seen, np.concatenate([env.reset(seed=[seeds[n]])[0] for env, n in zip(alone, chosen, strict=True)])
-    )
+    for row, env, n in zip(seen, alone, chosen, strict=True):
+        np.testing.assert_array_equal(env.reset(seed=seeds[n])[0], row)
     for _ in range(25):
         actions = rng.integers(0, 3, (num, 3))
-        all_rows = together.step(actions)
+        actions[:, 2] = np.maximum(actions[:, 2], 1)
+        *rows, infos = together.step(actions)
         for env, n in zip(alone, chosen, strict=True):
-            own = env.step(actions[n : n + 1])
-            for whole, part in zip(all_rows[:4], own[:4], strict=True):
-                assert np.array_equal(whole[n : n + 1], part)
-            assert all(np.array_equal(all_rows[4][key][n : n + 1], own[4][key]) for key in own[4])
+            *own, info = env.step(actions[n])  # beyond an end, the next episode begins
+            for whole, part in zip(rows, own, strict=True):
+                np.testing.assert_array_equal(whole[n], part)
+            assert all(np.array_equal(infos[key][n], info[key]) for key in infos.keys() & info.keys())
     for env in (together, *alone):
         env.close()
 
@@ -347,7 +349,7 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
         CaveVectorEnv(2, [tube, tube, tube])
     with pytest.raises(InputError, match="A batch needs a scenario"):
         PlaceVecEnv([], 2)
-    with pytest.raises(InputError, match="Caves and bays do not go into one batch"):
+    with pytest.raises(InputError, match="tube is a cave and bay-calm a bay: they do not go into one batch"):
         PlaceVecEnv([tube, "bay-calm"], 2, observation="paper")
     env = CaveVectorEnv(4, [tube, tube])
     env.reset(seed=0)
@@ -359,7 +361,9 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"observation": "original"}, "no batched observation preset 'original'"),
+        ({"observation": "orginal"}, "no observation preset 'orginal'. Did you mean 'original'"),
+        ({"contacts": "bulet"}, "no solver of contacts 'bulet'. Did you mean 'bullet'"),
+        ({"contacts": "bullet", "device": "cuda"}, "solved on the processor, not on cuda"),
         ({"progress": "geodesi"}, "no measure of progress 'geodesi'. Did you mean 'geodesic'"),
         ({"rays": "bvh"}, "no source of rays 'bvh'"),
         ({"reward": "dens"}, "Did you mean 'dense'"),
@@ -367,7 +371,7 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
         ({"num_threads": 0}, "num_threads must be at least 1, got 0"),
     ],
 )
-def test_options_that_are_not_batched_are_refused(options: dict[str, Any], message: str, tube: Scenario) -> None:
+def test_unknown_options_are_refused(options: dict[str, Any], message: str, tube: Scenario) -> None:
     with pytest.raises(InputError, match=message):
         CaveVectorEnv(2, tube, **options)
 
@@ -379,7 +383,7 @@ def test_senseless_actions_and_starts_are_refused(tube: Scenario) -> None:
         env.step([[0, 1, 3], AHEAD])
     with pytest.raises(InputError, match="one for each of the 2 vehicles"):
         env.step([AHEAD])
-    with pytest.raises(InputError, match="2 numbers from 0 to 19"):
+    with pytest.raises(InputError, match="must be a number from 0 to 19, got 20"):
         env.reset(options={"start": 20})
     with pytest.raises(InputError, match="no option 'begin'"):
         env.reset(options={"begin": 1})

@@ -13,18 +13,16 @@ from typing import Any
 import pytest
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
-from aquanav_tools.evaluate import cluster as cluster_module
-from aquanav_tools.evaluate.cluster import as_own_error, check_found, clear_left
+from aquanav_tools.evaluate.cluster import check_found, clear_left, code_here
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, make_plan
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.store import locked
-from tests.conftest import REPOSITORY
+from aquanav_tools.workers import ray_cluster
+from aquanav_tools.workers.ray_cluster import MakeAsAtHome, as_own_error
+from tests.clusters import two_nodes
 from tests.evaluate.policies import ONCE, PROCESSES, TROUBLE, drifting_options, load_drifting
-from tests.evaluate.test_worker_pool import BAD, NUM_EPISODES, REASONS, assert_same_files
-
-NODE: dict[str, Any] = {"num_cpus": 1, "object_store_memory": 80 << 20}
-"""The least store that Ray takes is 75 MB."""
+from tests.evaluate.test_episode_runner import BAD, NUM_EPISODES, REASONS, assert_same_files
 
 Run = Callable[..., list[tuple[int, int]]]
 
@@ -40,20 +38,10 @@ def calm(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Any]:
     """Two nodes of one core each, on this machine, that know the policies and troubles of tests."""
-    pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt 'aquanav[cluster]'.")
-    from ray.cluster_utils import Cluster
-
-    monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv(ONCE, str(tmp_path / "once"))
     monkeypatch.setenv(PROCESSES, str(tmp_path / "processes"))
-    nodes = Cluster(initialize_head=True, head_node_args={**NODE, "include_dashboard": False})
-    try:
-        nodes.add_node(**NODE)
-        nodes.wait_for_nodes()
+    with two_nodes(monkeypatch) as nodes:
         yield nodes
-    finally:
-        nodes.shutdown()
 
 
 @pytest.fixture
@@ -148,7 +136,7 @@ def test_cluster_without_a_free_core_is_said_to_have_none(
 ) -> None:
     import ray
 
-    monkeypatch.setattr(cluster_module, "START_LIMIT", 3.0)
+    monkeypatch.setattr(ray_cluster, "START_LIMIT", 3.0)
     ray.init(cluster.address)
     try:
         holders = [ray.remote(num_cpus=1)(Idler).remote() for _ in range(2)]
@@ -167,7 +155,7 @@ def test_address_at_which_nothing_answers_is_named_with_the_time_waited(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("ray", reason="Ray is not installed: pip install -c constraints.txt 'aquanav[cluster]'.")
-    monkeypatch.setattr(cluster_module, "ANSWER_LIMIT", 6.0)
+    monkeypatch.setattr(ray_cluster, "ANSWER_LIMIT", 6.0)
     options = drifting_options(folder, tmp_path, ray="127.0.0.1:9")  # the port of "discard", which nobody serves
     with pytest.raises(ResourceError, match=r"No Ray cluster answered at 127\.0\.0\.1:9 within 6 s\. .*ray status"):
         run(options)
@@ -204,12 +192,11 @@ def test_node_with_another_scenario_is_refused(folder: Path, tmp_path: Path) -> 
 
 
 def test_node_with_another_version_or_without_the_folder_is_refused(tmp_path: Path) -> None:
-    from aquanav_tools.evaluate.cluster import HomeLoader, code_here
-
-    with pytest.raises(InputError, match=r"It has numpy \S+, not 0\.1\. .*same version"):
-        HomeLoader(load_drifting, str(tmp_path), {**code_here(), "numpy": "0.1"})("drifting")
+    other = {**code_here(), "numpy": "0.1"}
+    with pytest.raises(InputError, match=r"The node \S+ cannot take part: It has numpy \S+, not 0\.1\. .*same version"):
+        MakeAsAtHome(lambda clock: None, code_here, other, str(tmp_path))(None)
     with pytest.raises(InputError, match="cannot enter the working directory"):
-        HomeLoader(load_drifting, str(tmp_path / "absent"), code_here())("drifting")
+        MakeAsAtHome(lambda clock: None, code_here, code_here(), str(tmp_path / "absent"))(None)
 
 
 def assert_all_once(told: list[tuple[int, int]], output: Path, calm: Path) -> None:

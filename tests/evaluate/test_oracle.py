@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-import importlib
-
 import numpy as np
 import pytest
 
@@ -9,10 +7,11 @@ from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import oracle
-from aquanav_tools.evaluate.lookahead import CHOICES, Lookahead, choices_of
+from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.pursuit import Pursuit
 from aquanav_tools.sim.vehicle import known_vehicles
 from tests.evaluate.test_policies import score
 from tests.evaluate.winding import winding_scenario
@@ -23,18 +22,20 @@ NEAR_ZERO = 0.05
 
 
 @pytest.mark.parametrize("vehicle", [name for name in known_vehicles() if name != "boat"])  # too wide for the tube
-def test_look_ahead_in_still_free_water_is_what_the_environment_does(
+def test_prediction_in_still_free_water_is_what_the_environment_does(
     vehicle: str, tube: Scenario, rng: np.random.Generator
 ) -> None:
     env = CaveEnv(tube, vehicle=vehicle)
     observation, _ = env.reset(options={"start": 0})
-    model = Lookahead(env)
+    predictor = predictor_of(env, has_map=True)
     for _ in range(8):
         command = CHOICES[rng.integers(len(CHOICES))]
-        expected, trim = model.after(env.state, float(observation[40]), command, env.water_velocity)
-        observation, *_ = env.step(choices_of(command))
-        np.testing.assert_allclose(env.state[:13], expected[:13], atol=1e-5)  # the trim is observed in float32
-        assert observation[40] == pytest.approx(trim, abs=1e-6)
+        trims, commands = observation[40:41].astype(np.float64), np.array([[command]])
+        states, trims, clearances = predictor.predict(env.state[None], trims, commands, env.water_velocity)
+        observation, _, _, _, info = env.step(choices_of(command))
+        np.testing.assert_allclose(env.state[:13], states[0, 1, :13], atol=1e-5)  # the trim is observed in float32
+        assert observation[40] == pytest.approx(trims[0, 1], abs=1e-6)
+        assert info["clearance"] == pytest.approx(clearances[0, 1], abs=1e-5)
     env.close()
 
 
@@ -42,16 +43,19 @@ def test_what_acting_compiles_is_compiled_before_a_first_action_is_timed(
     tube: Scenario, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     called = []
-    for module, kernel in (("lookahead", "_swim"), ("oracle", "_pursue"), ("oracle", "hull_clearance")):
-        compiled = importlib.import_module(f"aquanav_tools.evaluate.{module}")
-        function = getattr(compiled, kernel)
-        monkeypatch.setattr(compiled, kernel, lambda *given, f=function, n=kernel: called.append(n) or f(*given))
+    foresee = Pursuit.foresee
+    monkeypatch.setattr(Pursuit, "foresee", lambda *given: called.append(len(given)) or foresee(*given))
     env = CaveEnv(tube)
     env.reset(seed=0)
     policy = OraclePolicy()
     policy.bind(env)
-    assert set(called) == {"_swim", "_pursue", "hull_clearance"}
+    assert called
     env.close()
+
+
+def test_oracle_waits_for_what_is_still_to_come_through() -> None:
+    summary = score(winding_scenario(), "baseline:oracle", 3, action_delay=2)
+    assert summary.collision_free_success.rate == 1.0
 
 
 def test_each_command_is_its_discrete_number() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest, bootstrap
 
-from aquanav_tools.evaluate.paired import compare_rates, probability_of_improvement, share_won
+from aquanav_tools.evaluate.paired import compare_rates, fraction_won, probability_of_improvement
 from aquanav_tools.evaluate.statistics import (
     bootstrap_means,
     bootstrap_ratio,
@@ -110,7 +110,7 @@ def test_interval_of_a_paired_difference_holds_the_truth_in_95_percent(rng: np.r
 def test_improvement_is_counted_over_all_pairs_and_wins_over_the_same_episodes() -> None:
     first, second = np.array([1.0, 2.0, 3.0]), np.array([2.0, 2.0, 0.0])
     assert probability_of_improvement(first, second) == pytest.approx((1 + 2 + 3) / 9)
-    assert share_won(first, second).mean == pytest.approx((0.0 + 0.5 + 1.0) / 3)
+    assert fraction_won(first, second).mean == pytest.approx((0.0 + 0.5 + 1.0) / 3)
 
 
 def _outcomes(both: int, only_first: int, only_second: int, neither: int) -> tuple[np.ndarray, np.ndarray]:  # type: ignore[type-arg]

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aquanav_tools.sim.hydrodynamics import advance
+from aquanav_tools.sim.batch.prediction import advance
+from aquanav_tools.sim.body_parameters import BodyParameters, MotionParameters
 from aquanav_tools.types import Array
 
 MASS = np.array([17.0, 24.2, 26.07, 0.28, 0.25, 0.31])
@@ -32,18 +33,42 @@ def at_rest() -> Array:
     return state
 
 
+def random_states(rng: np.random.Generator, num: int) -> Array:
+    states = rng.normal(size=(num, 13))
+    states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1, keepdims=True)
+    return states
+
+
 def random_state(rng: np.random.Generator) -> Array:
-    state = rng.normal(size=13)
-    state[3:7] /= np.linalg.norm(state[3:7])
-    return state
+    return random_states(rng, 1)[0]
+
+
+def body(
+    mass: Array, linear: Array, quadratic: Array, net_weight: float = 0.0, righting: float = 0.0
+) -> BodyParameters:
+    """A body with six masses or a matrix of them, and a moment per sine of its tilt."""
+    matrix = np.diag(mass) if mass.ndim == 1 else mass
+    return BodyParameters(matrix, linear, quadratic, net_weight, np.array([0.0, 0.0, righting]))
 
 
 def run(
-    state: Array, steps: int, parameters: Array, wrench: Array = NONE, current: Array = STILL, dt: float = DT
+    states: Array,
+    steps: int,
+    parameters: MotionParameters,
+    wrench: Array = NONE,
+    current: Array = STILL,
+    dt: float = DT,
 ) -> Array:
-    for _ in range(steps):
-        state = advance(state, wrench, current, parameters, dt)
-    return state
+    """Where a (S,) state, or each of (N, S) states, comes in so many steps under a (6,) wrench, or one for each."""
+    rows = np.atleast_2d(states)
+    pushes = np.broadcast_to(wrench, (len(rows), 6))[:, None]
+    ends: Array = advance(rows, pushes, current, parameters, dt, steps)[:, -1].reshape(states.shape)
+    return ends
+
+
+def path(state: Array, steps: int, parameters: MotionParameters, wrench: Array = NONE, dt: float = DT) -> Array:
+    """The (steps + 1, S) states on the way from one in still water."""
+    return advance(state[None], wrench, STILL, parameters, dt, steps)[0]
 
 
 def multiply(a: Array, b: Array) -> Array:

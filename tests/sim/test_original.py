@@ -5,11 +5,13 @@ The rule v <- (v + a dt)(1 - drag dt) has the closed form v_n = v_end (1 - (1 - 
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from aquanav_tools.sim.actuators import actuator_model
-from aquanav_tools.sim.motion import advance
+from aquanav_tools.sim.batch.prediction import Prediction, Predictor, advance
+from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
@@ -17,6 +19,16 @@ from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 DT = 0.02
 STILL = np.zeros(3)
 AUV, BOAT = load_vehicle("original-auv"), load_vehicle("boat")
+assert isinstance(AUV, OriginalVehicle)
+
+
+def predict(
+    vehicle: Vehicle, command: tuple[float, float, float], steps: int, current: Array = STILL, yaw: float = 0.0
+) -> Prediction:
+    """Hold ballast, steer and thrust for so many physics steps, from rest and a neutral trim."""
+    state = vehicle.state_at(Pose(np.array([1.0, 2.0, 3.0]), yaw_quaternion(yaw)))
+    commands = np.broadcast_to(np.array(command, dtype=np.float64), (1, steps, 3))
+    return Predictor(vehicle, 1000.0, DT, 1).predict(state[None], np.zeros(1), commands, current)
 
 
 def swim(
@@ -27,12 +39,7 @@ def swim(
     yaw: float = 0.0,
 ) -> Array:
     """The (N + 1, 14) states of holding ballast, steer and thrust from rest."""
-    state = vehicle.state_at(Pose(np.array([1.0, 2.0, 3.0]), yaw_quaternion(yaw)))
-    actuators, parameters = actuator_model(vehicle, DT, 1), vehicle.motion_parameters(1000.0)
-    states = [state]
-    for _ in range(round(seconds / DT)):
-        states.append(advance(states[-1], actuators.apply(*command)[0], current, parameters, DT))
-    return np.array(states)
+    return predict(vehicle, command, round(seconds / DT), current, yaw).states[0]
 
 
 def test_speed_ahead_follows_the_closed_form() -> None:
@@ -84,24 +91,22 @@ def test_the_stabiliser_takes_a_fifth_of_a_tilt_per_step_and_leaves_the_heading(
     c, s = np.cos(tilt / 2), np.sin(tilt / 2)  # roll by `tilt`, then turn to the heading
     state[3:7] = [heading[0] * c, heading[0] * s, heading[3] * s, heading[3] * c]
     parameters = AUV.motion_parameters(1000.0)
-    parameters[2:5] *= 1e12  # too heavy to turn for the floaters: the stabiliser alone acts
+    # Too heavy to turn for the floaters: the stabiliser alone acts.
+    parameters = dataclasses.replace(parameters, inertia=1e12 * parameters.inertia)
+    states = advance(state[None], np.array([0, 0, 250.0, 0, 0, 0]), STILL, parameters, DT, 9)[0]
     for n in range(1, 10):
-        state = advance(state, np.array([0, 0, 250.0, 0, 0, 0]), STILL, parameters, DT)
-        matrix = rotation_matrix(state[3:7])
+        matrix = rotation_matrix(states[n, 3:7])
         assert np.arccos(matrix[2, 2]) == pytest.approx(tilt * 0.8**n, rel=1e-6)
         assert np.arctan2(matrix[1, 0], matrix[0, 0]) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_power_stays_within_its_limits_and_shows_as_trim() -> None:
-    actuators = actuator_model(AUV, DT, 5)
-    for ballast, power in ((1.0, 700.0), (-1.0, 100.0)):
-        actuators.reset()
-        for _ in range(200):
-            commands = actuators.apply(ballast, 0.0, 0.0)
-        assert commands[-1, 2] == power
-        assert actuators.trim == ballast
-    actuators.reset()
-    assert actuators.trim == 0.0
+    # The original's power goes from 250 N/m by 0.8 N/m a step to 700 or 100; the trim is its share of that way.
+    for ballast, limit in ((1.0, 700.0), (-1.0, 100.0)):
+        power = np.clip(250.0 + ballast * 0.8 * np.arange(1001), 100.0, 700.0)
+        trims = predict(AUV, (ballast, 0.0, 0.0), 1000).trims[0]
+        np.testing.assert_allclose(trims, (power - 250.0) / abs(limit - 250.0), atol=1e-12)
+        assert trims[-1] == ballast
 
 
 def test_a_current_carries_it_along() -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aquanav_tools.sim.hydrodynamics import advance
+from aquanav_tools.sim.batch.prediction import advance
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array
 
@@ -29,13 +29,9 @@ def published(name: str) -> dict[str, Array]:
 def swim(vehicle: str, start: Array, wrenches: Array, dt: float, per_row: float, rows_per_wrench: int) -> Array:
     """The (N, 13) states at every `per_row` seconds."""
     parameters = load_vehicle(DATA / vehicle).motion_parameters(SEA_WATER)
-    state, states = start.copy(), [start]
-    for wrench in wrenches:
-        for _ in range(rows_per_wrench):
-            for _ in range(round(per_row / dt)):
-                state = advance(state, wrench, STILL, parameters, dt)
-            states.append(state)
-    return np.array(states)
+    steps_per_row = round(per_row / dt)
+    pushes = np.repeat(wrenches, rows_per_wrench * steps_per_row, axis=0)
+    return advance(start[None], pushes, STILL, parameters, dt, len(pushes))[0, ::steps_per_row]
 
 
 def bluerov2(dt: float) -> tuple[Array, Array]:

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.sensors import RangeSensor, original_pattern
+from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array
 from tests.caves import SECTIONS, TUBE_LENGTH, TUBE_RADIUS
+from tests.sim.batch.worlds import look_from, make_world
 
 
 def state_at(position: Array, yaw: float) -> Array:
@@ -54,20 +56,11 @@ def test_each_fan_starts_ahead_then_goes_right_before_left() -> None:
 
 @pytest.mark.parametrize(("x", "y", "z", "yaw"), [(10, 0, 0, 0), (1.5, 0.7, -0.9, 2.5), (18.8, -1.2, 0.3, -0.4)])
 def test_distances_are_those_of_a_round_tube(tube: Scenario, x: float, y: float, z: float, yaw: float) -> None:
-    sensor = RangeSensor(tube.cavity.mesh, original_pattern())
+    world = make_world(tube, load_vehicle("bluerov2"), 1, rays="mesh")
     position = np.array([x, y, z], dtype=np.float64)
-    sensed = sensor.sense(state_at(position, yaw))
+    look_from(world, state_at(position, yaw)[None])
+    (sensed,) = world.as_numpy("rays")
     expected = tube_distances(position, yaw)
     # The tube is a 64-gon: its wall is up to R (1 - cos(pi / 64)) nearer, and seen at a slant by at most 1 / 0.25.
     assert np.all(sensed <= expected + 1e-5)
     assert np.all(sensed >= expected - TUBE_RADIUS * (1 - np.cos(np.pi / SECTIONS)) / 0.2)
-
-
-def test_sensing_twice_gives_the_same_and_keeps_the_first(tube: Scenario) -> None:
-    sensor = RangeSensor(tube.cavity.mesh, original_pattern())
-    near, far = state_at(np.array([10, 1.5, 0]), 0.0), state_at(np.array([10, 0.0, 0]), 0.0)
-    first = sensor.sense(far)
-    kept = first.copy()
-    sensor.sense(near)
-    np.testing.assert_array_equal(first, kept)
-    np.testing.assert_array_equal(sensor.sense(far), kept)

@@ -6,17 +6,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.sim.sensors import original_pattern
-from aquanav_tools.sim.spheres import NOTHING, START_WALL, UNTAGGED, WALL, SphereSensor, find_ends
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.sensors import NOTHING, START_WALL, UNTAGGED, WALL, original_pattern
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array
-from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_cavity, tube_clearance, tube_field, tube_guide
+from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_clearance
+from tests.sim.batch.worlds import look_from, make_world
 
 PATTERN = original_pattern()
 
 
-def sensor() -> SphereSensor:
-    guide = tube_guide()
-    return SphereSensor(tube_field(), find_ends(tube_cavity(), guide.centres[0], guide.centres[-1]), PATTERN)
+def cast(tube: Scenario, position: Array, yaw: float) -> tuple[Array, Array]:
+    """Return how far the spheres come, m, and what they meet."""
+    world = make_world(tube, load_vehicle("original-auv"), 1, observation="original")
+    look_from(world, state_at(position, yaw)[None])
+    return world.as_numpy("rays")[0], world.as_numpy("tags")[0]
 
 
 def state_at(position: Array, yaw: float) -> Array:
@@ -48,13 +52,12 @@ def test_radii_are_the_originals(data_dir: Path) -> None:
 
 
 @pytest.mark.parametrize("yaw", [0.0, 2.0, np.pi])
-def test_spheres_stop_where_the_wall_is_their_radius_away(rng: np.random.Generator, yaw: float) -> None:
-    spheres = sensor()
-    for _ in range(30):
+def test_spheres_stop_where_the_wall_is_their_radius_away(tube: Scenario, rng: np.random.Generator, yaw: float) -> None:
+    for _ in range(20):
         aside, angle = rng.uniform(0.0, 1.5), rng.uniform(0, 2 * np.pi)
         position = np.array([rng.uniform(1.0, 19.0), aside * np.cos(angle), aside * np.sin(angle)])
         distances, tags = tube_casts(position, yaw)
-        seen = spheres.sense(state_at(position, yaw))
+        seen, seen_tags = cast(tube, position, yaw)
         turn = np.array([[np.cos(yaw), -np.sin(yaw), 0], [np.sin(yaw), np.cos(yaw), 0], [0, 0, 1]])
         places = position + seen[:, None] * (PATTERN.directions @ turn.T)
         gaps = np.abs(tube_clearance(places) - PATTERN.radii)[tags != NOTHING]
@@ -64,15 +67,12 @@ def test_spheres_stop_where_the_wall_is_their_radius_away(rng: np.random.Generat
         assert np.abs(seen - distances).max() < 0.05 / np.sin(
             np.deg2rad(14.0)
         )  # rays meet a wall at 14.9 degrees or more
-        assert (spheres.tags == tags).mean() > 0.9
+        assert (seen_tags == tags).mean() > 0.9
 
 
-def test_the_wall_behind_the_start_and_an_end_without_tag_are_told_apart() -> None:
-    spheres = sensor()
-    spheres.sense(state_at(np.array([1.0, 0, 0]), np.pi))
-    assert spheres.tags[0] == START_WALL
-    spheres.sense(state_at(np.array([19.0, 0, 0]), 0.0))
-    assert spheres.tags[0] == UNTAGGED
-    spheres.sense(state_at(np.array([10.0, 0, 0]), 0.0))
-    assert spheres.tags[0] == NOTHING
-    assert spheres.tags[7] == spheres.tags[8] == WALL  # to the right and to the left
+def test_the_wall_behind_the_start_and_an_end_without_tag_are_told_apart(tube: Scenario) -> None:
+    assert cast(tube, np.array([1.0, 0, 0]), np.pi)[1][0] == START_WALL
+    assert cast(tube, np.array([19.0, 0, 0]), 0.0)[1][0] == UNTAGGED
+    tags = cast(tube, np.array([10.0, 0, 0]), 0.0)[1]
+    assert tags[0] == NOTHING
+    assert tags[7] == tags[8] == WALL  # to the right and to the left

@@ -7,29 +7,23 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.fossen import FossenVehicle
-from aquanav_tools.sim.hydrodynamics import Feedback, advance, pack_parameters
 from aquanav_tools.sim.thrusters import Thrusters
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
+from tests.sim.bodies import DT, NONE, run
 
-STILL, NONE, DT = np.zeros(3), np.zeros(6), 0.02
 HEAVY = load_vehicle("bluerov2-heavy")
 assert isinstance(HEAVY, FossenVehicle)
 ORIGIN = Pose(np.zeros(3), yaw_quaternion(0.0))
 MASS = np.array([20.0, 20.0, 20.0, 0.5, 0.5, 0.5])
 
 
-def pusher(time_constant: float, limit: float = 1000.0) -> Array:
+def pusher(time_constant: float, limit: float = 1000.0) -> BodyParameters:
     """Parameters of a body without damping that one thruster through its centre pushes ahead."""
     thrusters = Thrusters(((0.0, 0.0, 0.0),), ((1.0, 0.0, 0.0),), limit, limit, time_constant)
-    return pack_parameters(MASS, NONE, NONE, feedback=Feedback(np.zeros(3), 0.0, thrusters))
-
-
-def run(state: Array, steps: int, wrench: Array, parameters: Array, dt: float = DT) -> Array:
-    for _ in range(steps):
-        state = advance(state, wrench, STILL, parameters, dt)
-    return state
+    return BodyParameters(np.diag(MASS), NONE, NONE, thrusters=thrusters.parameters())
 
 
 def surge(force: float) -> Array:
@@ -58,26 +52,26 @@ def test_a_thruster_off_the_axis_turns_the_vehicle() -> None:
 def test_force_and_speed_follow_a_step_as_the_lag_says(dt: float) -> None:
     # f = F (1 - exp(-t / T)), v = F / m (t - T (1 - exp(-t / T))): exact at any dt, as the step takes the mean force.
     force, lag, duration = 40.0, 0.15, 1.0
-    state = run(at_rest(1), round(duration / dt), surge(force), pusher(lag), dt)
+    state = run(at_rest(1), round(duration / dt), pusher(lag), surge(force), dt=dt)
     rise = 1.0 - np.exp(-duration / lag)
     assert state[13] == pytest.approx(force * rise, rel=1e-12)
     assert state[7] == pytest.approx(force / MASS[0] * (duration - lag * rise), rel=1e-12)
 
 
 def test_no_lag_is_the_force_at_once() -> None:
-    state = advance(at_rest(1), surge(40.0), STILL, pusher(0.0), DT)
+    state = run(at_rest(1), 1, pusher(0.0), surge(40.0))
     assert state[13] == 40.0
     assert state[7] == pytest.approx(40.0 / MASS[0] * DT, rel=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_no_thruster_pushes_harder_than_it_can(sign: float) -> None:
-    state = run(at_rest(1), 200, surge(sign * 500.0), pusher(0.1, limit=30.0))
+    state = run(at_rest(1), 200, pusher(0.1, limit=30.0), surge(sign * 500.0))
     assert state[13] == pytest.approx(sign * 30.0, rel=1e-12)
 
 
 def test_heavy_reaches_the_speed_at_which_drag_balances_full_thrust() -> None:
-    state = run(HEAVY.state_at(ORIGIN), 1500, surge(HEAVY.actuators.surge_force), HEAVY.motion_parameters(1000.0))
+    state = run(HEAVY.state_at(ORIGIN), 1500, HEAVY.motion_parameters(1000.0), surge(HEAVY.actuators.surge_force))
     # 13.7 v + 141 v^2 = 60 (von Benzon et al., table A1); 2e-3 is the splitting's error at dt = 0.02.
     assert state[7] == pytest.approx((np.sqrt(13.7**2 + 4 * 141 * 60) - 13.7) / (2 * 141), rel=2e-3)
     assert rotation_matrix(state[3:7])[2, 2] > np.cos(np.radians(1.0))  # level, though it is pushed from below
@@ -86,14 +80,14 @@ def test_heavy_reaches_the_speed_at_which_drag_balances_full_thrust() -> None:
 def test_heavy_rights_a_tilt_and_holds_its_rates_through_its_thrusters() -> None:
     state = HEAVY.state_at(ORIGIN)
     state[3:7] = [np.cos(0.3), np.sin(0.3) * 0.6, np.sin(0.3) * 0.8, 0]
-    state = run(state, 150, NONE, HEAVY.motion_parameters(1000.0))
+    state = run(state, 150, HEAVY.motion_parameters(1000.0))
     assert rotation_matrix(state[3:7])[2, 2] > np.cos(np.radians(2.0))
     assert np.abs(state[10:13]).max() < 0.05
 
 
 def test_heavy_turns_as_fast_as_drag_and_gain_leave() -> None:
     wrench = np.array([0, 0, 0, 0, 0, HEAVY.full_steer])
-    state = run(HEAVY.state_at(ORIGIN), 400, wrench, HEAVY.motion_parameters(1000.0))
+    state = run(HEAVY.state_at(ORIGIN), 400, HEAVY.motion_parameters(1000.0), wrench)
     # 3 (1.5 - r) = 1.5 r^2 is the balance of the rate loop and von Benzon's drag: r = 1 rad/s.
     assert state[12] == pytest.approx(1.0, rel=5e-3)
 

@@ -54,7 +54,7 @@ def test_environment_and_batch_end_episodes_by_the_same_rule() -> None:
     scenario = tube_scenario()
     slow = slowed(0.001)
     batch = CaveBatch(scenario, 2, next_step=True, vehicle=slow)
-    assert CaveEnv(scenario, vehicle=slow).max_decisions == batch.max_decisions == decision_limit(scenario, slow) > 2400
+    assert CaveEnv(scenario, vehicle=slow).max_decisions == batch.limits[0] == decision_limit(scenario, slow) > 2400
     batch.close()
 
 

@@ -8,12 +8,11 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.actuators import actuator_model
-from aquanav_tools.sim.bullet import BulletWorld
+from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.fossen import Body, FossenVehicle, WaterCoefficients
-from aquanav_tools.sim.motion import advance
 from aquanav_tools.sim.vehicle import VEHICLE_DIR, known_vehicles, load_vehicle
 from aquanav_tools.types import Pose, yaw_quaternion
+from tests.sim.batch.worlds import Dive
 
 STILL = np.zeros(3)
 
@@ -67,29 +66,20 @@ def test_every_shipped_vehicle_swims_ahead_at_the_speed_it_is_listed_with(name: 
     vehicle = load_vehicle(name)
     listed = float(vehicle.summary().split(" m/s")[0].split()[-1])
     start = vehicle.state_at(Pose(np.array([10.0, 0.0, 0.0]), yaw_quaternion(0.0)))
-    actuators, parameters = actuator_model(vehicle, 0.02, 5), vehicle.motion_parameters(1000.0)
-    state = start
-    for _ in range(1500):
-        for command in actuators.apply(0.0, 0.0, 1.0):
-            state = advance(state, command, STILL, parameters, 0.02)
+    ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 1500, 3))
+    state = Predictor(vehicle, 1000.0, 0.02, 5).predict(start[None], np.zeros(1), ahead, STILL).states[0, -1]
     assert np.linalg.norm(state[7:10]) == pytest.approx(listed, rel=0.01)  # the list has two digits
-    world = BulletWorld(tube, vehicle)
-    assert world.state.shape == start.shape
-    world.close()
 
 
 @pytest.mark.parametrize("name", known_vehicles())
 def test_every_shipped_vehicle_repeats_its_dive_bit_for_bit_walls_included(name: str, tube: Scenario) -> None:
-    vehicle = load_vehicle(name)
-    world, actuators = BulletWorld(tube, vehicle), actuator_model(vehicle, 0.02, 5)
-    dives = []
+    dive, dives = Dive(tube, load_vehicle(name)), []
     for _ in range(2):
         rng = np.random.default_rng(3)
-        world.reset(Pose(np.array([10.0, 0.2, 0.0]), yaw_quaternion(0.1)))
-        actuators.reset()
-        touched = [world.step(actuators.apply(*rng.uniform(-1, 1, 3)), STILL) for _ in range(150)]
-        dives.append((world.state.copy(), touched))
-    world.close()
+        dive.begin([10.0, 0.2, 0.0], yaw_quaternion(0.1))
+        touched = [dive.step(*rng.uniform(-1, 1, 3)) for _ in range(150)]
+        dives.append((dive.state, touched))
+    dive.close()
     np.testing.assert_array_equal(dives[0][0], dives[1][0])
     assert dives[0][1] == dives[1][1]
     assert np.isfinite(dives[0][0]).all()

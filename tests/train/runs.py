@@ -19,7 +19,7 @@ from aquanav_tools.train.training import train
 from tests.caves import tube_scenario
 
 TINY = TrainSettings(
-    scenario="tube", steps=512, observation="paper", num_envs=4, hidden=(8,), buffer=128, batch=32, epochs=2, memory=8,
+    scenario="tube", steps=512, observation="paper", num_envs=4, hidden=(8,), n_steps=32, batch=32, epochs=2, memory=8,
     learning_starts=100, replay=200,
 )  # fmt: skip
 """Episodes of 40 decisions, so that they end within and across rollouts."""

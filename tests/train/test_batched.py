@@ -41,7 +41,7 @@ def still_tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 @pytest.mark.parametrize(("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1)])
@@ -101,9 +101,9 @@ def test_first_episodes_that_run_out_of_time_are_told_as_cut_short(tube: Path) -
 
 def test_vehicles_in_two_caves_swim_as_in_a_batch_for_each(tube: Path, still_tube: Path) -> None:
     caves = [read_scenario(tube), read_scenario(still_tube)]
-    settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5, batch=32, buffer=160)
+    settings = dataclasses.replace(TINY, current_range=(0.5, 1.0), num_envs=5)
     both = BatchedEnvs(caves, settings)
-    sizes = (dataclasses.replace(settings, num_envs=n, buffer=32 * n) for n in (2, 3))
+    sizes = (dataclasses.replace(settings, num_envs=n) for n in (2, 3))
     alone = [BatchedEnvs([cave], own) for cave, own in zip(caves, sizes, strict=True)]
     for envs, seeds in ((both, range(5)), (alone[0], range(2)), (alone[1], range(2, 5))):
         envs._task.reset(seeds)

@@ -33,7 +33,7 @@ def bay(tmp_path: Path) -> Path:
 def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object) -> Pipeline:
     lesson = TrainSettings(
         scenario=places[0],
-        buffer=128,
+        n_steps=64,
         batch=64,
         epochs=1,
         num_envs=2,
@@ -64,7 +64,7 @@ def test_a_boats_policy_is_one_for_bays(backend: Backend, bay: Path, tmp_path: P
 def test_a_stopped_run_on_the_batch_ends_as_one_that_never_stopped(
     bay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
     pipeline = pipeline_in(str(bay), backend="batch", current=0.2, current_range=(0.5, 1.0), steps=384)
     assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
 

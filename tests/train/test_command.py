@@ -25,11 +25,14 @@ def exit_code(*arguments: str) -> int:
 def test_command_trains_and_says_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_scenario(tube_scenario(), tmp_path / "tube")
     pipeline = tmp_path / "small.toml"
-    pipeline.write_text('buffer = 256\nbatch = 64\nnum_envs = 2\nhidden = [8]\nobservation = "paper"\nsteps = 9999\n')
+    pipeline.write_text('n_steps = 128\nbatch = 64\nnum_envs = 2\nhidden = [8]\nobservation = "paper"\nsteps = 9999\n')
     folders = ["--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run")]
     main([*folders, "--pipeline", str(pipeline), "--steps", "256", "--final-episodes", "3"])
     said = capsys.readouterr().out
-    assert "Learns from 256 decisions in 1 update of 256 (buffer). So few updates teach little" in said
+    assert (
+        "Learns from 256 decisions in 1 update of 256 (128 of each environment: n_steps). So few updates teach little"
+        in said
+    )
     assert "Learned from 256 decisions" in said
     assert re.search(r"The last policy reached the goal in \d+% of 3 whole episodes in \S+tube \(PyBullet", said)
     assert "There is no best.zip: it needs scenarios to try the policy in while it learns (--validation)." in said
@@ -74,20 +77,37 @@ def test_setting_by_its_old_name_is_refused_with_the_new_one(
     assert "--trace is called --gae-lambda now" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("flags", "advice"),
+    [
+        (["--buffer", "20480", "--num-envs=16"], "Use --n-steps 1280 (20480 / 16 environments)."),
+        (["--buffer=4096"], "Use --n-steps 4096 / num_envs."),
+        (["--num-envs", "3", "--buffer", "128"], "Use --n-steps 128 / 3."),
+    ],
+)
+def test_a_buffer_is_refused_with_the_steps_of_each_environment(
+    flags: list[str], advice: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert exit_code("--scenario", "cave-train-1", *flags) == InputError.exit_code
+    said = " ".join(capsys.readouterr().err.split())
+    assert "--n-steps counts those of each" in said and advice in said
+
+
 def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("-o", "nowhere") == 2
     assert "names no scenario" in capsys.readouterr().err
 
 
 def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    assert exit_code("--scenario", ".", "--num-envs", "3", "--buffer", "4096") == 2
-    assert "must be a multiple of num_envs" in capsys.readouterr().err.replace("\n", " ")
+    assert exit_code("--scenario", ".", "--num-envs", "3", "--n-steps", "32", "--batch", "64") == 2
+    told = " ".join(capsys.readouterr().err.split())
+    assert "A rollout has 96 decisions (n_steps 32 x num_envs 3), which batch (64) must divide" in told
 
 
 def test_another_vehicle_learns_and_belongs_to_the_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     long = write_vehicle(tmp_path / "long.toml", 0.2, 5.0)
     write_scenario(tube_scenario(limits=LimitSettings(decisions=40)), tmp_path / "tube")
-    small = ["--buffer", "128", "--batch", "64", "--num-envs", "2", "--hidden", "8", "--steps", "128"]
+    small = ["--n-steps", "64", "--batch", "64", "--num-envs", "2", "--hidden", "8", "--steps", "128"]
     run = ["--scenario", str(tmp_path / "tube"), "-o", str(tmp_path / "run"), *small]
     main([*run, "--vehicle", str(long)])
     assert f"--scenario {tmp_path / 'tube'} --vehicle {long}" in capsys.readouterr().out

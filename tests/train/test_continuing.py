@@ -14,7 +14,8 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import read_checkpoint, write_checkpoint
 from aquanav_tools.train.pipeline import Pipeline
-from aquanav_tools.train.settings import RENAMED, RunSettings
+from aquanav_tools.train.renamed import ADDED, RENAMED
+from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
 from tests.train.runs import assert_stopped_run_ends_alike, learned, stop_after, tiny_pipeline, tiny_tube
 
@@ -29,7 +30,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -75,12 +76,12 @@ def test_stopped_while_going_on_it_ends_as_one_that_went_on_without(
     assert_stopped_run_ends_alike(longer, tmp_path, monkeypatch)
 
 
-def test_a_chosen_buffer_is_chosen_anew_for_a_longer_run(tube: Path, tmp_path: Path) -> None:
-    choices: dict[str, Any] = {"buffer": 0, "batch": 0, "run": RunSettings(checkpoint_every=10**6, final_episodes=0)}
+def test_chosen_n_steps_are_chosen_anew_for_a_longer_run(tube: Path, tmp_path: Path) -> None:
+    choices: dict[str, Any] = {"n_steps": 0, "batch": 0, "run": RunSettings(checkpoint_every=10**6, final_episodes=0)}
     for steps in (96, 3072):
         train(tiny_pipeline(tube, steps=steps, **choices), 3, tmp_path)
         record = json.loads((tmp_path / "train.json").read_text())
-        assert record["lessons"][0]["buffer"] == {96: 16, 3072: 96}[steps]
+        assert record["lessons"][0]["n_steps"] == {96: 4, 3072: 24}[steps]
     # 31 more updates: 96 decisions are done, and 2976 are 31 times 96. The last has a 32nd of the rate.
     assert len(rows_of(tmp_path)) == 6 + 31
     assert float(rows_of(tmp_path)[-1]["train/learning_rate"]) == pytest.approx(3e-4 / 32)
@@ -112,20 +113,51 @@ def test_more_steps_beside_another_difference_are_refused(tube: Path, tmp_path: 
         train(tiny_pipeline(tube, steps=256, clip=0.3), 3, tmp_path)
 
 
-def test_run_recorded_with_the_old_names_of_settings_goes_on(
+def test_checkpoint_written_before_adam_was_fused_goes_on(
     tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pipeline = tiny_pipeline(tube, steps=256, masked_observations=("distance",))
+    pipeline = tiny_pipeline(tube, steps=256)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         stop_after(patch, 1)
         train(pipeline, 3, tmp_path / "old")
     checkpoint = read_checkpoint(tmp_path / "old")
     assert checkpoint is not None
-    old = {new: name for name, new in RENAMED.items()}
-    identity = checkpoint.journal["identity"]
-    identity["lessons"] = [{old.get(name, name): value for name, value in one.items()} for one in identity["lessons"]]
-    assert {"also", "blind_to", "trace", "warm_up", "entropy"} <= set(identity["lessons"][0])
+    adam = checkpoint.learner["parameters"]["policy.optimizer"]
+    assert adam["param_groups"][0]["fused"] and int(adam["state"][0]["step"]) == 8
+    adam["param_groups"][0]["fused"] = None
     write_checkpoint(checkpoint, tmp_path / "old")
     train(pipeline, 3, tmp_path / "old")
     assert learned(tmp_path / "old") == learned(tmp_path / "whole")
+
+
+def as_recorded_before(lesson: dict[str, Any]) -> dict[str, Any]:
+    """Return a lesson's record as versions wrote it in which `buffer` counted the decisions of all environments."""
+    old = {new: name for name, new in RENAMED.items()} | {"n_steps": "buffer"}
+    named = {old.get(name, name): value for name, value in lesson.items() if name not in ADDED}
+    return {**named, "buffer": lesson["n_steps"] * lesson["num_envs"]}
+
+
+def test_run_recorded_with_the_old_names_of_settings_and_numbers_goes_on(
+    tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = RunSettings(checkpoint_every=128, final_episodes=0, validation=(str(tube),), validate_every=128)
+    pipeline = tiny_pipeline(tube, steps=256, masked_observations=("distance",), run=run)
+    train(pipeline, 3, tmp_path / "whole")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        stop_after(patch, 1)
+        train(pipeline, 3, tmp_path / "old")
+    checkpoint = read_checkpoint(tmp_path / "old")
+    assert checkpoint is not None
+    identity = checkpoint.journal["identity"]
+    identity["lessons"] = [as_recorded_before(lesson) for lesson in identity["lessons"]]
+    assert {"also", "blind_to", "trace", "warm_up", "entropy"} <= set(identity["lessons"][0])
+    assert identity["lessons"][0]["buffer"] == 128 and "n_steps" not in identity["lessons"][0]
+    for numbers in (*checkpoint.journal["curve"]["points"], *checkpoint.journal["trials"]):
+        numbers["clean_success_rate"] = numbers.pop("collision_free_success")
+    write_checkpoint(checkpoint, tmp_path / "old")
+    train(pipeline, 3, tmp_path / "old")
+    assert learned(tmp_path / "old") == learned(tmp_path / "whole")
+    assert rows_of(tmp_path / "old") == rows_of(tmp_path / "whole")
+    texts = [(tmp_path / name / "validation.csv").read_text() for name in ("old", "whole")]
+    assert texts[0] == texts[1] and "collision_free_success" in texts[0] and "clean" not in texts[0]

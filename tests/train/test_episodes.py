@@ -19,7 +19,7 @@ def test_curve_averages_the_last_episodes() -> None:
     assert (point.steps, point.episodes, point.row["train/loss"]) == (600, 3, 0.5)
     assert (point.mean_reward, point.mean_length, point.mean_collisions) == (10.0, 200.0, 1.0)
     assert point.success_rate == pytest.approx(2 / 3, abs=1e-4)
-    assert point.clean_success_rate == pytest.approx(1 / 3, abs=1e-4)
+    assert point.collision_free_success == pytest.approx(1 / 3, abs=1e-4)
 
 
 def test_curve_has_no_numbers_before_the_first_episode() -> None:

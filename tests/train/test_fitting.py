@@ -22,7 +22,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def rates(folder: Path) -> list[float]:
@@ -31,16 +31,16 @@ def rates(folder: Path) -> list[float]:
         return [float(row["train/learning_rate"]) for row in csv.DictReader(stream)]
 
 
-def test_chosen_buffer_gives_enough_updates_and_ends_near_the_steps(rng: np.random.Generator) -> None:
+def test_chosen_rollout_gives_enough_updates_and_ends_near_the_steps(rng: np.random.Generator) -> None:
     for _ in range(300):
         num_envs, steps = int(rng.integers(1, 600)), int(10 ** rng.uniform(1.0, 7.0))
         lesson = fitted(TrainSettings(steps=steps, num_envs=num_envs))
         least = np.lcm(num_envs, 16)
-        assert lesson.buffer % num_envs == lesson.buffer % lesson.batch == 0
-        assert lesson.buffer <= max(20_480, least)
+        assert lesson.rollout_size % lesson.batch == 0
+        assert lesson.rollout_size <= max(20_480, least)
         assert num_updates(lesson) >= min(MIN_UPDATES, steps // least)
         # Whole updates: never less than was asked for, and never an update more.
-        assert steps <= decisions_of(lesson) < steps + lesson.buffer
+        assert steps <= decisions_of(lesson) < steps + lesson.rollout_size
 
 
 @pytest.mark.parametrize(
@@ -52,22 +52,31 @@ def test_a_short_run_learns_from_what_was_asked_for(steps: int, learned: int, up
     assert described(lesson).startswith(f"{learned:,} decisions") and f"in {updates} updates" in described(lesson)
 
 
-def test_a_buffer_that_is_given_is_kept_and_told_with_what_it_makes_of_the_steps() -> None:
-    lesson = fitted(TrainSettings(steps=60_000, buffer=20_480, batch=1024))
-    assert (lesson.buffer, lesson.batch) == (20_480, 1024)
+def test_n_steps_that_are_given_are_kept_and_told_with_what_it_makes_of_the_steps() -> None:
+    lesson = fitted(TrainSettings(steps=60_000, n_steps=2560, batch=1024))
+    assert (lesson.n_steps, lesson.rollout_size, lesson.batch) == (2560, 20_480, 1024)
     said = described(lesson)
-    assert "61,440 decisions (60,000 were asked for) in 3 updates of 20,480 (buffer)" in said
-    assert "So few updates teach little" in said and "--buffer 0" in said
+    assert (
+        "61,440 decisions (60,000 were asked for) in 3 updates of 20,480 (2,560 of each environment: n_steps)" in said
+    )
+    assert "So few updates teach little" in said and "--n-steps 0" in said
     for shipped in read_pipeline("paper", {}).lessons:
         assert fitted(shipped) == TrainSettings(**{**vars(shipped), "learning_starts": 10_000})
 
 
-def test_a_batch_that_is_given_divides_the_buffer() -> None:
-    assert fitted(TrainSettings(steps=10_000, batch=48)).buffer % 48 == 0
+def test_a_batch_that_is_given_divides_the_rollout() -> None:
+    assert fitted(TrainSettings(steps=10_000, batch=48)).rollout_size % 48 == 0
 
 
 def test_learning_of_a_short_run_starts_in_time(tube: Path, tmp_path: Path) -> None:
-    settings = {"algorithm": "sac", "action": "continuous", "buffer": 0, "batch": 0, "learning_starts": 0, "steps": 160}
+    settings = {
+        "algorithm": "sac",
+        "action": "continuous",
+        "n_steps": 0,
+        "batch": 0,
+        "learning_starts": 0,
+        "steps": 160,
+    }
     pipeline = tiny_pipeline(tube, **settings)
     lesson = fitted(pipeline.lessons[0])
     assert lesson.learning_starts == 8 and "the first 8 are taken at random" in described(lesson)

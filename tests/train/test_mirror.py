@@ -7,7 +7,7 @@ import pytest
 
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.train.environments import TrainingEnvs
-from aquanav_tools.train.learners import make_learner, take_in
+from aquanav_tools.train.learners import make_learner, update_normalisers
 from aquanav_tools.train.mirror import MirroredEnvs
 from aquanav_tools.types import Pose, yaw_quaternion
 from tests.caves import tube_scenario
@@ -29,7 +29,7 @@ def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
 ) -> None:
     # The tube is its own mirror image, so a start on the other side, seen in a mirror, is the same task.
     caves = [starting((4.0, 0.6, 0.3), 0.3), starting((4.0, -0.6, 0.3), -0.3)]
-    settings = dataclasses.replace(TINY, num_envs=2, batch=2, buffer=2, observation=observation, action=action)
+    settings = dataclasses.replace(TINY, num_envs=2, batch=2, n_steps=1, observation=observation, action=action)
     envs = MirroredEnvs(TrainingEnvs(caves, settings, 0), observation, action)
     envs.seed(0)
     envs.action_space.seed(0)
@@ -50,7 +50,7 @@ def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
 
 def test_a_network_acts_the_same_whatever_it_is_masked_observations(rng: np.random.Generator) -> None:
     settings = dataclasses.replace(
-        TINY, num_envs=2, batch=2, buffer=2, observation="full", masked_observations=("distance", "depth")
+        TINY, num_envs=2, batch=2, n_steps=1, observation="full", masked_observations=("distance", "depth")
     )
     envs = TrainingEnvs([starting((4.0, 0.0, 0.0), 0.0)], settings, 0)
     learner = make_learner(envs, settings, 0)
@@ -63,5 +63,5 @@ def test_a_network_acts_the_same_whatever_it_is_masked_observations(rng: np.rand
         ]  # type: ignore[attr-defined]
         np.testing.assert_allclose(shown[0], shown[1], atol=1e-4)
         assert np.abs(np.delete(shown[0], [28, 37], axis=1)).mean() > 0.1
-        take_in(learner, seen, settings)
+        update_normalisers(learner, seen, settings)
     envs.close()

@@ -7,7 +7,7 @@ import pytest
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.shipped import BAYS, scenario_names
 from aquanav_tools.shipped import shipped_names
-from aquanav_tools.train.pipeline import FOLDER, read_pipeline
+from aquanav_tools.train.pipeline import FOLDER, check_settings, read_pipeline
 
 CAVE = {"scenario": "cave-train-1"}
 
@@ -33,7 +33,7 @@ def test_the_papers_lessons_are_the_originals() -> None:
     assert [lesson.current for lesson in lessons] == ["still", "half", "full"]
     assert [lesson.learning_rate for lesson in lessons] == [3e-4, 3e-4, 1.5e-4]
     assert [lesson.clip for lesson in lessons] == [0.2, 0.1, 0.1]
-    assert {(lesson.buffer, lesson.batch, lesson.schedule) for lesson in lessons} == {(20480, 1024, "original")}
+    assert {(lesson.rollout_size, lesson.batch, lesson.schedule) for lesson in lessons} == {(20480, 1024, "original")}
     whole = read_pipeline("paper-end-to-end", {}).lessons
     assert [(lesson.steps, lesson.current, lesson.learning_rate, lesson.clip) for lesson in whole] == [
         (3_000_000, "full", 3e-4, 0.2)
@@ -97,3 +97,39 @@ def test_senseless_pipelines_are_refused(tmp_path: Path, text: str, message: str
 def test_setting_by_its_old_name_is_refused_with_the_new_one(text: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"own\.toml has the key 'trace', which is called gae_lambda now"):
         read_pipeline(write(tmp_path, "own", text), CAVE)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "advice"),
+    [
+        ('scenario = "a"\nbuffer = 20_480', {}, r"Write n_steps = 2560 \(20480 / 8 environments\)"),
+        ('scenario = "a"\nbuffer = 20_480\nnum_envs = 16', {}, r"Write n_steps = 1280 \(20480 / 16 environments\)"),
+        ('buffer = 20_480\n[[lessons]]\nscenario = "a"', {"num_envs": 512}, r"Write n_steps = 40 \("),
+        ('extends = "paper"\nbuffer = 20_480', {}, r"Write n_steps = 1280 \("),
+        ('extends = "paper-batch"\nbuffer = 40_960', {}, r"Write n_steps = 80 \("),
+        ('[[lessons]]\nscenario = "a"\nnum_envs = 4\nbuffer = 128', {}, r"Write n_steps = 32 \("),
+        ('scenario = "a"\nbuffer = 100\nnum_envs = 16', {}, r"Write n_steps = 100 / 16 in its place"),
+    ],
+)
+def test_a_buffer_is_refused_with_the_steps_of_each_environment(
+    text: str, said: dict[str, int], advice: str, tmp_path: Path
+) -> None:
+    with pytest.raises(
+        InputError, match=r"own\.toml has the key 'buffer', which counted decisions over all .*" + advice
+    ):
+        read_pipeline(write(tmp_path, "own", text), said)
+
+
+def test_a_buffer_in_a_file_that_is_extended_goes_by_the_environments_of_the_one_that_extends_it(
+    tmp_path: Path,
+) -> None:
+    write(tmp_path, "base", 'scenario = "a"\nnum_envs = 4\nbuffer = 128\n')
+    with pytest.raises(InputError, match=r"base\.toml has the key 'buffer'.* n_steps = 16 \(128 / 8"):
+        read_pipeline(write(tmp_path, "own", 'extends = "base.toml"\nnum_envs = 8'), {})
+
+
+def test_settings_by_name_refuse_a_buffer_with_the_steps_of_each_environment() -> None:
+    with pytest.raises(InputError, match=r"train has the key 'buffer'.* n_steps = 128 \(256 / 2 environments\)"):
+        check_settings({"buffer": 256, "num_envs": 2}, "train")
+    with pytest.raises(InputError, match=r"train has the key 'buffer'.* n_steps = 256 / num_envs in its place"):
+        check_settings({"buffer": 256}, "train")

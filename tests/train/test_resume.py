@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import dataclasses
 import os
 import signal
 import subprocess
@@ -18,9 +17,7 @@ from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, read_checkpoint
-from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.record import RunRecord
-from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
 from tests.caves import tube_scenario
 from tests.disks import fill, small_disk
@@ -35,7 +32,7 @@ def tube(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def after_checkpoint(monkeypatch: pytest.MonkeyPatch, number: int, act: Callable[[], None]) -> None:
@@ -56,16 +53,25 @@ def stop() -> None:
 
 
 @pytest.mark.parametrize(
-    ("algorithm", "checkpoint"), [("ppo", 1), ("ppo", 2), ("sac", 1), ("td3", 1), ("recurrent-ppo", 1)]
+    ("algorithm", "precision", "checkpoint"),
+    [
+        ("ppo", "float32", 1),
+        ("ppo", "float32", 2),
+        ("ppo", "bfloat16", 1),
+        ("sac", "float32", 1),
+        ("td3", "float32", 1),
+        ("recurrent-ppo", "float32", 1),
+    ],
 )
 def test_stopped_run_ends_as_one_that_never_stopped(
-    algorithm: str, checkpoint: int, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    algorithm: str, precision: str, checkpoint: int, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if algorithm == "recurrent-ppo":
         pytest.importorskip("sb3_contrib")
     action = "continuous" if algorithm in ("sac", "td3") else "multidiscrete"
+    choices = {"algorithm": algorithm, "precision": precision, "action": action}
     # Each lesson writes two checkpoints: the second is at its end.
-    pipeline = tiny_pipeline(tube, 2, algorithm=algorithm, action=action, steps=256, current=(0.0, 0.4, 0.0))
+    pipeline = tiny_pipeline(tube, 2, steps=256, current=(0.0, 0.4, 0.0), **choices)
     train(pipeline, 3, tmp_path / "whole")
     with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
         after_checkpoint(patch, checkpoint, stop)
@@ -79,7 +85,7 @@ def test_killed_command_goes_on_to_the_same_policy(
 ) -> None:
     pipeline = tmp_path / "mine.toml"
     pipeline.write_text(
-        f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nbuffer = 128\n'
+        f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nn_steps = 32\n'
         f'batch = 32\nepochs = 2\ncheckpoint_every = 128\nvalidation = ["{tube}"]\nvalidation_episodes = 2\n'
         "validate_every = 256\nfinal_episodes = 2\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
     )
@@ -99,31 +105,6 @@ def test_killed_command_goes_on_to_the_same_policy(
     for name in ("curve.csv", "validation.csv"):  # all but the seconds
         rows = [(folder / name).read_text().splitlines() for folder in (killed, tmp_path / "whole")]
         assert len(rows[0]) == len(rows[1])
-
-
-def test_killed_worker_costs_nothing_and_workers_change_nothing(
-    tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    crews: list[TrainingEnvs] = []
-    begin = TrainingEnvs.__init__
-
-    def begin_and_keep(self: TrainingEnvs, *args: Any) -> None:
-        begin(self, *args)
-        crews.append(self)
-
-    def kill_worker() -> None:
-        assert crews[0].workers[1].pid is not None
-        os.kill(crews[0].workers[1].pid, signal.SIGKILL)
-
-    run = RunSettings(checkpoint_every=128, workers=2, final_episodes=0)
-    with monkeypatch.context() as patch, pytest.raises(ResourceError, match=r"worker 2 of 2 .* ended by SIGKILL"):
-        patch.setattr(TrainingEnvs, "__init__", begin_and_keep)
-        after_checkpoint(patch, 1, kill_worker)
-        train(tiny_pipeline(tube, run=run), 0, tmp_path / "killed")
-    alone = dataclasses.replace(run, workers=0)
-    train(tiny_pipeline(tube, run=alone), 0, tmp_path / "killed")
-    train(tiny_pipeline(tube, run=alone), 0, tmp_path / "whole")
-    assert learned(tmp_path / "killed") == learned(tmp_path / "whole")
 
 
 def test_full_disk_costs_nothing_once_there_is_room(

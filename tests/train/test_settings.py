@@ -4,7 +4,7 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.tables import from_table
-from aquanav_tools.train.settings import TrainSettings
+from aquanav_tools.train.settings import RunSettings, TrainSettings
 
 
 def test_defaults_are_the_originals() -> None:
@@ -20,8 +20,15 @@ def test_defaults_are_the_originals() -> None:
     ("table", "message"),
     [
         ({"steps": 0}, "steps must be positive, got 0"),
-        ({"num_envs": 3, "buffer": 20480}, "buffer (20480) must be a multiple of num_envs (3)"),
-        ({"batch": 1000, "buffer": 20480}, "buffer (20480) must be a multiple of batch (1000)"),
+        (
+            {"num_envs": 16, "n_steps": 1280, "batch": 1000},
+            "A rollout has 20480 decisions (n_steps 1280 x num_envs 16), which batch (1000) must divide",
+        ),
+        ({"n_steps": -1}, "n_steps must not be negative, got -1"),
+        (
+            {"precision": "bfloat16", "algorithm": "sac", "action": "continuous"},
+            "precision bfloat16 is for ppo, and the algorithm is sac",
+        ),
         ({"discount": 1.5}, "discount must be in [0, 1], got 1.5"),
         ({"hidden": []}, "hidden must list positive widths"),
         ({"ent_coef": -1.0}, "ent_coef must not be negative"),
@@ -38,4 +45,18 @@ def test_defaults_are_the_originals() -> None:
 def test_senseless_settings_are_refused(table: dict[str, object], message: str) -> None:
     with pytest.raises(InputError) as error:
         from_table(TrainSettings, table, "mine.toml")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"workers": 2, "backend": "batch"}, "the batch runs in threads of its own"),
+        ({"ray": "auto"}, "ray is given without workers. Say how many actors: workers"),
+        ({"ray": "head", "workers": 2}, "ray is 'head'; give auto, or the HOST:PORT"),
+    ],
+)
+def test_senseless_settings_of_a_run_are_refused(table: dict[str, object], message: str) -> None:
+    with pytest.raises(InputError) as error:
+        from_table(RunSettings, table, "mine.toml")
     assert message in str(error.value)

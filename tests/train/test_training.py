@@ -46,7 +46,7 @@ def run(tube_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare a second for each run."""
-    monkeypatch.setattr(training, "present", lambda *_: None)
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -99,7 +99,7 @@ def test_best_policy_is_that_of_the_best_trial(run: Path) -> None:
     trials = rows_of(run / "validation.csv")
     assert [row["steps"] for row in trials] == ["128", "256", "384", "512"]
     scores = [
-        tuple(float(row[name]) for name in ("clean_success_rate", "success_rate", "mean_reward")) for row in trials
+        tuple(float(row[name]) for name in ("collision_free_success", "success_rate", "mean_reward")) for row in trials
     ]
     best = PPO.load(run / "best.zip")
     lesson, step = divmod(scores.index(max(scores)), 2)
@@ -151,7 +151,7 @@ def test_diverging_run_stops_and_keeps_its_last_good_checkpoint(tube_folder: Pat
 @pytest.mark.parametrize("workers", [0, 2])
 def test_environments_are_shared_out_over_the_caves(workers: int) -> None:
     caves = [tube_scenario(limits=LimitSettings(decisions=decisions)) for decisions in (5, 9, 7)]
-    envs = TrainingEnvs(caves, dataclasses.replace(TINY, num_envs=5, batch=5, buffer=5), workers)
+    envs = TrainingEnvs(caves, dataclasses.replace(TINY, num_envs=5, batch=5, n_steps=1), workers)
     envs.seed(0)
     envs.reset()
     ended = [np.flatnonzero(envs.step(np.ones((5, 3), dtype=int))[2]).tolist() for _ in range(9)]
@@ -161,7 +161,7 @@ def test_environments_are_shared_out_over_the_caves(workers: int) -> None:
 
 def test_a_short_run_learns_to_swim_ahead(tube: Scenario, tmp_path: Path) -> None:
     settings = TrainSettings(
-        scenario="tube", steps=8192, reward="dense", num_envs=4, hidden=(64, 64), buffer=1024, batch=128, epochs=10,
+        scenario="tube", steps=8192, reward="dense", num_envs=4, hidden=(64, 64), n_steps=256, batch=128, epochs=10,
         learning_rate=1e-3, normalise=False,
     )  # fmt: skip
     train(Pipeline((settings,), RunSettings(final_episodes=0)), 0, tmp_path, scenario=tube)

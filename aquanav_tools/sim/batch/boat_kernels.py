@@ -19,7 +19,7 @@ from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion, sho
 from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
 from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
 from aquanav_tools.sim.batch.boat_water import RATE
-from aquanav_tools.sim.batch.disturbance import Disturbance, exchange, fill_queue, is_dropped, measured
+from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
@@ -96,8 +96,8 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
     for n in range(3):
         boats.acting[i, n] = boats.commands[i, n]
     if rules.action_delay > 0:
-        exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i])
-    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), model.body.drives)
+        exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], rules.action_delay)
+    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), model.body.controls)
     now = boats.decisions[i] % NUM_AHEAD
     current, wind, bay = around.currents[i, now], around.winds[i, now], around.bays[around.bay_of[i]]
     touched = int(0)
@@ -123,10 +123,8 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
 @wp.func
 def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: Model, rules: BoatRules):
     """Write the true distances of boat `i`, and into its observation what the sensor makes of them."""
-    errors = Disturbance()
-    errors.noise = boats.noises[i]
-    errors.dropout = boats.dropouts[i]
-    is_disturbed = errors.noise > 0.0 or errors.dropout > 0.0
+    noise, dropout = float(boats.noises[i]), float(boats.dropouts[i])
+    is_disturbed = noise > 0.0 or dropout > 0.0
     place, seed, decision = level_place(boats.positions[i]), boats.ray_seeds[i], boats.decisions[i]
     for ray in range(model.beams.lengths.shape[0]):
         length = model.beams.lengths[ray]
@@ -135,8 +133,8 @@ def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: 
         boats.rays[i, ray] = distance
         boats.tags[i, ray] = tag
         if is_disturbed:
-            distance = measured(distance, wp.float32(length), errors, seed, ray, decision)
-            if is_dropped(errors, seed, ray, decision):
+            distance = measured(distance, wp.float32(length), noise, dropout, seed, ray, decision)
+            if is_dropped(dropout, seed, ray, decision):
                 tag = NOTHING
         if rules.preset == ORIGINAL:
             show_tag(boats.observations[i], ray, distance, length, tag)
@@ -169,7 +167,7 @@ def sense(first: int, only_begun: int, boats: BoatState, around: Surroundings, m
         if is_begun:
             fill_queue(boats.observations, boats.waiting_observations, i)
         else:
-            exchange(boats.observations, boats.waiting_observations, i, boats.decisions[i])
+            exchange(boats.observations, boats.waiting_observations, i, boats.decisions[i], rules.observation_delay)
 
 
 @wp.func

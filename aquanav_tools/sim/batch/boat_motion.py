@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from aquanav_tools.sim.batch.actuators import Controls, actuated, make_controls
 from aquanav_tools.sim.batch.boat_hull import G, HullSurface, HullWork, make_hull_surface, make_hull_work, water_wrench
 from aquanav_tools.sim.batch.boat_water import Sea, num_blocks, pack_sea, vec8
 from aquanav_tools.sim.batch.motion import (
@@ -36,27 +37,14 @@ from aquanav_tools.sim.batch.motion import (
 from aquanav_tools.sim.batch.original import DraggedBody, drag_along, make_dragged_body
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
 from aquanav_tools.sim.boat import NO_SKIN, Boat
-from aquanav_tools.sim.hydrodynamics import pack_parameters
-from aquanav_tools.sim.original import Drive, OriginalVehicle
+from aquanav_tools.sim.body_parameters import BodyParameters
+from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.windage import Windage
 from aquanav_tools.types import Array
 
 wp.set_module_options(BOAT_OPTIONS)
 
 f64 = wp.float64
-
-
-@wp.struct
-class Drives:
-    """What steer and thrust do."""
-
-    surge: f64
-    """Full thrust ahead, N."""
-    reverse_fraction: f64
-    yaw: f64
-    """Full steer, N m."""
-    steers_at_rest: wp.int32
-    """Whether steer works without thrust; otherwise the moment is steer times thrust."""
 
 
 @wp.struct
@@ -81,7 +69,7 @@ class BoatBody:
     mass: f64
     surface: HullSurface
     wind: WindLoad
-    drives: Drives
+    controls: Controls
     mobility: vec6
     """Change of velocity per impulse along and about body x, y, z; 0 where the boat is held."""
 
@@ -93,15 +81,15 @@ def make_boat_body(boat: Boat | OriginalVehicle, density: float, dt: float, devi
         body.is_original = 1
         body.dragged = make_dragged_body(boat.motion_parameters(density), dt, device)
         body.surface = make_hull_surface(NO_SKIN, density, 0.0, 0.0, device)
-        body.drives = _make_drives(boat.drive)
+        body.controls = make_controls(boat, dt)
         # It stays level at its height.
         body.mobility = vec6(1.0 / boat.body.mass, 1.0 / boat.body.mass, 0.0, 0.0, 0.0, 1.0 / boat.body.inertia[2])
         return body
-    parameters = pack_parameters(boat.total_mass, np.array(boat.linear_damping), np.zeros(6))
+    parameters = BodyParameters(np.diag(boat.total_mass), np.array(boat.linear_damping), np.zeros(6))
     body.body, body.mass = make_body(parameters, dt, device), boat.mass
     body.surface = make_hull_surface(boat.surface, density, boat.normal_drag, boat.friction, device)
     body.wind = make_wind_load(boat.windage)
-    body.drives = _make_drives(Drive(boat.surge_force, boat.reverse_share, boat.yaw_moment, steers_at_rest=True))
+    body.controls = _make_controls(boat)
     body.mobility = vec6(*(1.0 / boat.total_mass))
     return body
 
@@ -114,22 +102,19 @@ def make_wind_load(windage: Windage | None) -> WindLoad:
     return load
 
 
-def _make_drives(drive: Drive) -> Drives:
-    drives = Drives()
-    drives.surge, drives.reverse_fraction = drive.force, drive.reverse_share
-    drives.yaw, drives.steers_at_rest = drive.steer_moment, int(drive.steers_at_rest)
-    return drives
+def _make_controls(boat: Boat) -> Controls:
+    """Return the drives of a boat; it has no ballast, and steers without thrust."""
+    controls = Controls()
+    controls.surge, controls.reverse_share = boat.surge_force, boat.reverse_share
+    controls.yaw, controls.steers_at_rest = boat.yaw_moment, 1
+    return controls
 
 
 @wp.func
-def drive_wrench(steer: f64, thrust: f64, drives: Drives):
+def drive_wrench(steer: f64, thrust: f64, controls: Controls):
     """Return the wrench of steer (left) and thrust (ahead) in [-1, 1], body frame, N and N m."""
-    surge, yaw, zero = drives.surge * thrust, drives.yaw * steer, f64(0.0)
-    if thrust < zero:
-        surge *= drives.reverse_fraction
-    if drives.steers_at_rest == 0:
-        yaw *= thrust
-    return vec6(surge, zero, zero, zero, zero, yaw)
+    wrench, _ = actuated(wp.vec3d(f64(0.0), steer, thrust), f64(0.0), controls)
+    return wrench
 
 
 @wp.func
@@ -207,7 +192,7 @@ def sail_alone(
     state.position = positions[0]
     state.orientation = orientations[0]
     state.velocity = velocities[0]
-    drives = drive_wrench(action[0], action[1], boat.drives)
+    drives = drive_wrench(action[0], action[1], boat.controls)
     for n in range(1, positions.shape[0]):
         state = sail(0, state, drives, current, wind, sea, dt * f64(n - 1), boat, work, dt)
         positions[n] = state.position
@@ -224,7 +209,7 @@ def probe_loads(
     rotation = rotation_of(orientation)
     loads[0] = water_wrench(0, position, rotation, velocity, current, sea, f64(0.0), boat.surface, work)
     loads[1] = wind_wrench(rotation, velocity, wind, boat.wind)
-    loads[2] = drive_wrench(action[0], action[1], boat.drives)
+    loads[2] = drive_wrench(action[0], action[1], boat.controls)
 
 
 class OpenWater:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from aquanav_tools.sim import spheres
+from aquanav_tools.sim import scales, sensors
 from aquanav_tools.sim.batch.motion import angular, linear, rotation_of, vec6
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
 
@@ -13,9 +13,8 @@ wp.set_module_options(BOAT_OPTIONS)
 f64 = wp.float64
 PI = wp.constant(wp.float64(3.141592653589793))
 DEGREES = wp.constant(wp.float64(57.29577951308232))
-MIN_MOTION = wp.constant(wp.float64(1e-5))
-"""The original's engine gives no direction to a vector below this length."""
-WALL, START_WALL, NOTHING = (wp.constant(tag) for tag in (spheres.WALL, spheres.START_WALL, spheres.NOTHING))
+MIN_MOTION = wp.constant(wp.float64(scales.MIN_MOTION))
+WALL, START_WALL, NOTHING = (wp.constant(tag) for tag in (sensors.WALL, sensors.START_WALL, sensors.NOTHING))
 
 
 @wp.func

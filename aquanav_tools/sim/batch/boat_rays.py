@@ -14,7 +14,7 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.sea.sea_map import SeaMap
-from aquanav_tools.sim import spheres
+from aquanav_tools.sim import sensors
 from aquanav_tools.sim.batch.boat_contact import FAR, Bay, make_bay, to_outline, to_segment
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
 from aquanav_tools.sim.sensors import RayPattern
@@ -23,7 +23,7 @@ from aquanav_tools.types import Array
 wp.set_module_options(BOAT_OPTIONS)
 
 f64 = wp.float64
-NOTHING, WALL, UNTAGGED = (wp.constant(tag) for tag in (spheres.NOTHING, spheres.WALL, spheres.UNTAGGED))
+NOTHING, WALL, UNTAGGED = (wp.constant(tag) for tag in (sensors.NOTHING, sensors.WALL, sensors.UNTAGGED))
 """What a beam met: nothing, rocks or the edge, the goal."""
 
 

@@ -222,8 +222,7 @@ def mean_motion(before: State, after: State, dt: f64):
 def beside_wall(state: State, free: State, hull: Hull, grid: Grid, mesh: wp.uint64, middle: wp.vec3d, dt: f64):
     """Return the state after a step beside the wall, and whether it was touched.
 
-    Without contact it is `free`. With one, the pose follows the changed motion, and the velocity is that of `free`
-    with the same change; a wall at rest gives no energy. What is pressed through the wall goes back, and stops.
+    Without contact it is `free`. With one, the pose follows the changed motion.
     """
     contacts = find_contacts(state, hull, mesh, middle)
     intended = mean_motion(state, free, dt)
@@ -231,11 +230,26 @@ def beside_wall(state: State, free: State, hull: Hull, grid: Grid, mesh: wp.uint
     change = motion - intended
     if wp.dot(change, change) == f64(0.0):
         return free, False
-    result = State()
-    result.position = state.position + dt * linear(motion)
+    position = state.position + dt * linear(motion)
     into_body = wp.transpose(rotation_of(state.orientation))
-    result.orientation = turned(state.orientation, into_body * angular(motion), dt)
-    into_body = wp.transpose(rotation_of(result.orientation))
+    orientation = turned(state.orientation, into_body * angular(motion), dt)
+    return after_contact(state, free, position, orientation, change, hull, grid), True
+
+
+@wp.func
+def after_contact(
+    state: State, free: State, position: wp.vec3d, orientation: wp.vec4d, change: vec6, hull: Hull, grid: Grid
+):
+    """Return the state after a step in which the wall was touched.
+
+    The pose is the one given. The velocity is that of `free` with the change that the wall made, world frame. A solver
+    pushes overlapping shapes apart by adding velocity, but a wall at rest gives no energy: there is never more than
+    without it. What tunnelled through the thin shell, or was pressed through it, goes back, and stops.
+    """
+    result = State()
+    result.position = position
+    result.orientation = orientation
+    into_body = wp.transpose(rotation_of(orientation))
     result.velocity = free.velocity + six(into_body * linear(change), into_body * angular(change))
     before = wp.dot(free.velocity, wp.cw_mul(hull.masses, free.velocity))
     after = wp.dot(result.velocity, wp.cw_mul(hull.masses, result.velocity))
@@ -245,4 +259,4 @@ def beside_wall(state: State, free: State, hull: Hull, grid: Grid, mesh: wp.uint
         result.position = state.position
         result.orientation = state.orientation
         result.velocity = vec6()
-    return result, True
+    return result

@@ -16,46 +16,73 @@ wp.set_module_options(OPTIONS)
 
 
 @wp.struct
-class Disturbance:
-    """What a task disturbs; zeros leave everything as it is."""
+class RangeNoise:
+    """How measured distances err; zeros leave them as they are."""
 
-    noise: wp.float32
+    constant: wp.float32
     """Standard deviation of an echo's distance, m."""
+    proportional: wp.float32
+    """What that grows by with the distance, m/m."""
     dropout: wp.float32
-    """Probability that a ray gets no echo."""
-    action_delay: wp.int32
-    """Decisions."""
-    observation_delay: wp.int32
-    """Decisions."""
+    """Probability that a ray gets no echo, at whatever angle it meets the wall."""
+    grazing_dropout: wp.float32
+    """Probability that an echo is lost along the wall, at 90 degrees from its normal."""
+    grazing_from: wp.float32
+    """Angle from the normal below which no echo is lost for its angle, rad; from there the probability grows evenly."""
 
 
 @wp.func
-def is_dropped(disturbance: Disturbance, seed: int, ray: int, decision: int):
-    """Return whether a ray gets no echo."""
-    return share_of_one(words(seed, RAYS + ray, decision)[2]) < disturbance.dropout
+def dropout_at(noise: RangeNoise, incidence: float):
+    """Return the probability that a ray gets no echo which meets the wall at an angle from its normal, rad."""
+    slant = wp.clamp((incidence - noise.grazing_from) / (1.5707964 - noise.grazing_from), 0.0, 1.0)
+    return noise.dropout + (1.0 - noise.dropout) * noise.grazing_dropout * slant
 
 
 @wp.func
-def measured(distance: float, length: float, disturbance: Disturbance, seed: int, ray: int, decision: int):
+def measured_range(
+    distance: float, incidence: float, length: float, noise: RangeNoise, seed: int, purpose: int, decision: int
+):
     """Return a ray's distance as a real sensor gives it.
 
     Only an echo errs: a ray that meets nothing keeps its full length, and none reads beyond it or below zero.
     """
     result = length
-    if distance < length and not is_dropped(disturbance, seed, ray, decision):
-        drawn = words(seed, RAYS + ray, decision)
-        result = wp.clamp(distance + disturbance.noise * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
+    if distance < length:
+        drawn = words(seed, purpose, decision)
+        if share_of_one(drawn[2]) >= dropout_at(noise, incidence):
+            spread = noise.constant + noise.proportional * distance
+            result = wp.clamp(distance + spread * normal_pair(drawn[0], drawn[1])[0], 0.0, length)
     return result
 
 
 @wp.func
-def exchange(values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int):
-    """Put row `i` of the values into its queue, in place of the row that has waited longest, which it gets.
+def is_dropped(dropout: float, seed: int, ray: int, decision: int):
+    """Return whether a ray gets no echo, which has the probability `dropout`."""
+    return share_of_one(words(seed, RAYS + ray, decision)[2]) < dropout
 
-    The queue has D rows of W one after the other, (N, D * W); `turn` counts up by one from call to call.
+
+@wp.func
+def measured(distance: float, length: float, noise: float, dropout: float, seed: int, ray: int, decision: int):
+    """Return a ray's distance with errors of one standard deviation, `noise` (m), and one probability of no echo."""
+    errors = RangeNoise()
+    errors.constant = noise
+    errors.dropout = dropout
+    return measured_range(distance, 0.0, length, errors, seed, RAYS + ray, decision)
+
+
+@wp.func
+def exchange(
+    values: wp.array2d(dtype=wp.float32), waiting: wp.array2d(dtype=wp.float32), i: int, turn: int, delay: int
+):
+    """Put row `i` of the values into its queue, in place of the row that has waited for `delay` turns, which it gets.
+
+    The queue has room for D rows of W one after the other, (N, D * W), of which a delay of up to D uses its number;
+    `turn` counts up by one from call to call.
     """
+    if delay == 0:
+        return
     width = values.shape[1]
-    first = turn % (waiting.shape[1] // width) * width
+    first = turn % delay * width
     for n in range(width):
         value = values[i, n]
         values[i, n] = waiting[i, first + n]
@@ -75,15 +102,16 @@ def disturb(
     rays: wp.array2d(dtype=wp.float32),
     dropped: wp.array2d(dtype=wp.bool),
     lengths: wp.array(dtype=wp.float32),
-    disturbance: Disturbance,
+    noise: float,
+    dropout: float,
     seeds: wp.array(dtype=wp.int32),
     decisions: wp.array(dtype=wp.int32),
 ):
     """Disturb all rays in place, and write which of them got no echo."""
     i, ray = wp.tid()
     seed, decision = seeds[i], decisions[i]
-    dropped[i, ray] = is_dropped(disturbance, seed, ray, decision)
-    rays[i, ray] = measured(rays[i, ray], lengths[ray], disturbance, seed, ray, decision)
+    dropped[i, ray] = is_dropped(dropout, seed, ray, decision)
+    rays[i, ray] = measured(rays[i, ray], lengths[ray], noise, dropout, seed, ray, decision)
 
 
 class RayErrors:
@@ -99,14 +127,12 @@ class RayErrors:
             dropout: Probability that a ray gets no echo.
         """
         device, shape = find_device("cpu"), (num, len(lengths))
-        disturbance = Disturbance()
-        disturbance.noise, disturbance.dropout = noise, dropout
         rays = wp.zeros(shape, dtype=wp.float32, device=device)
         dropped = wp.zeros(shape, dtype=wp.bool, device=device)
         reach = wp.array(lengths.astype(np.float32), dtype=wp.float32, device=device)
         seeds, decisions = (wp.zeros(num, dtype=wp.int32, device=device) for _ in range(2))
         self._launch = wp.launch(
-            disturb, dim=shape, inputs=[rays, dropped, reach, disturbance, seeds, decisions], device=device,
+            disturb, dim=shape, inputs=[rays, dropped, reach, noise, dropout, seeds, decisions], device=device,
             record_cmd=True,
         )  # fmt: skip
         self._rays, self._dropped, self._seeds, self._decisions = (
@@ -140,7 +166,7 @@ def delay_rows(
         if turns[i] < 0:
             fill_queue(values, waiting, i)
         else:
-            exchange(values, waiting, i, turns[i])
+            exchange(values, waiting, i, turns[i], waiting.shape[1] // values.shape[1])
 
 
 def delay(values: Any, waiting: Any, turns: Any, chosen: Any) -> None:

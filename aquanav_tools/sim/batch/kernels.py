@@ -1,37 +1,57 @@
-"""The kernels of a decision: move, sense, score, and begin anew what has ended."""
+"""The kernels of a decision: advance, sense, score, and begin anew what has ended."""
 
 from __future__ import annotations
 
 import warp as wp
 
-from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
-from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, measured
-from aquanav_tools.sim.batch.field import Grid, on_grid, room_at, surely_at, traced
-from aquanav_tools.sim.batch.fleet_arrays import (
-    DRAWN,
-    UNLISTED,
-    Beginnings,
-    Controls,
-    Craft,
-    Fans,
-    Fleet,
-    Rules,
-    Starts,
-)
+from aquanav_tools.sim.batch.actuators import actuated
+from aquanav_tools.sim.batch.caves import Cave, Starts
+from aquanav_tools.sim.batch.contact import after_contact, axis_clearance, beside_wall, largest_move, mean_motion
+from aquanav_tools.sim.batch.craft import Craft
+from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
+from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
+from aquanav_tools.sim.batch.observation import (
+    FULL,
+    ORIGINAL,
+    Fan,
+    show_cell,
+    show_goal,
+    show_motion,
+    show_original,
+)
 from aquanav_tools.sim.batch.original import drag_along
-from aquanav_tools.sim.batch.progress import Measure, begin_measure, to_go
+from aquanav_tools.sim.batch.progress import begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
+from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.water import Water, current_at, drawn_phase, drawn_share, stir
+from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
+from aquanav_tools.sim.batch.starts import DRAWN, UNLISTED
+from aquanav_tools.sim.batch.state import ASKED, MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
+from aquanav_tools.sim.batch.water import current_at, drawn_fraction, drawn_phase, stir
 
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-PI = wp.constant(wp.float64(3.141592653589793))
 SUCCESS, COLLISION, TIMEOUT = wp.constant(1), wp.constant(2), wp.constant(3)
-NUM_RAYS = wp.constant(28)
+
+
+@wp.struct
+class Settings:
+    """What all vehicles of a batch have in common."""
+
+    fan: Fan
+    observation: wp.int32
+    """Index in `observation.PRESETS`."""
+    has_engine: wp.int32
+    """Whether an engine outside of the kernels says what the wall does."""
+    has_law: wp.int32
+    """Whether a law outside of the kernels says how vehicles move where there is no wall."""
+    next_step: wp.int32
+    """Whether an ended episode is followed by the next at the next step, not in the same one."""
+    has_delayed_actions: wp.int32
+    """Whether any vehicle's are."""
 
 
 @wp.func
@@ -42,212 +62,304 @@ def axis_of(orientation: wp.vec4d):
 
 
 @wp.func
-def put_at(i: int, start: int, fleet: Fleet, starts: Starts):
+def put_at(i: int, start: int, state: BatchState, starts: Starts):
     """Put vehicle `i` at a start."""
-    fleet.positions[i] = starts.positions[start]
-    fleet.orientations[i] = starts.orientations[start]
+    state.positions[i] = starts.positions[start]
+    state.orientations[i] = starts.orientations[start]
     for n in range(starts.extra.shape[1]):
-        fleet.extra[i, n] = starts.extra[start, n]
-    fleet.gates[i] = starts.gates[start]
-    fleet.remaining[i] = starts.remaining[start]
+        state.extra[i, n] = starts.extra[start, n]
+    state.gates[i] = starts.gates[start]
+    state.remaining[i] = starts.remaining[start]
 
 
 @wp.func
-def begin(i: int, fleet: Fleet, beginnings: Beginnings, craft: Craft, water: Water, measure: Measure):
+def begin_water(i: int, seed: int, state: BatchState, cave: Cave):
+    """Draw the water of vehicle `i` for an episode."""
+    state.current_fractions[i] = drawn_fraction(state.current_ranges[i], seed)
+    state.currents[i] = state.current_fractions[i] * cave.water.uniform
+    if cave.water.is_constant == 0:
+        state.phases[i] = drawn_phase(seed)
+        stir(state.eddies, cave.water, seed, i, 0)
+        state.currents[i] = current_at(i, cave.water, cave.grid, state)
+
+
+@wp.func
+def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft):
     """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
-    if fleet.episodes[i] > 0:
-        fleet.seeds[i] = int(words(fleet.seeds[i], NEXT, 0)[0])
-    seed = fleet.seeds[i]
-    start = fleet.wanted_starts[i]
+    if state.episodes[i] > 0:
+        state.seeds[i] = int(words(state.seeds[i], NEXT, 0)[0])
+    seed = state.seeds[i]
+    start = state.wanted_starts[i]
     if start == DRAWN:
-        start = choice(words(seed, START, 0)[0], beginnings.listed.gates.shape[0])
-    fleet.wanted_starts[i] = DRAWN
-    fleet.episodes[i] = fleet.episodes[i] + 1
+        start = choice(words(seed, START, 0)[0], cave.starts.gates.shape[0])
+    state.wanted_starts[i] = DRAWN
+    state.episodes[i] = state.episodes[i] + 1
     if start == UNLISTED:
-        put_at(i, i, fleet, beginnings.unlisted)
+        put_at(i, i, state, unlisted)
     else:
-        put_at(i, start, fleet, beginnings.listed)
-    fleet.start_indices[i] = wp.max(start, -1)
-    fleet.beginnings[i] = fleet.positions[i]
-    begin_measure(i, measure)
-    ahead = axis_of(fleet.orientations[i])
-    fleet.to_go[i] = to_go(i, fleet.positions[i], ahead, fleet.remaining[i], craft.hull, measure)
-    fleet.velocities[i] = vec6()
-    fleet.levels[i] = craft.controls.neutral
-    fleet.gained[i] = f64(0.0)
-    fleet.decisions[i] = 0
-    fleet.ages[i] = 0
-    fleet.touched[i] = 0
-    fleet.is_touching[i] = 0
-    fleet.collisions[i] = 0
-    fleet.outcomes[i] = 0
-    fleet.restarted[i] = 1
-    fleet.returns[i] = 0.0
-    fleet.shares[i] = drawn_share(water, seed)
-    if water.is_constant == 0:
-        fleet.phases[i] = drawn_phase(seed)
-        stir(fleet.eddies, water, seed, i, 0)
+        put_at(i, start, state, cave.starts)
+    state.start_indices[i] = wp.max(start, -1)
+    state.beginnings[i] = state.positions[i]
+    state.previous_positions[i] = state.positions[i]
+    state.previous_orientations[i] = state.orientations[i]
+    begin_measure(i, state)
+    ahead = axis_of(state.orientations[i])
+    state.to_go[i] = to_go(i, state.positions[i], ahead, state.remaining[i], craft.hull, cave.measure, state)
+    state.velocities[i] = vec6()
+    state.levels[i] = craft.controls.neutral
+    state.gained[i] = f64(0.0)
+    state.decisions[i] = 0
+    state.ages[i] = 0
+    state.touched[i] = 0
+    state.is_touching[i] = 0
+    state.collisions[i] = 0
+    state.outcomes[i] = 0
+    state.restarted[i] = 1
+    state.returns[i] = 0.0
+    begin_water(i, seed, state, cave)
     for n in range(3):
-        fleet.commands[i, n] = 0.0
-        fleet.acting[i, n] = 0.0
-    fill_queue(fleet.acting, fleet.waiting_commands, i)
+        state.commands[i, n] = 0.0
+        state.acting[i, n] = 0.0
+    fill_queue(state.acting, state.waiting_commands, i)
 
 
 @wp.func
-def advanced(i: int, state: State, command: vec6, current: wp.vec3d, fleet: Fleet, craft: Craft, dt: f64):
+def given_motion(i: int, exchange: ContactExchange):
+    """Return where vehicle `i` would go were there no wall, as an exchange has it."""
+    free = State()
+    free.position = exchange.free_positions[i]
+    free.orientation = exchange.free_orientations[i]
+    free.velocity = exchange.free_velocities[i]
+    return free
+
+
+@wp.func
+def without_wall(
+    i: int,
+    moving: State,
+    command: vec6,
+    current: wp.vec3d,
+    state: BatchState,
+    craft: Craft,
+    dt: f64,
+    settings: Settings,
+    exchange: ContactExchange,
+):
     """Return the state of vehicle `i` one physics step later were there no wall."""
+    if settings.has_law == 1:
+        return given_motion(i, exchange)
     if craft.is_original == 1:
-        return drag_along(state, command, fleet.extra[i, 0], current, craft.dragged, dt)
+        return drag_along(moving, command, state.extra[i, 0], current, craft.dragged, dt)
     acting = command
     if craft.body.num_thrusters > 0:
-        acting = thrust(state, command, craft.body, fleet.extra, i)
-    return swim(state, acting, current, craft.body, dt)
+        acting = thrust(moving, command, craft.body, state.extra, i)
+    return swim(moving, acting, current, craft.body, dt)
 
 
 @wp.func
-def glide(
-    i: int, fleet: Fleet, craft: Craft, water: Water, rules: Rules, grid: Grid, mesh: wp.uint64, middle: wp.vec3d
-):
-    """Hold the command of vehicle `i` for one decision; return its state, and in how many steps it touched the wall."""
-    state = State()
-    state.position = fleet.positions[i]
-    state.orientation = fleet.orientations[i]
-    state.velocity = fleet.velocities[i]
-    current = fleet.shares[i] * water.uniform
-    if water.is_constant == 0:
-        share, phase = fleet.shares[i], fleet.phases[i]
-        current = current_at(water, grid, fleet.eddies, share, phase, i, state.position)
-    fleet.currents[i] = current
+def state_of(i: int, state: BatchState):
+    """Return how vehicle `i` moves."""
+    moving = State()
+    moving.position = state.positions[i]
+    moving.orientation = state.orientations[i]
+    moving.velocity = state.velocities[i]
+    return moving
+
+
+@wp.func
+def keep_motion(i: int, moving: State, state: BatchState):
+    """Write how vehicle `i` moves."""
+    state.positions[i] = moving.position
+    state.orientations[i] = moving.orientation
+    state.velocities[i] = moving.velocity
+
+
+@wp.func
+def ask(i: int, step: int, moving: State, free: State, exchange: ContactExchange, dt: f64):
+    """Ask the engine what the wall does to a step of vehicle `i`."""
+    exchange.status[i] = ASKED
+    exchange.steps[i] = step
+    exchange.free_positions[i] = free.position
+    exchange.free_orientations[i] = free.orientation
+    exchange.free_velocities[i] = free.velocity
+    intended = mean_motion(moving, free, dt)
     for n in range(3):
-        fleet.acting[i, n] = fleet.commands[i, n]
-    if rules.disturbance.action_delay > 0:
-        exchange(fleet.acting, fleet.waiting_commands, i, fleet.decisions[i])
-    ballast, steer, ahead = f64(fleet.acting[i, 0]), f64(fleet.acting[i, 1]), f64(fleet.acting[i, 2])
-    controls = craft.controls
-    surge, yaw = controls.surge * ahead, controls.yaw * steer
-    if ahead < f64(0.0):
-        surge *= controls.reverse_share
-    if controls.steers_at_rest == 0:
-        yaw *= ahead
-    level = fleet.levels[i]
-    touched = int(0)
-    zero = f64(0.0)
-    room = f64(surely_at(grid, on_grid(grid, state.position))) * grid.spacing - craft.hull.half_axis - craft.hull.reach
-    for _ in range(rules.substeps):
-        level = wp.clamp(level + ballast * controls.level_step, controls.lowest, controls.highest)
-        command = vec6(surge, zero, controls.heave_per_level * level, zero, zero, yaw)
-        free = advanced(i, state, command, current, fleet, craft, rules.dt)
-        way = largest_move(state, free, craft.hull)
+        exchange.questions[i, n] = moving.position[n]
+    for n in range(4):
+        exchange.questions[i, 3 + n] = moving.orientation[n]
+    for n in range(6):
+        exchange.questions[i, 7 + n] = intended[n]
+
+
+@wp.func
+def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cave: Cave):
+    """Return where the engine's answer leads vehicle `i`."""
+    free = given_motion(i, exchange)
+    exchange.is_continued[i] = 1
+    if exchange.status[i] != TOUCHED:
+        return free
+    position, orientation, change = wp.vec3d(), wp.vec4d(), vec6()
+    for n in range(3):
+        position[n] = exchange.answers[i, n]
+    for n in range(4):
+        orientation[n] = exchange.answers[i, 3 + n]
+    for n in range(6):
+        change[n] = exchange.answers[i, 7 + n] - exchange.questions[i, 7 + n]
+    result = after_contact(moving, free, position, orientation, change, craft.hull, cave.grid)
+    if wp.length_sq(result.position - position) > f64(0.0):
+        exchange.is_continued[i] = 0  # it was put back into the water
+    return result
+
+
+@wp.func
+def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings, exchange: ContactExchange):
+    """Hold the command of vehicle `i` for what is left of a decision; return whether it is over.
+
+    It is not where an engine or a law outside of the kernels is asked; then this is called again with the answer.
+    """
+    moving, touched, level, first = state_of(i, state), int(0), f64(state.levels[i]), int(0)
+    hull, grid, dt = craft.hull, cave.grid, cave.rules.dt
+    zero, room, is_moved = f64(0.0), f64(0.0), int(0)
+    if settings.has_law == 1 and exchange.status[i] == MOVED:
+        touched, first, is_moved = state.touched[i] + int(0), exchange.steps[i] + int(0), int(1)
+        exchange.status[i] = NO_QUESTION
+    elif settings.has_engine == 1 and exchange.status[i] != NO_QUESTION:
+        touched, first = state.touched[i] + int(exchange.status[i] == TOUCHED), exchange.steps[i] + 1
+        moving = answered(i, moving, exchange, craft, cave)
+        exchange.status[i] = NO_QUESTION
+    else:
+        room = f64(surely_at(grid, on_grid(grid, moving.position))) * grid.spacing - hull.half_axis - hull.reach
+    current = state.currents[i]
+    asked = wp.vec3d(f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2]))
+    is_over = bool(True)
+    for step in range(first, cave.rules.substeps):
+        if settings.has_law == 1 and is_moved == 0:
+            exchange.status[i] = UNMOVED
+            exchange.steps[i] = step
+            is_over = False
+            break
+        is_moved = int(0)
+        command, after = actuated(asked, level, craft.controls)
+        level = after
+        if settings.observation == ORIGINAL and step == cave.rules.substeps - 1:
+            state.previous_positions[i] = moving.position
+            state.previous_orientations[i] = moving.orientation
+        free = without_wall(i, moving, command, current, state, craft, dt, settings, exchange)
+        way = largest_move(moving, free, hull)
         if room <= way:
-            room = axis_clearance(grid, state, craft.hull) - craft.hull.reach
+            room = axis_clearance(grid, moving, hull) - hull.reach
         if room <= way:
-            after, is_touched = beside_wall(state, free, craft.hull, grid, mesh, middle, rules.dt)
-            state = after
+            if settings.has_engine == 1:
+                ask(i, step, moving, free, exchange, dt)
+                is_over = False
+                break
+            kept_off, is_touched = beside_wall(moving, free, hull, grid, cave.wall, cave.middle, dt)
+            moving = kept_off
             touched += int(is_touched)
             room = zero
         else:
-            state = free
+            moving = free
             room -= way  # what is surely left; looked up again when it is too little
-    fleet.levels[i] = level
-    return state, touched
+            if settings.has_engine == 1:
+                exchange.is_continued[i] = 0
+    state.levels[i] = level
+    state.touched[i] = touched
+    keep_motion(i, moving, state)
+    return is_over
+
+
+@wp.func
+def conclude(i: int, state: BatchState, cave: Cave, craft: Craft):
+    """Write what the decision of vehicle `i` led to: progress, contacts, water and outcome."""
+    position, water = state.positions[i], cave.water
+    gate = tracked(position, cave.measure.panels, state.gates[i])
+    remaining = remaining_at(position, cave.measure.panels, gate)
+    state.gates[i] = gate
+    still = to_go(i, position, axis_of(state.orientations[i]), remaining, craft.hull, cave.measure, state)
+    state.gained[i] = state.to_go[i] - still
+    state.to_go[i] = still
+    state.remaining[i] = remaining
+    state.restarted[i] = 0
+    is_touching = int(state.touched[i] > 0)
+    if is_touching == 1 and state.is_touching[i] == 0:
+        state.collisions[i] = state.collisions[i] + 1
+    state.is_touching[i] = is_touching
+    state.decisions[i] = state.decisions[i] + 1
+    if water.is_constant == 0:
+        state.phases[i] = state.phases[i] + water.phase_step
+        stir(state.eddies, water, state.seeds[i], i, state.decisions[i])
+        state.currents[i] = current_at(i, water, cave.grid, state)
+    outcome = int(0)
+    if cave.rules.ends_on_collision == 1 and is_touching == 1:
+        outcome = COLLISION
+    elif remaining <= cave.rules.tolerance:
+        outcome = SUCCESS
+    elif state.ages[i] + state.decisions[i] >= cave.rules.max_decisions:
+        outcome = TIMEOUT
+    state.outcomes[i] = outcome
 
 
 @wp.kernel
-def move(
+def advance(
     first: int,
-    fleet: Fleet,
-    beginnings: Beginnings,
-    craft: Craft,
-    water: Water,
-    rules: Rules,
-    grid: Grid,
-    measure: Measure,
-    mesh: wp.uint64,
-    middle: wp.vec3d,
+    is_answer: int,
+    state: BatchState,
+    unlisted: Starts,
+    caves: wp.array(dtype=Cave),
+    crafts: wp.array(dtype=Craft),
+    settings: Settings,
+    contacts: ContactExchange,
 ):
-    """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead."""
-    i = fleet.order[first + wp.tid()]
-    if rules.next_step == 1 and fleet.outcomes[i] > 0:
-        begin(i, fleet, beginnings, craft, water, measure)
+    """Hold each vehicle's command for a decision; where the last one ended an episode, begin the next instead.
+
+    With `is_answer`, go on with the vehicles that asked the contact engine.
+    """
+    i = state.order[first + wp.tid()]
+    cave, craft = caves[state.cave_of[i]], crafts[state.craft_of[i]]
+    if is_answer == 1:
+        if contacts.status[i] == NO_QUESTION:
+            return
+    elif settings.next_step == 1 and state.outcomes[i] > 0:
+        begin(i, state, unlisted, cave, craft)
         return
-    state, touched = glide(i, fleet, craft, water, rules, grid, mesh, middle)
-    fleet.positions[i] = state.position
-    fleet.orientations[i] = state.orientation
-    fleet.velocities[i] = state.velocity
-    gate = tracked(state.position, measure.panels, fleet.gates[i])
-    remaining = remaining_at(state.position, measure.panels, gate)
-    fleet.gates[i] = gate
-    still = to_go(i, state.position, axis_of(state.orientation), remaining, craft.hull, measure)
-    fleet.gained[i] = fleet.to_go[i] - still
-    fleet.to_go[i] = still
-    fleet.remaining[i] = remaining
-    fleet.restarted[i] = 0
-    fleet.touched[i] = touched
-    is_touching = int(touched > 0)
-    if is_touching == 1 and fleet.is_touching[i] == 0:
-        fleet.collisions[i] = fleet.collisions[i] + 1
-    fleet.is_touching[i] = is_touching
-    fleet.decisions[i] = fleet.decisions[i] + 1
-    if water.is_constant == 0:
-        fleet.phases[i] = fleet.phases[i] + water.phase_step
-        stir(fleet.eddies, water, fleet.seeds[i], i, fleet.decisions[i])
-    outcome = int(0)
-    if rules.ends_on_collision == 1 and is_touching == 1:
-        outcome = COLLISION
-    elif remaining <= rules.tolerance:
-        outcome = SUCCESS
-    elif fleet.ages[i] + fleet.decisions[i] >= rules.max_decisions:
-        outcome = TIMEOUT
-    fleet.outcomes[i] = outcome
+    else:
+        for n in range(3):
+            state.acting[i, n] = state.commands[i, n]
+        if settings.has_delayed_actions == 1:
+            exchange(state.acting, state.waiting_commands, i, state.decisions[i], state.action_delays[i])
+    if hold(i, state, cave, craft, settings, contacts):
+        conclude(i, state, cave, craft)
 
 
 @wp.func
-def within(value: f64):
-    """Return a value as the observation has it."""
-    return wp.float32(wp.clamp(value, f64(-1.0), f64(1.0)))
-
-
-@wp.func
-def soft(value: f64, scale: f64):
-    """Return value / (|value| + scale), as the observation has it."""
-    return wp.float32(value / (wp.abs(value) + scale))
-
-
-@wp.func
-def trim_of(level: f64, controls: Controls):
-    """Return the state of the ballast in [-1, 1]."""
-    limit = controls.lowest
-    if level > controls.neutral:
-        limit = controls.highest
-    if limit == controls.neutral:
-        return f64(0.0)  # a vehicle afloat
-    return (level - controls.neutral) / wp.abs(limit - controls.neutral)
-
-
-@wp.func
-def show_motion(i: int, fleet: Fleet, craft: Craft, rules: Rules, rotation: wp.mat33d):
-    """Write what the full observation has behind the goal."""
-    velocity = fleet.velocities[i]
-    for axis in range(3):
-        fleet.observations[i, 31 + axis] = soft(velocity[axis], rules.scales[1])
-        fleet.observations[i, 34 + axis] = soft(velocity[3 + axis], rules.scales[2])
-        fleet.observations[i, 41 + axis] = fleet.commands[i, axis]
-    fleet.observations[i, 37] = soft(rules.entrance_height - fleet.positions[i][2], rules.scales[0])
-    fleet.observations[i, 38] = within(rotation[2, 0])
-    fleet.observations[i, 39] = within(rotation[2, 1])
-    fleet.observations[i, 40] = within(trim_of(fleet.levels[i], craft.controls))
-
-
-@wp.func
-def show_goal(i: int, fleet: Fleet, rules: Rules, rotation: wp.mat33d):
-    """Write the goal's distance, azimuth and elevation."""
-    offset = rules.goal - fleet.positions[i]
-    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
-    azimuth = wp.atan2(offset[1], offset[0]) - wp.atan2(rotation[1, 0], rotation[0, 0])
-    azimuth -= f64(2.0) * PI * wp.rint(azimuth / (f64(2.0) * PI))
-    fleet.observations[i, 28] = soft(wp.length(offset), rules.scales[0])
-    fleet.observations[i, 29] = within(azimuth / PI)
-    fleet.observations[i, 30] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
+def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, settings: Settings):
+    """Cast a ray or a sphere of vehicle `i` and write what is seen of it."""
+    position, rotation = origin.position, rotation_of(state.orientations[i])
+    length = settings.fan.lengths[ray]
+    distance, tag = length, int(NOTHING)
+    if settings.observation == ORIGINAL:
+        exact_way, radius = rotation * settings.fan.exact_directions[ray], settings.fan.radii[ray]
+        come = cast(cave.grid, position, exact_way, f64(length), radius)
+        if come < f64(length):
+            distance = float(come)
+            tag = tag_at(position + come * exact_way, radius + f64(0.5) * cave.grid.spacing, cave.ends)
+    else:
+        come_ray, _ = cast_ray(cave, origin, wp.mat33(rotation) * settings.fan.directions[ray], length)
+        distance = come_ray
+    state.rays[i, ray] = distance
+    noise, dropout = state.ray_noise[i], state.ray_dropout[i]
+    if distance < length:
+        distance = wp.clamp(state.ray_gain[i] * distance + state.ray_bias[i], 0.0, length)
+    if noise > 0.0 or dropout > 0.0:
+        seed, decision = state.seeds[i], state.decisions[i]
+        distance = measured(distance, length, noise, dropout, seed, ray, decision)
+        if is_dropped(dropout, seed, ray, decision):
+            tag = int(NOTHING)
+    if settings.observation == ORIGINAL:
+        state.tags[i, ray] = tag
+        show_cell(i, ray, tag, distance / length, state)
+    else:
+        state.observations[i, ray] = distance / length
 
 
 @wp.kernel
@@ -255,103 +367,100 @@ def sense(
     first: int,
     only_restarted: int,
     num_parts: int,
-    fleet: Fleet,
-    craft: Craft,
-    rules: Rules,
-    grid: Grid,
-    fans: Fans,
-    mesh: wp.uint64,
-    middle: wp.vec3d,
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
+    crafts: wp.array(dtype=Craft),
+    settings: Settings,
 ):
     """Observe; a thread casts a share of its vehicle's rays, and the first of them writes all else."""
     n, part = wp.tid()
-    i = fleet.order[first + n]
-    if only_restarted == 1 and fleet.restarted[i] == 0:
+    i = state.order[first + n]
+    if only_restarted == 1 and state.restarted[i] == 0:
         return
-    position, rotation = fleet.positions[i], rotation_of(fleet.orientations[i])
-    place = on_grid(grid, position)
-    room = room_at(grid, place)
-    turn = wp.mat33(rotation)
-    per_spacing = float(grid.spacing)
-    per_metre = 1.0 / per_spacing
-    centre = wp.vec3(position - middle)
-    is_disturbed = rules.disturbance.noise > 0.0 or rules.disturbance.dropout > 0.0
-    for ray in range(part, 28, num_parts):
-        length, way = fans.lengths[ray], turn * fans.directions[ray]
-        distance = length
-        if fans.exact == 1:
-            hit = wp.mesh_query_ray(mesh, centre, way, length)
-            if hit.result:
-                distance = hit.t
-        else:
-            distance = per_spacing * traced(grid, place, way, length * per_metre, room)
-        fleet.rays[i, ray] = distance
-        if is_disturbed:
-            distance = measured(distance, length, rules.disturbance, fleet.seeds[i], ray, fleet.decisions[i])
-        fleet.observations[i, ray] = distance / length
+    cave = caves[state.cave_of[i]]
+    origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
+    num_rays = settings.fan.lengths.shape[0]
+    for ray in range(part, num_rays, num_parts):
+        sense_ray(i, ray, origin, state, cave, settings)
     if part == 0:
-        show_goal(i, fleet, rules, rotation)
-        if fleet.observations.shape[1] > 31:
-            show_motion(i, fleet, craft, rules, rotation)
-        nose = wp.vec3(craft.hull.half_axis / grid.spacing * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
-        nearest = wp.min(room, wp.min(room_at(grid, place + nose), room_at(grid, place - nose)))
-        fleet.clearances[i] = per_spacing * nearest - float(craft.hull.radius)
+        craft = crafts[state.craft_of[i]]
+        if settings.observation == ORIGINAL:
+            show_original(i, 4 * num_rays, state, cave.rules.goal, rotation)
+        else:
+            show_goal(i, num_rays, state, cave.rules.goal, rotation)
+            if settings.observation == FULL:
+                show_motion(i, num_rays + 3, state, craft, cave.rules.entrance_height, rotation)
+        half = craft.hull.half_axis / cave.grid.spacing
+        nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
+        place = origin.place
+        nearest = wp.min(origin.room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
+        state.clearances[i] = float(cave.grid.spacing) * nearest - float(craft.hull.radius)
 
 
 @wp.kernel
-def deliver(first: int, only_restarted: int, fleet: Fleet):
+def deliver(first: int, only_restarted: int, state: BatchState):
     """Let observations wait their turn; those of an episode's beginning fill the queue and are seen at once."""
-    i = fleet.order[first + wp.tid()]
-    if fleet.restarted[i] == 1:
-        fill_queue(fleet.observations, fleet.waiting_observations, i)
+    i = state.order[first + wp.tid()]
+    if state.restarted[i] == 1:
+        fill_queue(state.observations, state.waiting_observations, i)
     elif only_restarted == 0:
-        exchange(fleet.observations, fleet.waiting_observations, i, fleet.decisions[i])
+        exchange(state.observations, state.waiting_observations, i, state.decisions[i], state.observation_delays[i])
 
 
-@wp.kernel
-def score(first: int, fleet: Fleet, rules: Rules, fans: Fans):
-    """Write the reward's terms and the episode's end."""
-    i = fleet.order[first + wp.tid()]
-    outcome = fleet.outcomes[i]
-    total = f64(0.0)
-    if fleet.restarted[i] == 1:
-        for n in range(7):
-            fleet.terms[i, n] = 0.0
-    else:
+@wp.func
+def amount_of(term: int, i: int, state: BatchState, steps: f64, fan: Fan):
+    """Return what a term of the reward is paid for, in the order of `envs.reward.TERMS`."""
+    amount = f64(state.outcomes[i] == term - 3)  # goal, collision and timeout, in the order of the outcomes
+    if term == 0:
+        amount = state.gained[i]
+    elif term == 1:
+        amount = steps
+    elif term == 2:
+        amount = f64(state.touched[i])
+    elif term == 3:
         cut_off = f64(0.0)
-        for ray in range(28):
-            cut_off += f64(1.0) - f64(fleet.rays[i, ray] / fans.lengths[ray])
-        steps = f64(rules.substeps)
-        for n in range(7):
-            amount = f64(outcome == n - 3)  # goal, collision and timeout, in the order of the outcomes
-            if n == 0:
-                amount = fleet.gained[i]
-            elif n == 1:
-                amount = steps
-            elif n == 2:
-                amount = f64(fleet.touched[i])
-            elif n == 3:
-                amount = steps * cut_off
-            term = rules.weights[n] * amount
-            fleet.terms[i, n] = float(term)
-            total += term
-    fleet.rewards[i] = float(total)
-    fleet.returns[i] = fleet.returns[i] + float(total)
-    fleet.last_outcomes[i] = outcome
-    fleet.last_returns[i] = fleet.returns[i]
-    fleet.last_lengths[i] = fleet.decisions[i]
-    fleet.last_collisions[i] = fleet.collisions[i]
-    fleet.terminated[i] = outcome == SUCCESS or outcome == COLLISION
-    fleet.truncated[i] = outcome == TIMEOUT
+        for ray in range(fan.lengths.shape[0]):
+            cut_off += f64(1.0) - f64(state.rays[i, ray] / fan.lengths[ray])
+        amount = steps * cut_off
+    return amount
 
 
 @wp.kernel
-def restart(first: int, anew: int, fleet: Fleet, beginnings: Beginnings, craft: Craft, water: Water, measure: Measure):
+def score(first: int, state: BatchState, caves: wp.array(dtype=Cave), settings: Settings):
+    """Write the reward's terms and the episode's end."""
+    i = state.order[first + wp.tid()]
+    rules, outcome = caves[state.cave_of[i]].rules, state.outcomes[i]
+    total = f64(0.0)
+    for n in range(7):
+        term = f64(0.0)
+        if state.restarted[i] == 0 and rules.weights[n] != f64(0.0):
+            term = rules.weights[n] * amount_of(n, i, state, f64(rules.substeps), settings.fan)
+        state.terms[i, n] = float(term)
+        total += term
+    state.rewards[i] = float(total)
+    state.returns[i] = state.returns[i] + float(total)
+    state.last_outcomes[i] = outcome
+    state.last_returns[i] = state.returns[i]
+    state.last_lengths[i] = state.decisions[i]
+    state.last_collisions[i] = state.collisions[i]
+    state.terminated[i] = outcome == SUCCESS or outcome == COLLISION
+    state.truncated[i] = outcome == TIMEOUT
+
+
+@wp.kernel
+def restart(
+    first: int,
+    anew: int,
+    state: BatchState,
+    unlisted: Starts,
+    caves: wp.array(dtype=Cave),
+    crafts: wp.array(dtype=Craft),
+):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
-    i = fleet.order[first + wp.tid()]
-    if anew == 1:
-        begin(i, fleet, beginnings, craft, water, measure)
-    elif fleet.outcomes[i] > 0:
-        for n in range(fleet.observations.shape[1]):
-            fleet.final_observations[i, n] = fleet.observations[i, n]
-        begin(i, fleet, beginnings, craft, water, measure)
+    i = state.order[first + wp.tid()]
+    if anew == 0 and state.outcomes[i] == 0:
+        return
+    if anew == 0:
+        for n in range(state.observations.shape[1]):
+            state.final_observations[i, n] = state.observations[i, n]
+    begin(i, state, unlisted, caves[state.cave_of[i]], crafts[state.craft_of[i]])

@@ -1,17 +1,37 @@
-"""Fossen's motion in Warp: the equations, splitting and order of `sim/hydrodynamics.py`, in float64 as there.
+"""Six-degree-of-freedom motion of a rigid body in water, after Fossen, in float64.
 
-What a step only looks up there is prepared here once: the factors of the exact damping flow for half a step.
+    M v' + C(v) v + D(v) v + g(q) = wrench,   v = velocity through the water, body frame
+
+M is the sum of rigid-body and added mass, C its Coriolis matrix, D linear and quadratic damping, g weight and
+buoyancy. The frame is x ahead, y left, z up; Fossen's (y right, z down) is half a turn about x away, under which
+diagonal M and D and the form of C do not change. Because the water's own flow has no rotation, one M serves for the
+rigid body and the water it carries, both with the velocity through the water (Fossen's property 8.1).
+
+A step is a Strang splitting: half a step of the exact damping flow, a Runge-Kutta step of everything else, half a step
+of damping. Damping is stiff and must never add energy; its exact flow keeps both promises at any dt, and its factors
+are prepared once. Coriolis and restoring forces keep the energy, which fourth-order Runge-Kutta does to about 1e-6 over
+10 s at dt = 0.02. A body flung faster than any swims (by a wall, or by a test) gets several Runge-Kutta steps, so that
+it gains nothing either.
+
+Where M couples axes, damping is split once more, axis by axis: each has an exact flow of its own, with the mass
+1 / (M^-1)_ii. The second half takes the axes in the opposite order, so that the step stays symmetric and its error of
+second order.
+
+Source: Fossen, Handbook of Marine Craft Hydrodynamics and Motion Control (2011), chapters 3 and 6 to 8.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
-from aquanav_tools.sim import hydrodynamics as hydro
+from aquanav_tools.sim import body_parameters
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.body_parameters import BodyParameters, ThrusterParameters
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -19,7 +39,7 @@ wp.set_module_options(OPTIONS)
 f64 = wp.float64
 vec6 = wp.types.vector(length=6, dtype=wp.float64)
 mat6 = wp.types.matrix(shape=(6, 6), dtype=wp.float64)
-MAX_ANGLE = wp.constant(wp.float64(hydro.MAX_ANGLE))
+MAX_ANGLE = wp.constant(wp.float64(body_parameters.MAX_ANGLE))
 
 
 @wp.struct
@@ -32,52 +52,138 @@ class State:
 
 
 @wp.struct
+class Thruster:
+    """A thruster of a vehicle."""
+
+    wrench: vec6
+    """Per newton of its force."""
+    allocation: vec6
+    """Newtons per unit of the wrench that is asked for."""
+    max_reverse: f64
+    max_forward: f64
+
+
+@wp.struct
 class Body:
     """A vehicle of `sim/fossen.py` in its water."""
 
     weight: f64
+    """Less buoyancy, N."""
     arm: wp.vec3d
     mass: vec6
+    """Diagonal of the mass matrix."""
     mobility: vec6
+    """Diagonal of its inverse."""
     decay: vec6
+    """What linear damping leaves of a speed in half a step."""
     span: vec6
+    """The way under it in half a step per speed, s."""
     drag: vec6
-    briskness: f64
+    """Quadratic damping per mass."""
+    swing_per_speed: f64
     is_coupled: wp.int32
     matrix: wp.array(dtype=mat6)
     """(2,) the mass matrix and its inverse; read only where axes are coupled."""
     rate_gain: wp.vec3d
     level_gain: f64
     left: f64
+    """What is left at a step's end of a difference between a thruster's force and its command."""
     mean_left: f64
+    """The same on average over the step."""
     num_thrusters: wp.int32
-    thrusters: wp.array2d(dtype=f64)
-    """(T, 14) as `hydrodynamics.pack_parameters` has them."""
+    thrusters: wp.array(dtype=Thruster)
+    """(T,)."""
 
 
-def make_body(parameters: Array, dt: float, device: Any) -> Body:
-    """Return the body of `hydrodynamics.pack_parameters`, for steps of `dt` (s)."""
-    body = Body()
-    matrix = parameters[hydro._MATRIX : hydro._MATRIX + 36].reshape(6, 6)
-    inverse = parameters[hydro._INVERSE : hydro._INVERSE + 36].reshape(6, 6)
-    is_coupled = parameters[hydro._IS_COUPLED] > 0.0
-    mobility = np.diag(inverse) if is_coupled else 1.0 / np.diag(matrix)
-    rate, half = parameters[hydro._LINEAR : hydro._LINEAR + 6] * mobility, 0.5 * dt
+BODY_DTYPE, THRUSTER_DTYPE = np.dtype(Body.numpy_dtype()), np.dtype(Thruster.numpy_dtype())
+"""NumPy's rows of both, with the names above; made once, as that takes a millisecond."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyRows:
+    """N bodies as a structured array, ready to be part of an array of structures on the device."""
+
+    rows: npt.NDArray[np.void]
+    """(N,) of BODY_DTYPE. The arrays in it point into the next two, which must live as long."""
+    matrices: Any
+    """(N, 2) on the device."""
+    thrusters: Any
+    """(N, T) on the device."""
+
+
+def body_rows(parameters: BodyParameters, dt: float, device: Any) -> BodyRows:
+    """Return bodies for steps of `dt` (s).
+
+    Args:
+        parameters: Of N bodies; fields without an axis of N hold for all of them. Of one body there is one row.
+        dt: Physics step, s.
+        device: Warp's.
+    """
+    rows, pairs, thrusters = body_values(parameters, dt)
+    matrices = wp.array(pairs, dtype=mat6, device=device)
+    on_device = wp.array(thrusters, dtype=Thruster, device=device)
+    rows["matrix"], rows["thrusters"] = views_of(matrices), views_of(on_device)
+    return BodyRows(rows, matrices, on_device)
+
+
+def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.void], Array, npt.NDArray[np.void]]:
+    """Return what `body_rows` puts on the device: (N,) rows, (N, 2, 6, 6) mass matrices and inverses, (N, T) thrusters.
+
+    The rows' own arrays are left empty.
+    """
+    matrix = parameters.mass.reshape(-1, 6, 6)
+    num, half = len(matrix), 0.5 * dt
+    inverse, is_coupled = np.linalg.inv(matrix), parameters.is_coupled.reshape(-1)
+    masses = np.diagonal(matrix, axis1=1, axis2=2)
+    mobility = np.where(is_coupled[:, None], np.diagonal(inverse, axis1=1, axis2=2), 1.0 / masses)
+    rate = parameters.linear_damping * mobility
     decay = np.exp(-rate * half)
-    body.weight = parameters[hydro._WEIGHT]
-    body.arm = wp.vec3d(*parameters[hydro._ARM : hydro._ARM + 3])
-    body.mass, body.mobility, body.decay = vec6(*np.diag(matrix)), vec6(*mobility), vec6(*decay)
-    body.span = vec6(*np.where(rate > 1e-12, (1.0 - decay) / np.maximum(rate, 1e-12), half))
-    body.drag = vec6(*(parameters[hydro._QUADRATIC : hydro._QUADRATIC + 6] * mobility))
-    body.briskness, body.is_coupled = parameters[hydro._BRISKNESS], int(is_coupled)
-    body.matrix = wp.array(np.stack([matrix, inverse]), dtype=mat6, device=device)
-    body.rate_gain = wp.vec3d(*parameters[hydro._RATE_GAIN : hydro._RATE_GAIN + 3])
-    body.level_gain, lag = parameters[hydro._LEVEL_GAIN], parameters[hydro._LAG]
-    body.left = np.exp(-dt / lag) if lag > 0.0 else 0.0
-    body.mean_left = (1.0 - body.left) * lag / dt
-    body.num_thrusters = int(parameters[hydro._NUM_THRUSTERS])
-    rows = parameters[hydro._THRUSTERS :].reshape(-1, hydro._PER_THRUSTER)
-    body.thrusters = wp.array(rows, dtype=wp.float64, ndim=2, device=device)
+    rows = np.zeros(num, dtype=BODY_DTYPE)
+    rows["weight"], rows["arm"] = parameters.net_weight, parameters.arm
+    rows["mass"], rows["mobility"], rows["decay"] = masses, mobility, decay
+    rows["span"] = np.where(rate > 1e-12, (1.0 - decay) / np.maximum(rate, 1e-12), half)
+    rows["drag"] = parameters.quadratic_damping * mobility
+    rows["swing_per_speed"], rows["is_coupled"] = parameters.swing_per_speed, is_coupled
+    rows["rate_gain"], rows["level_gain"] = parameters.rate_gain, parameters.level_gain
+    thrusters = _thruster_rows(parameters.thrusters, num)
+    if parameters.thrusters is not None:
+        lag = np.asarray(parameters.thrusters.time_constant, dtype=np.float64)
+        left = np.exp(-dt / np.where(lag > 0.0, lag, np.inf)) * (lag > 0.0)
+        rows["left"], rows["mean_left"] = left, (1.0 - left) * lag / dt
+        rows["num_thrusters"] = thrusters.shape[1]
+    return rows, np.stack([matrix, inverse], axis=1), thrusters
+
+
+def _thruster_rows(parameters: ThrusterParameters | None, num: int) -> npt.NDArray[np.void]:
+    """Return the (N, T) thrusters of N bodies, with T of at least 1."""
+    if parameters is None:
+        return np.zeros((num, 1), dtype=THRUSTER_DTYPE)
+    rows = np.zeros((num, parameters.wrenches.shape[-2]), dtype=THRUSTER_DTYPE)
+    rows["wrench"], rows["allocation"] = parameters.wrenches, parameters.allocation
+    rows["max_reverse"], rows["max_forward"] = parameters.max_reverse, parameters.max_forward
+    return rows
+
+
+def views_of(array: Any) -> npt.NDArray[np.void]:
+    """Return what a structure holds of each row of an (N, M) array on the device: its address and its shape."""
+    views = np.empty(len(array), dtype=BODY_DTYPE["matrix"])
+    views[:] = np.frombuffer(bytearray(array[0].__ctype__()), dtype=views.dtype)
+    views["data"] += np.arange(len(array), dtype=np.uint64) * np.uint64(array.strides[0])
+    return views
+
+
+def make_body(parameters: BodyParameters, dt: float, device: Any) -> Body:
+    """Return one body for steps of `dt` (s)."""
+    made = body_rows(parameters, dt, device)
+    body = Body()
+    for name, field in Body.vars.items():
+        value = made.rows[name][0]
+        if name == "matrix":
+            body.matrix = made.matrices[0]
+        elif name == "thrusters":
+            body.thrusters = made.thrusters[0]
+        else:
+            setattr(body, name, field.type(*np.atleast_1d(value)))
     return body
 
 
@@ -209,13 +315,11 @@ def thrust(state: State, asked: vec6, body: Body, forces: wp.array2d(dtype=f64),
     wanted[4] += body.level_gain * rotation[2, 0]
     acting = vec6()
     for n in range(body.num_thrusters):
-        command = f64(0.0)
-        for axis in range(6):
-            command += body.thrusters[n, 6 + axis] * wanted[axis]
-        command = wp.clamp(command, -body.thrusters[n, 12], body.thrusters[n, 13])
+        thruster = body.thrusters[n]
+        command = wp.dot(thruster.allocation, wanted)
+        command = wp.clamp(command, -thruster.max_reverse, thruster.max_forward)
         difference = forces[vehicle, n] - command
-        for axis in range(6):
-            acting[axis] += body.thrusters[n, axis] * (command + body.mean_left * difference)
+        acting += (command + body.mean_left * difference) * thruster.wrench
         forces[vehicle, n] = command + body.left * difference
     return acting
 
@@ -225,7 +329,7 @@ def swim(state: State, wrench: vec6, current: wp.vec3d, body: Body, dt: f64):
     """Return the state one step of the Strang splitting later."""
     moving = state
     moving.velocity = damped(shifted(state.velocity, state.orientation, -current), body, 0)
-    angle = dt * (wp.length(angular(moving.velocity)) + body.briskness * wp.length(linear(moving.velocity)))
+    angle = dt * (wp.length(angular(moving.velocity)) + body.swing_per_speed * wp.length(linear(moving.velocity)))
     parts = 1 + int(wp.min(angle, f64(1000.0)) / MAX_ANGLE)
     for _ in range(parts):
         moving = runge_kutta(moving, wrench, current, body, dt / f64(parts))

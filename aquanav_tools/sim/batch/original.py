@@ -1,17 +1,30 @@
-"""The motion of the original benchmark's vehicles in Warp, as in `sim/original_motion.py`."""
+"""The motion of the original benchmark's vehicles: a game engine's rigid body with drag, no hydrodynamics.
+
+    v <- (v + a dt) (1 - drag dt),   w <- (w + I^-1 torque dt) (1 - drag dt),   no gyroscopic moment, |w| limited
+
+Buoyancy grows with depth: every floater below the water's surface lifts with its power (N per metre) times its depth.
+The stabiliser turns the vehicle towards its upright pose without touching its rate of turn. Drag acts on the
+velocity through the water, which without a current is the original's.
+
+Where the original leaves the order within a step open, it is here: stabiliser, forces, motion. The body frame's
+origin is the original's root, from which its rays start; velocities in the state are those of the centre of mass.
+
+Source: the SafeRLAUV project, its prefabs and scripts; PhysX integrates bodies in this way.
+"""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 
-from aquanav_tools.sim import original_motion as original
-from aquanav_tools.sim.batch.motion import State, angular, linear, rotation_of, six, vec6
+from aquanav_tools.sim.batch.motion import State, angular, linear, rotation_of, six, vec6, views_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.body_parameters import DraggedBodyParameters
 from aquanav_tools.sim.vehicle_base import GRAVITY
-from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
@@ -36,18 +49,54 @@ class DraggedBody:
     floaters: wp.array(dtype=wp.vec3d)
 
 
-def make_dragged_body(parameters: Array, dt: float, device: Any) -> DraggedBody:
-    """Return the body of `original_motion.pack_original`, for steps of `dt` (s)."""
+DRAGGED_DTYPE = np.dtype(DraggedBody.numpy_dtype())
+"""NumPy's rows of it, with the names above."""
+
+
+@dataclass(frozen=True, eq=False)
+class DraggedRows:
+    """N bodies as a structured array, ready to be part of an array of structures on the device."""
+
+    rows: npt.NDArray[np.void]
+    """(N,) of DRAGGED_DTYPE. The arrays in it point into the next one, which must live as long."""
+    floaters: Any
+    """(N, F) on the device, with F of at least 1; bodies afloat have a row of zeros that is not read."""
+
+
+def dragged_rows(parameters: DraggedBodyParameters, dt: float, device: Any) -> DraggedRows:
+    """Return bodies for steps of `dt` (s).
+
+    Args:
+        parameters: Of N bodies; fields without an axis of N hold for all of them. Of one body there is one row.
+        dt: Physics step, s.
+        device: Warp's.
+    """
+    numbers = (parameters.mass, parameters.linear_drag, parameters.angular_drag, parameters.max_turn_rate)
+    vectors = (parameters.inertia, parameters.centre_of_mass)
+    shapes = [np.shape(values) for values in (*numbers, parameters.stabiliser_rate)]
+    shapes += [values.shape[:-1] for values in vectors] + [parameters.floaters.shape[:-2]]
+    (num,) = np.broadcast_shapes((1,), *shapes)
+    rows = np.zeros(num, dtype=DRAGGED_DTYPE)
+    rows["mass"], rows["inertia"], rows["centre"] = parameters.mass, *vectors
+    rows["kept"] = 1.0 - np.asarray(parameters.linear_drag) * dt
+    rows["kept_turn"] = 1.0 - np.asarray(parameters.angular_drag) * dt
+    rows["max_rate"], rows["is_afloat"] = parameters.max_turn_rate, parameters.is_afloat
+    rows["levelled"] = 1.0 - np.exp(-np.asarray(parameters.stabiliser_rate) * dt)
+    floaters = parameters.floaters if parameters.floaters.shape[-2] else np.zeros((1, 3))
+    on_device = wp.array(np.broadcast_to(floaters, (num, *floaters.shape[-2:])), dtype=wp.vec3d, device=device)
+    rows["floaters"] = views_of(on_device)
+    return DraggedRows(rows, on_device)
+
+
+def make_dragged_body(parameters: DraggedBodyParameters, dt: float, device: Any) -> DraggedBody:
+    """Return one body for steps of `dt` (s)."""
+    made = dragged_rows(parameters, dt, device)
     body = DraggedBody()
-    body.mass = parameters[original._MASS]
-    body.inertia = wp.vec3d(*parameters[original._INERTIA : original._INERTIA + 3])
-    body.kept, body.kept_turn = 1.0 - parameters[[original._DRAG, original._ANGULAR_DRAG]] * dt
-    body.max_rate = parameters[original._MAX_RATE]
-    body.centre = wp.vec3d(*parameters[original._CENTRE : original._CENTRE + 3])
-    body.levelled = 1.0 - np.exp(-parameters[original._STABILISER] * dt)
-    body.is_afloat = int(parameters[original._IS_AFLOAT])
-    floaters = parameters[original._FLOATERS :].reshape(-1, 3)
-    body.floaters = wp.array(floaters, dtype=wp.vec3d, device=device)
+    for name, field in DraggedBody.vars.items():
+        if name == "floaters":
+            body.floaters = made.floaters[0]
+        else:
+            setattr(body, name, field.type(*np.atleast_1d(made.rows[name][0])))
     return body
 
 

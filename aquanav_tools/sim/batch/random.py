@@ -17,9 +17,9 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 u32 = wp.uint32
-START, SHARE, SWELL, NEXT, EDDIES, RAYS = 0, 1, 2, 3, 16, 1 << 16
+START, SHARE, SWELL, NEXT, EDDIES, RAYS, DYNAMICS = 0, 1, 2, 3, 16, 1 << 16, 1 << 20
 """Purposes: where an episode begins; its share of the current; its waves' phase; the seed of the episode after it; from
-here on its eddies; from here on the errors of its rays."""
+here on its eddies; from here on the errors of its rays; from here on its vehicle's dynamics."""
 
 
 @wp.func
@@ -58,9 +58,12 @@ def choice(bits: wp.uint32, count: int):
     return int(bits % u32(count))
 
 
-def draw_many(seeds: npt.NDArray[np.integer], purpose: int, step: int = 0) -> npt.NDArray[np.uint32]:
-    """Return the first of `words` for (N,) seeds, computed by NumPy."""
-    parts = np.stack([seeds.astype(np.uint32), *np.full((3, len(seeds)), [[purpose], [step], [0]], dtype=np.uint32)])
+def draw_many(
+    seeds: npt.NDArray[np.integer], purpose: int, step: int | npt.NDArray[np.integer] = 0
+) -> npt.NDArray[np.uint32]:
+    """Return the first of `words` for (N,) seeds and a step for all, or (N,) steps, computed by NumPy."""
+    parts = np.zeros((4, len(seeds)), dtype=np.uint32)
+    parts[0], parts[1], parts[2] = seeds.astype(np.uint32), purpose, np.asarray(step).astype(np.uint32)
     x, y, z, w = parts * np.uint32(1664525) + np.uint32(1013904223)
     for n in range(2):
         x += y * w

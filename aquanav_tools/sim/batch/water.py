@@ -17,6 +17,7 @@ from aquanav_tools.sim import waves
 from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
 from aquanav_tools.sim.batch.random import EDDIES, SHARE, SWELL, normal_pair, share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -60,8 +61,6 @@ class Water:
     uniform: wp.vec3d
     is_constant: wp.int32
     """Whether the water has one velocity at all places and times."""
-    shares: wp.vec2d
-    """Between which an episode's share of the velocity is drawn."""
     flow: Flow
     flow_scale: f64
     eddy_scale: f64
@@ -76,19 +75,18 @@ class Water:
     """Of the waves in a decision, rad."""
 
 
-def make_water(source: reference.Water, shares: tuple[float, float], duration: float, device: Any) -> Water:
+def make_water(source: reference.Water, duration: float, device: Any) -> Water:
     """Return a scenario's water on a device.
 
     Args:
         source: The currents and waves.
-        shares: Between which each episode draws its share of the water's velocity.
         duration: Of a decision, s.
         device: Warp's.
     """
     water, parts = Water(), source.parts
     water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(source.is_constant)
     water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell)
-    water.shares, water.phase_step = wp.vec2d(*shares), water.swell.rate * duration
+    water.phase_step = water.swell.rate * duration
     water.flow_scale, water.eddy_scale = parts.flow_scale, parts.eddy_scale
     water.waves = wp.array(parts.waves, dtype=wp.float64, ndim=2, device=device)
     kept = np.exp(-duration / parts.times)
@@ -114,9 +112,9 @@ def _make_swell(parameters: Array) -> Swell:
 
 
 @wp.func
-def drawn_share(water: Water, seed: int):
-    """Return the share of the water's velocity that an episode has."""
-    low, high = water.shares[0], water.shares[1]
+def drawn_fraction(between: wp.vec2d, seed: int):
+    """Return the fraction of the water's velocity that an episode has."""
+    low, high = between[0], between[1]
     if low == high:
         return low
     return low + (high - low) * f64(share_of_one(words(seed, SHARE, 0)[0]))
@@ -241,22 +239,14 @@ def swell_at(swell: Swell, phase: f64, position: wp.vec3d):
 
 
 @wp.func
-def current_at(
-    water: Water,
-    grid: Grid,
-    coefficients: wp.array2d(dtype=f64),
-    share: f64,
-    phase: f64,
-    vehicle: int,
-    position: wp.vec3d,
-):
-    """Return the velocity of a vehicle's water at a place, world frame, m/s; for water that is not constant."""
-    velocity = water.uniform
+def current_at(i: int, water: Water, grid: Grid, state: BatchState):
+    """Return the velocity of the water where vehicle `i` is, world frame, m/s."""
+    velocity, position = f64(1.0) * water.uniform, state.positions[i]
     if water.flow_scale != f64(0.0):
-        gust = f64(1.0) + GUST_SIZE * coefficients[vehicle, 0]
+        gust = f64(1.0) + GUST_SIZE * state.eddies[i, 0]
         velocity += water.flow_scale * gust * flow_at(water.flow, position)
     if water.eddy_scale != f64(0.0):
-        velocity += water.eddy_scale * eddies_at(water, grid, coefficients, vehicle, position)
+        velocity += water.eddy_scale * eddies_at(water, grid, state.eddies, i, position)
     if water.swell.amplitude != f64(0.0):
-        velocity += swell_at(water.swell, phase, position)
-    return share * velocity
+        velocity += swell_at(water.swell, state.phases[i], position)
+    return state.current_fractions[i] * velocity

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.scenario.schema import Current, Scenario, WaterSettings, WaveSettings
-from aquanav_tools.sim.batch.fleet import BatchWorld
+from aquanav_tools.sim.batch.world import BatchWorld
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.sim.water import GUST_TIME, Water
 from tests.caves import tube_scenario
@@ -48,11 +48,13 @@ def test_water_moves_everywhere_as_the_references_does(
     indices, _ = scenario.field.water()
     places = scenario.field.positions(indices[rng.choice(len(indices), num)]) + rng.uniform(0, 0.05, (num, 3))
     place(world, places)
-    coefficients, phases = world.as_numpy("eddies").copy(), world.as_numpy("phases").copy()
+    phases = world.as_numpy("phases").copy()
     wait(world, 1)
+    coefficients = world.as_numpy("eddies")
     for n, moved in enumerate(world.as_numpy("currents")):
-        reference._coefficients[:], reference._swell_phase = coefficients[n], phases[n]
-        assert np.abs(reference.velocity(places[n]) - moved).max() < 2e-6
+        reference._coefficients[:], reference._swell_phase = coefficients[n], world.as_numpy("phases")[n]
+        assert np.abs(reference.velocity(world.as_numpy("positions")[n]) - moved).max() < 2e-6
+    reference._swell_phase = phases[-1]
     reference.advance(DECISION)
     shift = reference._swell_phase - phases[-1]
     assert np.abs(world.as_numpy("phases") - phases - shift).max() < 1e-12
@@ -89,16 +91,16 @@ def test_a_vehicles_water_depends_on_no_other_vehicle() -> None:
     assert not np.array_equal(small.as_numpy("eddies")[0], small.as_numpy("eddies")[1])
 
 
-def test_each_episode_draws_its_share_of_the_current() -> None:
+def test_each_episode_draws_its_fraction_of_the_current() -> None:
     num = 2000
-    world = many(num, current=(0.3, 0.0, 0.0), scenario=tube_scenario(), current_range=(0.5, 1.5))
-    wait(world, 1)
-    shares = world.as_numpy("shares").copy()
-    assert np.allclose(world.as_numpy("currents"), shares[:, None] * [0.3, 0.0, 0.0])
-    assert 0.5 <= shares.min() < 0.505 and 1.495 < shares.max() <= 1.5
-    assert shares.mean() == pytest.approx(1.0, abs=5 * 0.29 / np.sqrt(num))  # a uniform spread of 1 deviates by 0.29
+    world = many(num, current=(0.3, 0.0, 0.0), scenario=tube_scenario())
+    world.reset(np.arange(num), conditions={"current_range": (0.5, 1.5)})
+    fractions = world.as_numpy("current_fractions").copy()
+    assert np.allclose(world.as_numpy("currents"), fractions[:, None] * [0.3, 0.0, 0.0])
+    assert 0.5 <= fractions.min() < 0.505 and 1.495 < fractions.max() <= 1.5
+    assert fractions.mean() == pytest.approx(1.0, abs=5 * 0.29 / np.sqrt(num))  # a uniform spread of 1 deviates by 0.29
     world.reset(np.arange(num) + num)
-    assert (world.as_numpy("shares") != shares).all()
+    assert (world.as_numpy("current_fractions") != fractions).all()
 
 
 def test_a_batch_goes_back_to_where_it_was(rng: np.random.Generator) -> None:

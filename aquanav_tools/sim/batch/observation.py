@@ -1,0 +1,143 @@
+"""What the agent sees, in Warp: the tables of `envs/observation.py`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+from aquanav_tools.sim import scales
+from aquanav_tools.sim.batch.actuators import trim_of
+from aquanav_tools.sim.batch.craft import Craft
+from aquanav_tools.sim.batch.motion import angular, linear, rotation_of
+from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.spheres import NOTHING, START_WALL, WALL
+from aquanav_tools.sim.batch.state import BatchState
+from aquanav_tools.sim.sensors import RayPattern
+
+wp.set_module_options(OPTIONS)
+
+f64 = wp.float64
+PI = wp.constant(wp.float64(np.pi))
+DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE, MIN_MOTION = (
+    wp.constant(wp.float64(value))
+    for value in (scales.DISTANCE_SCALE, scales.SPEED_SCALE, scales.RATE_SCALE, scales.MIN_MOTION)
+)
+PRESETS = ("paper", "full", "original")
+PAPER, FULL, ORIGINAL = (wp.constant(n) for n in range(3))
+
+
+@wp.struct
+class Fan:
+    """A pattern of rays."""
+
+    directions: wp.array(dtype=wp.vec3)
+    """Body frame."""
+    exact_directions: wp.array(dtype=wp.vec3d)
+    lengths: wp.array(dtype=wp.float32)
+    """m."""
+    radii: wp.array(dtype=f64)
+    """Of the spheres that the original casts along the rays, m."""
+
+
+def make_fan(pattern: RayPattern, device: Any) -> Fan:
+    """Return a pattern of rays on a device."""
+    fan = Fan()
+    fan.directions = wp.array(pattern.directions.astype(np.float32), dtype=wp.vec3, device=device)
+    fan.exact_directions = wp.array(pattern.directions, dtype=wp.vec3d, device=device)
+    fan.lengths = wp.array(pattern.lengths.astype(np.float32), dtype=wp.float32, device=device)
+    fan.radii = wp.array(pattern.radii, dtype=wp.float64, device=device)
+    return fan
+
+
+@wp.func
+def within(value: f64):
+    """Return a value as the observation has it."""
+    return wp.float32(wp.clamp(value, f64(-1.0), f64(1.0)))
+
+
+@wp.func
+def soft(value: f64, scale: f64):
+    """Return value / (|value| + scale), as the observation has it."""
+    return wp.float32(value / (wp.abs(value) + scale))
+
+
+@wp.func
+def show_goal(i: int, first: int, state: BatchState, goal: wp.vec3d, rotation: wp.mat33d):
+    """Write the goal's distance, azimuth and elevation from place `first` on."""
+    offset = goal - state.positions[i]
+    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
+    azimuth = wp.atan2(offset[1], offset[0]) - wp.atan2(rotation[1, 0], rotation[0, 0])
+    azimuth -= f64(2.0) * PI * wp.rint(azimuth / (f64(2.0) * PI))
+    state.observations[i, first] = soft(wp.length(offset), DISTANCE_SCALE)
+    state.observations[i, first + 1] = within(azimuth / PI)
+    state.observations[i, first + 2] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
+
+
+@wp.func
+def show_motion(i: int, first: int, state: BatchState, craft: Craft, entrance_height: f64, rotation: wp.mat33d):
+    """Write what the full observation has behind the goal, from place `first` on."""
+    velocity = state.velocities[i]
+    for axis in range(3):
+        state.observations[i, first + axis] = soft(velocity[axis], SPEED_SCALE)
+        state.observations[i, first + 3 + axis] = soft(velocity[3 + axis], RATE_SCALE)
+        state.observations[i, first + 10 + axis] = state.commands[i, axis]
+    state.observations[i, first + 6] = soft(entrance_height - state.positions[i][2], DISTANCE_SCALE)
+    state.observations[i, first + 7] = within(rotation[2, 0])
+    state.observations[i, first + 8] = within(rotation[2, 1])
+    state.observations[i, first + 9] = within(trim_of(state.levels[i], craft.controls))
+
+
+@wp.func
+def show_cell(i: int, ray: int, tag: int, fraction: float, state: BatchState):
+    """Write what the original sees of a ray: three flags, and the fraction of its length."""
+    state.observations[i, 4 * ray] = float(tag == WALL)
+    state.observations[i, 4 * ray + 1] = float(tag == START_WALL)
+    state.observations[i, 4 * ray + 2] = float(tag == NOTHING)
+    state.observations[i, 4 * ray + 3] = fraction
+
+
+@wp.func
+def show_angles(i: int, first: int, state: BatchState, goal: wp.vec3d):
+    """Write the original's heading and elevation to the goal of one physics step ago, degrees; 0 where undefined."""
+    rotation = rotation_of(state.previous_orientations[i])
+    offset = goal - state.previous_positions[i]
+    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
+    distance = wp.length(offset)
+    heading, elevation, one = f64(0.0), f64(0.0), f64(1.0)
+    if flat > f64(0.0):
+        ahead = (offset[0] * rotation[0, 0] + offset[1] * rotation[1, 0]) / flat
+        right = offset[0] * rotation[1, 0] - offset[1] * rotation[0, 0]
+        heading = wp.degrees(wp.acos(wp.clamp(ahead, -one, one)))
+        if right < f64(0.0):
+            heading = -heading
+        elif right == f64(0.0):
+            heading = f64(0.0)
+    if distance > f64(0.0):
+        up = wp.vec3d(rotation[0, 2], rotation[1, 2], rotation[2, 2])
+        elevation = wp.degrees(wp.asin(wp.clamp(wp.dot(offset, up) / distance, -one, one)))
+    state.observations[i, first] = wp.float32(heading)
+    state.observations[i, first + 1] = wp.float32(elevation)
+
+
+@wp.func
+def show_direction(i: int, first: int, state: BatchState, vector: wp.vec3d):
+    """Write the direction of a vector of the world in the original's axes (y up: its x, y, z are our y, z, -x)."""
+    length = wp.length(vector)
+    direction = wp.vec3d()
+    if length > MIN_MOTION:
+        direction = vector / length
+    state.observations[i, first] = wp.float32(direction[1])
+    state.observations[i, first + 1] = wp.float32(direction[2])
+    state.observations[i, first + 2] = wp.float32(-direction[0])
+
+
+@wp.func
+def show_original(i: int, first: int, state: BatchState, goal: wp.vec3d, rotation: wp.mat33d):
+    """Write what the original sees beside its rays, from place `first` on."""
+    velocity = state.velocities[i]
+    show_angles(i, first, state, goal)
+    show_direction(i, first + 2, state, rotation * linear(velocity))
+    # Rates of turn change their sign in a left-handed frame.
+    show_direction(i, first + 5, state, -(rotation * angular(velocity)))

@@ -1,0 +1,13 @@
+"""Sensors as objects: each has a space, and measures for all vehicles of a batch at once."""
+
+from __future__ import annotations
+
+_HERE = "aquanav_tools.sim.batch.sensors"
+BUILT_IN = {
+    "fan": f"{_HERE}.fan:RangeFan",
+    "depth": f"{_HERE}.depth:DepthCell",
+    "imu": f"{_HERE}.inertial:InertialUnit",
+    "dvl": f"{_HERE}.dvl:DopplerLog",
+    "sonar": f"{_HERE}.sonar:ImagingSonar",
+}
+"""The sensors that come with aquanav: name, and the class as `module:Name`."""

@@ -1,0 +1,111 @@
+"""A fan of range rays as data: where the rays point, how far they reach, how their distances err."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from aquanav_tools.sim.sensors import RayPattern, original_pattern
+
+MAX_RAYS = 4096
+"""Chosen; what has more rays is a sonar."""
+
+
+@dataclass(frozen=True)
+class RangeErrors:
+    """How a range sensor's distances err. An echo errs alone: a ray that meets nothing reads its length."""
+
+    constant: float = 0.0
+    """Standard deviation of a distance, m."""
+    proportional: float = 0.0
+    """What that grows by with the distance, m/m."""
+    dropout: float = 0.0
+    """Probability that a ray gets no echo."""
+    grazing_dropout: float = 0.0
+    """Probability that an echo is lost along the wall; it grows evenly from `grazing_from_deg` to there."""
+    grazing_from_deg: float = 60.0
+    """Angle between ray and the wall's normal below which no echo is lost for its angle, degrees."""
+
+    def __post_init__(self) -> None:
+        for name, high in (("constant", 100.0), ("proportional", 1.0), ("dropout", 1.0), ("grazing_dropout", 1.0)):
+            value = getattr(self, name)
+            if not 0.0 <= value <= high:
+                raise ValueError(f"A fan's noise has {name} = {value}, which must be from 0 to {high:g}.")
+        if not 0.0 <= self.grazing_from_deg < 90.0:
+            raise ValueError(
+                f"A fan's noise has grazing_from_deg = {self.grazing_from_deg}, which must be from 0 to 90."
+            )
+
+
+@dataclass(frozen=True)
+class FanSpec:
+    """Rays from the vehicle's middle, body frame, given as directions or as angles."""
+
+    lengths: tuple[float, ...]
+    """One for each ray, or one for all, m."""
+    directions: tuple[tuple[float, float, float], ...] = ()
+    """One for each ray, of any length; or else:"""
+    azimuths_deg: tuple[float, ...] = ()
+    """From ahead towards left, one for each ray."""
+    elevations_deg: tuple[float, ...] = (0.0,)
+    """Up, one for each ray, or one for all."""
+    radii: tuple[float, ...] = (0.0,)
+    """Of spheres that are cast through the distance field in place of rays, one for each, or one for all, m; 0 casts
+    a ray."""
+    noise: RangeErrors = field(default_factory=RangeErrors)
+
+    def __post_init__(self) -> None:
+        count = len(self.directions or self.azimuths_deg)
+        if bool(self.directions) == bool(self.azimuths_deg):
+            raise ValueError("A fan must have either directions or azimuths_deg.")
+        if count > MAX_RAYS:
+            raise ValueError(f"A fan has {count} rays; at most {MAX_RAYS} are possible.")
+        self._check_counts(count)
+        if not all(0.0 < length <= 1000.0 for length in self.lengths):
+            raise ValueError("A fan's lengths must be above 0 and at most 1000 m.")
+        if not all(0.0 <= radius <= 100.0 for radius in self.radii):
+            raise ValueError("A fan's radii must be from 0 to 100 m.")
+        if not np.isfinite(self.directions or self.azimuths_deg).all() or not np.isfinite(self.elevations_deg).all():
+            raise ValueError("A fan's directions must be finite numbers.")
+        if self.directions and np.linalg.norm(self.directions, axis=1).min() < 1e-6:
+            raise ValueError("A fan's directions must not be zero.")
+
+    def _check_counts(self, count: int) -> None:
+        for name in ("lengths", "elevations_deg", "radii"):
+            given = len(getattr(self, name))
+            if given not in (1, count):
+                raise ValueError(f"A fan of {count} rays has {given} {name}; it takes one, or one for each ray.")
+
+    @property
+    def pattern(self) -> RayPattern:
+        """The rays as arrays."""
+        if self.directions:
+            ways = np.array(self.directions, dtype=np.float64)
+            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+        else:
+            azimuths = np.radians(self.azimuths_deg)
+            elevations = np.broadcast_to(np.radians(self.elevations_deg), azimuths.shape)
+            level = np.cos(elevations)
+            ways = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
+        lengths, radii = (
+            np.broadcast_to(np.array(each, dtype=np.float64), (len(ways),)).copy()
+            for each in (self.lengths, self.radii)
+        )
+        return RayPattern(ways, lengths, radii)
+
+
+def paper_fan(noise: RangeErrors | None = None) -> FanSpec:
+    """Return the 28 rays of the presets "paper" and "full", which are the original benchmark's."""
+    return replace(original_fan(), radii=(0.0,), noise=noise or RangeErrors())
+
+
+def original_fan() -> FanSpec:
+    """Return the 28 spheres of the preset "original"."""
+    pattern = original_pattern()
+    ways = tuple((float(x), float(y), float(z)) for x, y, z in pattern.directions)
+    return FanSpec(tuple(pattern.lengths.tolist()), ways, radii=tuple(pattern.radii.tolist()))
+
+
+PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan()}
+"""What the presets of observations are built from."""

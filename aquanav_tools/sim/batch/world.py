@@ -1,0 +1,394 @@
+"""All vehicles of a batch: their arrays on a device, and the kernels launched on them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch import kernels
+from aquanav_tools.sim.batch.caves import Cave, CaveTask, make_cave
+from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
+from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
+from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
+from aquanav_tools.sim.batch.random import NEXT, draw_many
+from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
+from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
+from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
+from aquanav_tools.sim.randomisation import Randomisation
+from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.types import Pose
+
+RaySource = Literal["field", "mesh"]
+MAX_VEHICLES = 1 << 20
+"""Chosen; 2 GB."""
+PARTS_ON_GPU = 4
+"""Threads that share the rays of a vehicle."""
+MIN_SLICE = 256
+"""Vehicles for which a further thread is worth its start."""
+SORT_EVERY = 32
+"""Decisions after which vehicles are put in order of place again: about a metre's way."""
+NUM_TERMS = 7
+CONDITIONS = {"sensor_noise": "ray_noise", "sensor_dropout": "ray_dropout", "current_range": "current_ranges"}
+"""Options of the task that each episode may have of its own, and the arrays that hold them."""
+
+
+@dataclass(frozen=True, eq=False)
+class CaveSetup:
+    """One of the caves of a batch."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    """Moves and collides as all vehicles in this cave do."""
+    task: CaveTask
+    draw_start: Callable[[int], Pose] | None = None
+    """Returns the start of the episode with a seed from 0 to 2^32 - 1; None draws from the scenario's list."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldOptions:
+    """What all vehicles of a batch have in common."""
+
+    observation: str = "full"
+    """One of `observation.PRESETS`."""
+    rays: RaySource = "field"
+    """Traced through the distance field, or cast exactly against the mesh."""
+    action_delay: int = 0
+    """Decisions between choosing an action and its effect."""
+    observation_delay: int = 0
+    """Decisions by which observations are late."""
+    randomisation: Randomisation | None = None
+    """From which each episode draws its vehicle's dynamics; None leaves them as the vehicle's file has them."""
+    next_step: bool = True
+    """Whether an ended episode's successor begins at the next step (its command is not used then), or in the same."""
+    device: str = "cpu"
+    """"cpu", "cuda" or "cuda:0"."""
+    num_threads: int | None = None
+    """On the processor; None takes as many as the process may use."""
+    law: MotionLaw | None = None
+    """How vehicles move where there is no wall; None leaves it to the kernels. On the processor only."""
+
+
+class BatchWorld:
+    """N vehicles in caves. Each step is a decision of every vehicle; ended episodes are followed by new ones.
+
+    The arrays in `arrays` are Warp's, on `device`; `as_numpy` and `as_torch` show them without a copy.
+    """
+
+    def __init__(
+        self,
+        caves: Sequence[CaveSetup],
+        cave_of: npt.NDArray[np.integer],
+        options: WorldOptions,
+        engines: Sequence[ContactEngine] = (),
+    ) -> None:
+        """Upload caves and make room for vehicles; call `reset` next.
+
+        Args:
+            caves: One or several, all with starts drawn from lists, or none of them.
+            cave_of: (N,) index of the cave that each vehicle is in.
+            options: Of all vehicles.
+            engines: (N,) what says for each vehicle what the wall does, outside of the kernels; none leaves it to them.
+
+        Raises:
+            InputError: no such device, or a senseless number.
+        """
+        self.num = num = len(cave_of)
+        if not 1 <= num <= MAX_VEHICLES:
+            raise InputError(f"A batch must have 1 to {MAX_VEHICLES} vehicles, got {num}.")
+        self.device = device = find_device(options.device)
+        self._next_step = options.next_step
+        self._views: dict[str, Any] = {}
+        self._make_caves(caves, options, engines[0].margin if engines else CONTACT_MARGIN)
+        ranges = options.randomisation
+        most = (0, 0) if ranges is None else ranges.most_delays()
+        self._delays = (max(options.action_delay, most[0]), max(options.observation_delay, most[1]))
+        self._make_settings(options, bool(engines))
+        self.arrays = make_state(num, self._widths(caves, options), device)
+        self._options = options
+        self.arrays.cave_of.assign(np.asarray(cave_of, dtype=np.int32))
+        self._make_bodies(caves, np.asarray(cave_of), ranges)
+        self._num_starts = np.array([len(cave.scenario.starts) for cave in caves])[np.asarray(cave_of)]
+        draws = [CaveStarts(cave.scenario, cave.vehicle, cave.draw_start) for cave in caves if cave.draw_start]
+        self._unlisted = UnlistedStarts(draws or None, num, self.as_numpy("extra").shape[1], device)
+        is_linked = bool(engines) or options.law is not None
+        self._contacts = make_exchange(num if is_linked else 0, device)
+        self._link = EngineLink(engines, options.law, self.arrays, self._contacts) if is_linked else None
+        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
+        self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
+        self._record()
+        self._steps_in_order = 0
+
+    def _make_caves(self, caves: Sequence[CaveSetup], options: WorldOptions, margin: float) -> None:
+        """Bring the caves, and the vehicles in them, to the device; structures are kept, as they hold the memory."""
+        exact = options.rays == "mesh"
+        self._cave_parts: list[Cave] = [
+            make_cave(cave.scenario, cave.vehicle, cave.task, has_exact_rays=exact, device=self.device)
+            for cave in caves
+        ]
+        self._craft_parts: list[Craft] = [
+            make_craft(cave.scenario, cave.vehicle, margin, self.device) for cave in caves
+        ]
+        self._caves = wp.array(self._cave_parts, dtype=Cave, device=self.device)
+        self._crafts = wp.array(self._craft_parts, dtype=Craft, device=self.device)
+
+    def _make_bodies(
+        self, caves: Sequence[CaveSetup], cave_of: npt.NDArray[np.integer], ranges: Randomisation | None
+    ) -> None:
+        """Give each vehicle its cave's body, or one of its own that is drawn for each episode."""
+        self._drawn_crafts: DrawnCrafts | None = None
+        self.arrays.craft_of.assign(cave_of.astype(np.int32))
+        self.arrays.ray_gain.fill_(1.0)
+        self.arrays.action_delays.fill_(self._options.action_delay)
+        self.arrays.observation_delays.fill_(self._options.observation_delay)
+        if ranges is not None:
+            pairs = [(cave.scenario, cave.vehicle) for cave in caves]
+            self._drawn_crafts = DrawnCrafts(pairs, cave_of, self._craft_parts, ranges, self.device)
+            self._crafts = self._drawn_crafts.array
+            self.arrays.craft_of.assign(np.arange(self.num, dtype=np.int32))
+
+    @property
+    def dynamics(self) -> dict[str, npt.NDArray[np.float64]]:
+        """(N,) what the episodes have drawn of their vehicles' dynamics, by name; nothing without a randomisation."""
+        drawn = self._drawn_crafts
+        return {} if drawn is None else {name: drawn.values[:, n] for n, name in enumerate(drawn.names)}
+
+    def _draw_bodies(self, is_asked: npt.NDArray[np.bool_], seeds: npt.NDArray[np.uint32]) -> None:
+        """Draw the bodies of the vehicles that are asked for, (N,), for the episodes with (N,) seeds."""
+        drawn = self._drawn_crafts
+        vehicles = np.flatnonzero(is_asked)
+        if drawn is None or len(vehicles) == 0:
+            return
+        drawn.draw(vehicles, seeds[vehicles])
+        state, options = self.arrays, self._options
+        state.ray_gain.assign(drawn.value_of("ray_gain", 1.0).astype(np.float32))
+        state.ray_bias.assign(drawn.value_of("ray_bias", 0.0).astype(np.float32))
+        state.action_delays.assign(drawn.value_of("action_delay", options.action_delay).astype(np.int32))
+        state.observation_delays.assign(drawn.value_of("observation_delay", options.observation_delay).astype(np.int32))
+
+    def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
+        self._settings = settings = kernels.Settings()
+        settings.fan = make_fan(PRESET_FANS[options.observation].pattern, self.device)
+        settings.observation = PRESETS.index(options.observation)
+        settings.has_engine = int(has_engine)
+        settings.next_step, settings.has_law = int(options.next_step), int(options.law is not None)
+        settings.has_delayed_actions = int(self._delays[0] > 0)
+
+    def _widths(self, caves: Sequence[CaveSetup], options: WorldOptions) -> dict[str, int]:
+        num_rays = self._settings.fan.lengths.shape[0]
+        size = {"paper": num_rays + 3, "full": num_rays + 16, "original": 4 * num_rays + 8}[options.observation]
+        chains = [len(cave.scenario.guide.panels) for cave in caves if cave.task.progress == "original"]
+        return {
+            "commands": 3,
+            "acting": 3,
+            "waiting_commands": 3 * self._delays[0],
+            "waiting_observations": size * self._delays[1],
+            "extra": max(cave.starts.extra.shape[1] for cave in self._cave_parts),
+            "eddies": max(cave.water.kept.shape[0] for cave in self._cave_parts),
+            "touched_panels": max(chains, default=0),
+            "rays": num_rays,
+            "tags": num_rays if options.observation == PRESETS[int(ORIGINAL)] else 0,
+            "observations": size,
+            "final_observations": size,
+            "terms": NUM_TERMS,
+        }
+
+    def reset(
+        self,
+        seeds: npt.NDArray[np.integer],
+        starts: npt.NDArray[np.integer] | None = None,
+        conditions: dict[str, Any] | None = None,
+    ) -> None:
+        """Begin all episodes.
+
+        Args:
+            seeds: (N,) of the vehicles' first episodes, from 0 to 2^32 - 1: an episode draws from its own seed alone,
+                and the seed of the one after it follows from it.
+            starts: (N,) the first episode's; None, or -1, draws them.
+            conditions: For names in CONDITIONS, (N,) or (N, 2) values, or one for all; they hold until the next reset.
+                What is not named stays.
+        """
+        first = np.full(self.num, -1) if starts is None else np.asarray(starts)
+        if first.shape != (self.num,) or (first >= self._num_starts).any():
+            raise InputError(f"The starts must be {self.num} numbers from 0 to {self._num_starts.min() - 1}.")
+        for name, values in (conditions or {}).items():
+            array = getattr(self.arrays, CONDITIONS[name])
+            array.assign(np.broadcast_to(values, array.numpy().shape).astype(array.numpy().dtype))
+        self.arrays.seeds.assign(np.asarray(seeds).astype(np.uint32).view(np.int32))
+        self.arrays.wanted_starts.assign(first.astype(np.int32))
+        self.arrays.episodes.zero_()
+        self._unlisted.reset()
+        self._unlisted.draw(self.arrays, first < 0, np.asarray(seeds).astype(np.uint32))
+        self._draw_bodies(np.ones(self.num, dtype=np.bool_), np.asarray(seeds).astype(np.uint32))
+        self._run(self._beginning)
+        if self._link is not None:
+            self._link.forget_restarted()
+        self._sort()
+
+    def age(self, decisions: npt.NDArray[np.integer]) -> None:
+        """Let time run out (N,) decisions earlier in the episodes that have just begun."""
+        self.arrays.ages.assign(decisions.astype(np.int32))
+
+    def retire(self, vehicles: Sequence[int]) -> None:
+        """Draw no unlisted starts for these vehicles until the next reset."""
+        self._unlisted.retire(vehicles)
+
+    @property
+    def caves(self) -> tuple[Cave, ...]:
+        """What is on the device of each cave."""
+        return tuple(self._cave_parts)
+
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
+
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
+        """
+        if self._next_step:
+            self._draw_successors()
+        self._run(self._decision)
+        if self._link is not None:
+            self._link.forget_restarted()
+            while self._link.answer():
+                self._run(self._resumption)
+            self._run(self._outlook)
+        if judge is not None:
+            judge()
+        if not self._next_step:
+            self._draw_successors()
+            self._run(self._succession)
+        self._steps_in_order += 1
+        if self._steps_in_order == SORT_EVERY:
+            self._sort()
+
+    def observe(self) -> None:
+        """See from where the vehicles are now, without delay: for vehicles that were put somewhere."""
+        self._run(self._looks)
+
+    def _draw_successors(self) -> None:
+        """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
+        if self._unlisted.is_used or self._drawn_crafts is not None:
+            has_ended, seeds = self.as_numpy("outcomes") > 0, self.as_numpy("seeds").view(np.uint32)
+            if has_ended.any():
+                seeds = draw_many(seeds, NEXT)
+                self._unlisted.draw(self.arrays, has_ended, seeds)
+                self._draw_bodies(has_ended, seeds)
+
+    def _sort(self) -> None:
+        """Put vehicles that are near each other one after the other: they read the same parts of the field."""
+        self._steps_in_order = 0
+        if self.num > MIN_SLICE and self.device.is_cpu:
+            place = (self.as_numpy("positions") / 2.0).astype(np.int32)
+            keys = (*place.T, self.as_numpy("cave_of"))
+            self.arrays.order.assign(np.lexsort(keys).astype(np.int32))
+
+    def as_numpy(self, name: str) -> Any:
+        """Return an array of `BatchState` as NumPy's: the same memory on the processor, a copy from a GPU."""
+        if not self.device.is_cpu:
+            return getattr(self.arrays, name).numpy()
+        if name not in self._views:
+            self._views[name] = getattr(self.arrays, name).numpy()
+        return self._views[name]
+
+    def write(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Change an array of `BatchState`."""
+        getattr(self.arrays, name).assign(values)
+
+    def as_torch(self, name: str) -> Any:
+        """Return an array of `BatchState` as a torch tensor in the same memory, which changes with each step."""
+        return wp.to_torch(getattr(self.arrays, name))
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all that the future depends on beside the commands: each array of `BatchState`."""
+        return {name: np.array(self.as_numpy(name)) for name in BatchState.vars}  # type: ignore[attr-defined]
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
+        for name, values in state.items():
+            getattr(self.arrays, name).assign(values)
+        self._draw_bodies(np.ones(self.num, dtype=np.bool_), self.as_numpy("seeds").view(np.uint32))
+
+    def close(self) -> None:
+        """End the threads, and let go of the contact engines. Closing twice does nothing."""
+        if self._link is not None:
+            self._link.close()
+        if self._threads is not None:
+            self._threads.shutdown()
+
+    def _run(self, slices: list[list[Any]]) -> None:
+        """Launch the recorded kernels, each slice of the vehicles in a thread of its own: Warp lets go of Python."""
+        if self._threads is None:
+            _launch(slices[0])
+        else:
+            list(self._threads.map(_launch, slices))
+
+    def _record(self) -> None:
+        """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
+        bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
+        self._decision: list[list[Any]] = []
+        self._resumption: list[list[Any]] = []
+        self._outlook: list[list[Any]] = []
+        self._succession: list[list[Any]] = []
+        self._beginning: list[list[Any]] = []
+        self._looks: list[list[Any]] = []
+        num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
+        state, caves, crafts, settings = self.arrays, self._caves, self._crafts, self._settings
+        for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+            num = last - first
+            move, resume = (
+                self._launch_of(
+                    kernels.advance,
+                    num,
+                    [first, is_answer, state, self._unlisted.starts, caves, crafts, settings, self._contacts],
+                )
+                for is_answer in (0, 1)
+            )
+            seen, seen_again = (
+                [
+                    self._launch_of(
+                        kernels.sense, (num, num_parts), [first, again, num_parts, state, caves, crafts, settings]
+                    )
+                ]
+                for again in (0, 1)
+            )
+            self._looks.append(list(seen))
+            if self._delays[1] > 0:
+                seen.append(self._launch_of(kernels.deliver, num, [first, 0, state]))
+                seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
+            score = self._launch_of(kernels.score, num, [first, state, caves, settings])
+            again, anew = (
+                self._launch_of(kernels.restart, num, [first, is_anew, state, self._unlisted.starts, caves, crafts])
+                for is_anew in (0, 1)
+            )
+            if self._link is None:
+                self._decision.append([move, *seen, score])
+            else:
+                self._decision.append([move])
+                self._outlook.append([*seen, score])
+            self._resumption.append([resume])
+            self._succession.append([again, *seen_again])
+            self._beginning.append([anew, *seen, score])
+
+    def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
+        return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+
+
+def _launch(commands: list[Any]) -> None:
+    for command in commands:
+        command.launch()
+
+
+def _num_slices(num: int, num_threads: int | None) -> int:
+    available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+    if available < 1:
+        raise InputError(f"num_threads must be at least 1, got {num_threads}.")
+    return max(1, min(available, num // MIN_SLICE))

@@ -1,0 +1,186 @@
+"""Stable-Baselines3's PPO with a faster update: the same sums, but for rounding, and the same zips.
+
+`ParallelPPO._update` is one minibatch: losses, gradients by autograd, their joint norm clipped, a step of Adam. Four
+things make it faster than SB3's. Actor and critic share no weights, so that each computes its loss and gradients in a
+thread of its own, with a result that does not depend on the threads. Observations are normalised once per update
+instead of once per minibatch, as their statistics do not change meanwhile. Choices are one array (`distributions.py`).
+Adam updates each array in one fused pass.
+
+Source: Schulman et al., Proximal Policy Optimization Algorithms (2017, arXiv:1707.06347), equation 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.buffers import RolloutBuffer
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import explained_variance
+from stable_baselines3.common.vec_env import VecEnv
+from torch import nn
+from torch.nn.functional import mse_loss
+
+from aquanav_tools.train.distributions import action_distribution
+from aquanav_tools.train.rollout import collect_rollouts, features_of
+
+EPSILON = 1e-8
+"""Added to the standard deviation of advantages, as in SB3."""
+
+
+class Batch(NamedTuple):
+    """What an update learns from: a row per decision."""
+
+    features: torch.Tensor
+    """(N, F) normalised observations."""
+    actions: torch.Tensor
+    """(N, K) choices or levels."""
+    log_probs: torch.Tensor
+    """(N,) of the actions, when they were chosen."""
+    advantages: torch.Tensor
+    """(N,), not normalised."""
+    returns: torch.Tensor
+    """(N,)."""
+
+
+class LossStats(NamedTuple):
+    """Means over a minibatch, by the names that SB3 logs them by."""
+
+    entropy_loss: float
+    policy_gradient_loss: float
+    approx_kl: float
+    """Kullback-Leibler divergence from the policy that chose the actions, by Schulman's estimator (ratio - 1) - log."""
+    clip_fraction: float
+    """Share of the decisions whose ratio of probabilities is out of the clip range."""
+    value_loss: float
+
+
+class ParallelPPO(PPO):
+    """SB3's PPO for networks whose feature extractor learns nothing; no target_kl, no clip_range_vf, no gSDE."""
+
+    def __init__(self, *args: Any, precision: str = "float32", **kwargs: Any) -> None:
+        """Take SB3's arguments.
+
+        Args:
+            args: SB3's.
+            precision: Of the products in the networks: float32, or bfloat16 (weights and losses stay float32).
+            kwargs: SB3's.
+        """
+        self.precision = precision
+        super().__init__(*args, **kwargs)
+
+    def actor(self, features: torch.Tensor) -> torch.Tensor:
+        """Return logits, or the means of levels, (N, K), for (N, F) features."""
+        policy: Any = self.policy
+        with self._autocast():
+            output: torch.Tensor = policy.action_net(policy.mlp_extractor.policy_net(features))
+        return output.float()
+
+    def critic(self, features: torch.Tensor) -> torch.Tensor:
+        """Return (N, 1) values for (N, F) features."""
+        policy: Any = self.policy
+        with self._autocast():
+            output: torch.Tensor = policy.value_net(policy.mlp_extractor.value_net(features))
+        return output.float()
+
+    def _autocast(self) -> torch.autocast:
+        return torch.autocast("cpu", torch.bfloat16, enabled=self.precision == "bfloat16", cache_enabled=False)
+
+    def collect_rollouts(
+        self, env: VecEnv, callback: BaseCallback, rollout_buffer: RolloutBuffer, n_rollout_steps: int
+    ) -> bool:
+        """Fill the buffer; return whether the callback let it finish."""
+        with ThreadPoolExecutor(1) as helper:
+            return collect_rollouts(self, callback, rollout_buffer, n_rollout_steps, helper)
+
+    def train(self) -> None:
+        """Learn from the rollout that was collected."""
+        policy: Any = self.policy
+        policy.set_training_mode(True)
+        self._update_learning_rate(policy.optimizer)
+        policy.optimizer.param_groups[0]["fused"] = True  # also where an older checkpoint says otherwise
+        clip_range = float(self.clip_range(self._current_progress_remaining))  # type: ignore[operator]  # a schedule
+        rollout = self._rollout()
+        with ThreadPoolExecutor(1) as critic_thread:
+            stats = [
+                self._update(batch, clip_range, critic_thread)
+                for _ in range(self.n_epochs)
+                for batch in _minibatches(rollout, self.batch_size)
+            ]
+        self._n_updates += self.n_epochs
+        self._log(np.array(stats), clip_range)
+
+    def _rollout(self) -> Batch:
+        """Return all decisions of the rollout."""
+        buffer = self.rollout_buffer
+        names = ("observations", "actions", "log_probs", "advantages", "returns")
+        columns = [torch.from_numpy(RolloutBuffer.swap_and_flatten(getattr(buffer, name))) for name in names]
+        observations, actions, log_probs, advantages, returns = columns
+        features = features_of(self.policy, observations)
+        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
+
+    def _update(self, batch: Batch, clip_range: float, critic_thread: Executor) -> LossStats:
+        """Take one step of the optimiser."""
+        policy: Any = self.policy
+        policy.optimizer.zero_grad()
+        critic = critic_thread.submit(self._backward_critic, batch)
+        stats = self._backward_actor(batch, clip_range)
+        value_loss = critic.result()
+        nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+        policy.optimizer.step()
+        return LossStats(*map(float, (*stats, value_loss)))
+
+    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, ...]:
+        """Compute the actor's gradients; return all of `LossStats` but the last."""
+        distribution = action_distribution(self.policy, self.actor(batch.features))
+        log_ratio = distribution.log_prob(batch.actions) - batch.log_probs
+        ratio = log_ratio.exp()
+        advantages = _normalised(batch.advantages)
+        surrogate = torch.min(advantages * ratio, advantages * ratio.clamp(1.0 - clip_range, 1.0 + clip_range))
+        policy_loss = -surrogate.mean()
+        entropy_loss = -distribution.entropy().mean()
+        (policy_loss + self.ent_coef * entropy_loss).backward()  # type: ignore[no-untyped-call]
+        with torch.no_grad():
+            approx_kl = (ratio - 1.0 - log_ratio).mean()
+            clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
+        return entropy_loss.detach(), policy_loss.detach(), approx_kl, clip_fraction
+
+    def _backward_critic(self, batch: Batch) -> torch.Tensor:
+        """Compute the critic's gradients; return the mean square of its error."""
+        values = self.critic(batch.features).flatten()
+        loss = mse_loss(values, batch.returns)
+        (self.vf_coef * loss).backward()  # type: ignore[no-untyped-call]
+        return loss.detach()
+
+    def _log(self, stats: np.ndarray, clip_range: float) -> None:
+        """Log what SB3 logs, by its names, of (M, 5) `LossStats` of M minibatches."""
+        for name, mean in zip(LossStats._fields, stats.mean(axis=0).tolist(), strict=True):
+            self.logger.record(f"train/{name}", mean)
+        last = dict(zip(LossStats._fields, stats[-1].tolist(), strict=True))
+        loss = last["policy_gradient_loss"] + self.ent_coef * last["entropy_loss"] + self.vf_coef * last["value_loss"]
+        self.logger.record("train/loss", loss)
+        buffer = self.rollout_buffer
+        explained = explained_variance(buffer.values.flatten(), buffer.returns.flatten())
+        self.logger.record("train/explained_variance", explained)
+        if hasattr(self.policy, "log_std"):
+            self.logger.record("train/std", float(self.policy.log_std.detach().exp().mean()))
+        self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
+        self.logger.record("train/clip_range", clip_range)
+
+
+def _minibatches(rollout: Batch, size: int) -> Iterator[Batch]:
+    """Yield all decisions in a random order, `size` at a time; the last may be fewer."""
+    order = torch.from_numpy(np.random.permutation(len(rollout.features)))
+    shuffled = (torch.split(column[order], size) for column in rollout)
+    return (Batch(*columns) for columns in zip(*shuffled, strict=True))
+
+
+def _normalised(advantages: torch.Tensor) -> torch.Tensor:
+    """Return advantages with mean 0 and standard deviation 1; a single one has no deviation and stays as it is."""
+    if len(advantages) == 1:
+        return advantages
+    return (advantages - advantages.mean()) / (advantages.std() + EPSILON)

@@ -1,0 +1,388 @@
+"""The user's own reward, sensors, observation, rule and disturbance, held against what infos tell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import aquanav_tools.envs  # noqa: F401  # registers the environments
+from aquanav_tools.envs.cave_batch import CaveBatch
+from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.vector_env import CaveVectorEnv
+from aquanav_tools.errors import InputError, OwnCodeError
+from aquanav_tools.scenario.schema import Scenario
+from tests.caves import TUBE_RADIUS
+from tests.own_modules import WriteModule, own_module
+
+__all__ = ["own_module"]
+
+CODE = """
+class Along:
+    def terms(self, batch):
+        return {"x": 2.0 * batch.positions[:, 0], "turn": -(batch.commands - batch.last_commands)[:, 1] ** 2}
+
+class Beside(Along):
+    base = "dense"
+
+class Where:
+    def spec(self, scenario, vehicle):
+        return Box(-np.inf, np.inf, (3,))
+
+    def measure(self, batch):
+        return batch.positions
+
+class Chance:
+    def spec(self, scenario, vehicle):
+        return Box(-np.inf, np.inf, (2, 2))
+
+    def measure(self, batch):
+        return batch.normals(4).reshape(-1, 2, 2)
+
+class Own:
+    space = Box(-np.inf, np.inf, (2,))
+    base = "paper"
+
+    def __call__(self, batch):
+        assert batch.observations.shape[1] == 31
+        return np.stack([batch.remaining, batch.decisions], axis=1)
+
+def late(batch):
+    return batch.positions[:, 0] > 10.0
+
+class Off:
+    def actions(self, batch, commands):
+        return 0.0 * commands
+
+def glide(states, commands, currents, dt):
+    assert states.shape == (len(commands), 13) and currents.shape == (len(commands), 3)
+    after = states.copy()
+    after[:, 0] += dt * (0.5 * commands[:, 2] + currents[:, 0])
+    after[:, 2] += dt * 0.1 * commands[:, 0]
+    return after
+
+class Plus:
+    def observations(self, batch, observations):
+        return observations + 1.0
+"""
+
+
+def wander(num: int, decision: int) -> np.ndarray:
+    """Return (N, 3) actions, another for each vehicle and decision."""
+    return np.stack([[1, (n + decision // 7) % 3, 2 if n % 3 else 1] for n in range(num)])
+
+
+def run(tube: Scenario, decisions: int, num: int = 5, **options: Any) -> list[tuple[Any, ...]]:
+    """Return what reset and each step return."""
+    envs = CaveVectorEnv(num, tube, max_decisions=30, **options)
+    observations, infos = envs.reset(seed=7)
+    rows: list[tuple[Any, ...]] = [(observations, np.zeros(num), np.zeros(num, bool), np.zeros(num, bool), infos)]
+    rows += [envs.step(wander(num, decision)) for decision in range(decisions)]
+    envs.close()
+    return rows
+
+
+def test_a_reward_is_the_sum_of_its_terms_of_what_the_decision_led_to(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    rows = run(tube, 70, reward=f"{own}:Along")
+    ended_before = np.zeros(5, bool)
+    last = np.zeros(5)
+    for decision, (_, rewards, terminated, truncated, infos) in enumerate(rows[1:]):
+        steer = 1.0 - wander(5, decision)[:, 1]  # choices count from left, which is positive
+        turn = np.where(ended_before, 0.0, -((steer - last) ** 2))
+        x = np.where(ended_before, 0.0, 2.0 * infos["position"][:, 0])
+        assert np.allclose(infos["reward/x"], x, rtol=1e-6)  # float32
+        assert np.allclose(infos["reward/turn"], turn, rtol=1e-6)
+        assert np.allclose(rewards, x + turn, rtol=1e-6)
+        last = np.where(ended_before, 0.0, steer)
+        ended_before = terminated | truncated
+    assert any(row[3].any() for row in rows), "episodes end meanwhile"
+    assert "reward/progress" not in infos
+
+
+def test_a_reward_may_add_to_one_of_aquanavs(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    dense, beside = run(tube, 40, reward="dense"), run(tube, 40, reward=f"{own}:Beside")
+    for plain, more in zip(dense[1:], beside[1:], strict=True):
+        assert np.allclose(more[1] - plain[1], more[4]["reward/x"] + more[4]["reward/turn"], atol=1e-4)
+        assert np.array_equal(more[4]["reward/progress"], plain[4]["reward/progress"])
+        assert np.array_equal(more[0], plain[0])
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_sensor_measures_where_the_vehicle_is(tube: Scenario, own_module: WriteModule, mode: str) -> None:
+    own = own_module(CODE)
+    rows = run(tube, 70, sensors=(f"{own}:Where",), autoreset_mode=mode)
+    plain = run(tube, 70, autoreset_mode=mode)
+    before = rows[0][0]
+    for (observations, *_, infos), (without, *_) in zip(rows, plain, strict=True):
+        assert np.array_equal(observations[:, :44], without)
+        assert np.allclose(observations[:, 44:], infos["position"])
+        if "final_obs" in infos:
+            ends = np.stack(infos["final_obs"][infos["_final_obs"]])
+            assert not np.allclose(ends[:, 44:], infos["position"][infos["_final_obs"]], atol=0.1), "of the end"
+            assert np.allclose(ends[:, 44:], before[infos["_final_obs"], 44:], atol=0.2), "a decision further"
+        before = observations
+    assert mode == "NextStep" or any("final_obs" in row[4] for row in rows)
+
+
+def test_sensors_are_late_like_all_that_is_observed(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    prompt, late = (run(tube, 25, sensors=(f"{own}:Where",), observation_delay=delay) for delay in (0, 3))
+    plain = run(tube, 25, observation_delay=3)
+    for n, (observations, *_) in enumerate(late):
+        assert np.array_equal(observations[:, 44:], prompt[max(n - 3, 0)][0][:, 44:])
+        assert np.array_equal(observations[:, :44], plain[n][0]), "as the batch itself delays"
+
+
+def test_an_observation_stands_for_the_preset(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    envs = gymnasium.make_vec(
+        "aquanav/Cave-v0", 3, vectorization_mode="vector_entry_point", scenario=tube, observation=f"{own}:Own",
+        sensors=(f"{own}:Where",),
+    )  # fmt: skip
+    observations, infos = envs.reset(seed=1)
+    assert observations.shape == (3, 5) and envs.single_observation_space.contains(observations[0])
+    for n in range(4):
+        expected = np.stack([infos["remaining"], np.full(3, n), *infos["position"].T], axis=1)
+        assert np.allclose(observations, expected)
+        observations, *_, infos = envs.step(wander(3, n))
+
+
+def test_a_rule_ends_episodes_and_others_begin(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    found = 0
+    for _, _, terminated, truncated, infos in run(tube, 70, num=12, termination=f"{own}:late")[1:]:
+        is_far = infos["position"][:, 0] > 10.0
+        assert np.array_equal(is_far, infos["outcome"] == "ended")
+        assert np.array_equal(terminated, is_far) and not (truncated & is_far).any()
+        found += is_far.sum()
+    assert found > 0
+    envs = PlaceVecEnv(tube, 12, termination=f"{own}:late", max_decisions=90)
+    envs.reset()
+    ends = [info for n in range(90) for info in envs.step(wander(12, n))[3] if info]
+    assert {info["outcome"] for info in ends} == {"ended", "timeout"}
+    assert all(not info["TimeLimit.truncated"] for info in ends if info["outcome"] == "ended")
+
+
+def test_a_disturbance_changes_what_acts_and_what_is_observed(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    still = run(tube, 20, disturbance=f"{own}:Off")
+    assert np.allclose(still[0][4]["position"], still[-1][4]["position"])
+    plain, plus = run(tube, 20), run(tube, 20, disturbance=f"{own}:Plus")
+    assert all(np.array_equal(one[0] + 1.0, more[0]) for one, more in zip(plain, plus, strict=True))
+
+
+@pytest.mark.parametrize("contacts", ["own", "bullet"])
+def test_a_law_of_motion_says_where_vehicles_go(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {"motion": f"{own}:glide", "current": (0.2, 0.0, 0.0), "contacts": contacts}
+    envs = CaveVectorEnv(3, tube, **options)
+    begun = envs.reset(seed=[1, 2, 3], options={"start": [0, 1, 2]})[1]["position"]
+    actions = np.array([[1, 1, 2], [1, 1, 1], [0, 1, 2]])
+    for _ in range(10):
+        infos = envs.step(actions)[4]
+    assert np.allclose(infos["position"] - begun, [[0.7, 0.0, 0.0], [0.2, 0.0, 0.0], [0.7, 0.0, 0.1]])  # 1 s
+
+
+@pytest.mark.parametrize("contacts", ["own", "bullet"])
+def test_the_wall_stops_a_vehicle_whatever_law_moves_it(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
+    own = own_module(CODE)
+    envs = CaveVectorEnv(1, tube, motion=f"{own}:glide", contacts=contacts)
+    envs.reset(seed=1, options={"start": 0})
+    heights, touched = [], []
+    for _ in range(400):  # 4 m up, where there are less than 2
+        infos = envs.step([[0, 1, 1]])[4]
+        heights.append(infos["position"][0, 2])
+        touched.append(infos["collision"][0])
+    assert touched[-1] and not touched[10]
+    assert heights[-1] < np.sqrt(TUBE_RADIUS**2 - 0.5**2)  # it begins half a metre beside the axis
+    assert heights[-1] == pytest.approx(heights[-50], abs=0.02)
+
+
+def test_one_definition_is_for_one_vehicle_and_for_many(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {
+        "reward": f"{own}:Beside", "sensors": (f"{own}:Chance", f"{own}:Where"), "termination": f"{own}:late",
+        "disturbance": f"{own}:Plus", "motion": f"{own}:glide", "observation_delay": 1, "rays": "field",
+    }  # fmt: skip
+    many = CaveVectorEnv(3, tube, **options)
+    one = gymnasium.make("aquanav/Cave-v0", scenario=tube, contacts="own", **options)
+    seen, _ = many.reset(seed=[4, 5, 6])
+    alone, info = one.reset(seed=5)
+    assert one.observation_space.shape == (51,) and isinstance(info["reward/x"], float)
+    outcome = "running"
+    while outcome == "running":
+        assert np.array_equal(seen[1], alone)
+        seen, rewards, *_, infos = many.step(np.tile([1, 1, 2], (3, 1)))
+        alone, reward, terminated, truncated, info = one.step([1, 1, 2])
+        assert reward == rewards[1] and info["reward/turn"] == infos["reward/turn"][1]
+        outcome = info["outcome"]
+        assert outcome == infos["outcome"][1] and (terminated or truncated) == (outcome != "running")
+    assert outcome == "ended"
+
+
+def test_an_episode_is_the_same_alone_and_in_any_batch(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {
+        "reward": f"{own}:Beside", "sensors": (f"{own}:Chance", f"{own}:Where"), "termination": f"{own}:late",
+        "observation_delay": 2, "autoreset_mode": "SameStep", "max_decisions": 12,
+    }  # fmt: skip
+    seeds: list[int | None] = [11, 2, 5, 900, 11]
+    many = CaveVectorEnv(5, tube, **options)
+    alone = [CaveVectorEnv(1, tube, **options) for _ in seeds]
+    together = many.reset(seed=seeds)[0]
+    singles = [env.reset(seed=[seed])[0][0] for env, seed in zip(alone, seeds, strict=True)]
+    for n in range(30):
+        assert np.array_equal(together, singles)
+        actions = np.tile(wander(1, n), (5, 1))
+        together, rewards, *_ = many.step(actions)
+        steps = [env.step(actions[:1]) for env in alone]
+        singles = [step[0][0] for step in steps]
+        assert np.array_equal(rewards, [step[1][0] for step in steps])
+    assert np.array_equal(together[0], together[4]), "one seed, one episode"
+
+
+def test_what_a_definition_draws_is_normal_and_its_own(tube: Scenario, own_module: WriteModule) -> None:
+    first, second = own_module(CODE), own_module(CODE)
+    envs = CaveVectorEnv(2000, tube, sensors=(f"{first}:Chance", f"{second}:Chance"))
+    drawn = [envs.reset(seed=3)[0][:, 44:]]
+    drawn.append(envs.step(wander(2000, 0))[0][:, 44:])
+    values = np.concatenate(drawn, axis=1)  # 16 columns of 2000
+    assert np.abs(values.mean(axis=0)).max() < 0.1  # 4.5 standard errors
+    assert np.abs(values.std(axis=0) - 1.0).max() < 0.08
+    assert np.abs(np.corrcoef(values.T) - np.eye(16)).max() < 0.1
+
+
+def test_restored_batches_go_on_as_they_would_have(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {"reward": f"{own}:Along", "sensors": (f"{own}:Where",), "observation_delay": 3}
+    first, second = (CaveBatch(tube, 4, next_step=False, **options) for _ in range(2))
+    first.reset([1, 2, 3, 4])
+    for n in range(5):
+        first.command(wander(4, n))
+        first.step()
+    state = first.state()
+    second.reset([5, 6, 7, 8])
+    second.restore(state)
+    for n in range(5, 12):
+        for batch in (first, second):
+            batch.command(wander(4, n))
+            batch.step()
+        for name in ("observations", "terms", "rewards"):
+            assert np.array_equal(first.view_of(name), second.view_of(name))
+
+
+FAILING = """
+class Bad:
+    def terms(self, batch):
+        values = np.zeros(batch.num)
+        {line}
+        return {{"a": values}}
+"""
+AT_FOUR = "batch.decisions >= np.where(batch.seeds == 8, 4, 1000)"
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        (f"assert not ({AT_FOUR}).any(), 'far'", r"raised AssertionError: far \(own_\d+\.py, line 8\)"),
+        (f"values[{AT_FOUR}] = np.nan", r"returned nan, which is not finite"),
+        (
+            f"values = values[:-1] if ({AT_FOUR}).any() else values",
+            r"returned an array of shape \(0,\), and \(1,\) is asked for",
+        ),
+        (f"values = values.astype(str) if ({AT_FOUR}).any() else values", r"returned <U32, and numbers are asked for"),
+        (
+            f"if ({AT_FOUR}).any(): return values",
+            r"returned a ndarray, and a dict of terms by their names is asked for",
+        ),
+        (f"if ({AT_FOUR}).any(): return dict(b=values)", r"returned the terms b, and before a"),
+    ],
+)
+def test_a_reward_that_fails_says_how_when_and_for_whom(
+    tube: Scenario, own_module: WriteModule, line: str, words: str
+) -> None:
+    own = own_module(FAILING.format(line=line))
+    envs = CaveVectorEnv(3, tube, reward=f"{own}:Bad")
+    envs.reset(seed=[7, 8, 9])
+    for n in range(3):
+        envs.step(wander(3, n))
+    place = rf"The reward {own}:Bad .*{words}, after 4 decisions of the episode\. This was vehicle 1 \(seed 8\), of 3\."
+    with pytest.raises(OwnCodeError, match=place) as caught:
+        envs.step(wander(3, 3))
+    assert list(caught.value.reasons) == [1]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        ({"sensors": ("OWN:S",)}, "class S:\n    spec = lambda self, s, v: Box(0, 1, (2,))\n"
+         "    measure = lambda self, b: np.zeros(b.num)",
+         r"The sensor own_\d+:S returned an array of shape \(1,\), and \(1, 2\) is asked for, after 0"),
+        ({"observation": "OWN:O"}, "class O:\n    space = Box(0, 1, (2,))\n    __call__ = lambda self, b: b.position",
+         r"observation own_\d+:O raised AttributeError: a batch has no array 'position'. Did you mean 'positions'\?"),
+        ({"termination": "OWN:rule"}, "rule = lambda batch: batch.decisions",
+         r"The termination rule own_\d+:rule returned int32, and bool are asked for"),
+        ({"disturbance": "OWN:D"}, "class D:\n    actions = lambda self, b, c: c + 2.0",
+         r"The disturbance own_\d+:D returned a command of \d, outside of -1 to 1"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states[:, :3]",
+         r"law of motion own_\d+:law returned an array of shape \(1, 3\), and \(1, 13\) is asked for"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states * 3.0",
+         r"law of motion own_\d+:law returned a quaternion of length 3, not 1"),
+        ({"motion": "OWN:law"}, "law = lambda states, commands, currents, dt: states + 2.0 * (np.arange(13) == 1)",
+         r"law of motion own_\d+:law moved a vehicle by 2 m in one physics step, more than 1 m"),
+        ({"reward": "OWN:R"}, "class R:\n    def terms(self, b):\n        b.positions[0] = 0.0",
+         r"The reward own_\d+:R raised ValueError: assignment destination is read-only"),
+        ({"reward": "OWN:R"}, "class R:\n    base = 'safe'\n    terms = lambda self, b: {'time': b.clearances}",
+         "has a term 'time', as the reward safe has beside it"),
+    ],
+)  # fmt: skip
+def test_whatever_else_fails_is_told_too(
+    tube: Scenario, own_module: WriteModule, options: dict[str, Any], code: str, words: str
+) -> None:
+    own = own_module(code)
+    named: dict[str, Any] = {
+        name: tuple(one.replace("OWN", own) for one in value) if isinstance(value, tuple) else value.replace("OWN", own)
+        for name, value in options.items()
+    }
+    envs = CaveVectorEnv(2, tube, **named)
+    with pytest.raises(OwnCodeError, match=words):
+        envs.reset(seed=0)
+        envs.step(wander(2, 0))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (
+            {"reward": "carefull"},
+            r"There is no reward 'carefull'. Did you mean 'careful'\? Code of your own is named as ",
+        ),
+        ({"reward": "OWN:Alonk"}, r"The module own_\d+ has no Alonk. Did you mean 'Along'\?"),
+        ({"reward": "no_such:Along"}, "no_such cannot be imported: ModuleNotFoundError"),
+        ({"reward": "OWN:Where"}, r"The reward own_\d+:Where is a Where, which has no method `terms`"),
+        ({"sensors": ("depth",)}, "There is no sensor 'depth'. None comes with aquanav. Code of your own is named as "),
+        ({"sensors": ("OWN:Own",)}, r"The sensor own_\d+:Own is a Own, which has no method `measure`"),
+        ({"observation": "ful"}, "There is no observation preset 'ful'. Did you mean 'full'"),
+        ({"observation": "OWN:Where"}, r"The observation own_\d+:Where is a Where, which cannot be called"),
+        ({"observation": "OWN:late"}, r"The observation own_\d+:late cannot tell its space: AttributeError"),
+        ({"termination": "OWN:Off"}, "which cannot be called"),
+        ({"disturbance": "OWN:Own"}, "with neither a method `actions` nor `observations`"),
+        ({"disturbance": "OWN:Needy"}, r"OWN:Needy is a class, and making one without arguments failed: TypeError"),
+        ({"reward": "OWN:Based"}, r"has the base 'denser', which there is not. Did you mean 'dense'"),
+    ],
+)
+def test_names_that_mean_nothing_are_refused(
+    tube: Scenario, own_module: WriteModule, options: dict[str, Any], words: str
+) -> None:
+    more = "class Needy:\n    def __init__(self, x): pass\nclass Based(Along):\n    base = 'denser'\n"
+    own = own_module(CODE + more)
+    named: dict[str, Any] = {
+        name: tuple(one.replace("OWN", own) for one in value) if isinstance(value, tuple) else value.replace("OWN", own)
+        for name, value in options.items()
+    }
+    with pytest.raises(InputError, match=words.replace("OWN", own)):
+        CaveVectorEnv(2, tube, **named)

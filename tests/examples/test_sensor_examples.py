@@ -1,0 +1,47 @@
+"""The examples of sensors run as they stand."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from aquanav_tools.scenario.folder import write_scenario
+from tests.caves import tube_scenario
+from tests.conftest import REPOSITORY
+
+
+def run(name: str, folder: Path, *options: str) -> str:
+    """Return what an example prints of the tube, run as a user runs it."""
+    write_scenario(tube_scenario(), folder / "tube")
+    command = [sys.executable, str(REPOSITORY / "examples" / name), "--scenario", str(folder / "tube"), *options]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_a_ping_is_drawn(tmp_path: Path) -> None:
+    """Start 0 has the left wall 2.5 m away: brighter there than ahead, where the tube's end is out of reach."""
+    run("sonar_ping.py", tmp_path, "--max-range", "5", "--width", "400")
+    picture = np.array(Image.open(tmp_path / "sonar.png").convert("L")).astype(float)
+    height, width = picture.shape
+    per_metre = 0.45 * width / (5.0 * np.sin(np.radians(65.0)))
+    column = round(width / 2 - 2.5 * per_metre)
+    row = round(height - 10 - 2.5 * per_metre / np.tan(np.radians(60.0)))
+    beside, ahead = (
+        picture[row - 3 : row + 4, column - 3 : column + 4],
+        picture[20:40, width // 2 - 10 : width // 2 + 10],
+    )
+    assert beside.mean() > 2.0 * ahead.mean()
+
+
+def test_a_policy_learns_from_a_dictionary(tmp_path: Path) -> None:
+    printed = run("dict_observation.py", tmp_path, "--steps", "5120", "--num-envs", "8", "--save", "policy.zip")
+    losses = [float(loss) for loss in re.findall(r"loss (-?[\d.]+)", printed)]
+    assert len(losses) == 10
+    assert np.isfinite(losses).all()
+    assert (tmp_path / "policy.zip").is_file()
