@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args
 
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.registry import Registry, is_own
 
 ProgressMeasure = Literal["panels", "geodesic", "original"]
 MEASURES = get_args(ProgressMeasure)
@@ -15,6 +16,8 @@ ORIGINAL_DECISIONS = 2400
 """Episode limit of the original benchmark, in decisions of 0.1 s."""
 MAX_DECISIONS = 1_000_000
 """Longest episode, in decisions."""
+REWARDS = ("dense", "safe", "careful", "sparse")
+"""That come with aquanav."""
 OWN_FIELDS = ("reward", "sensors", "termination", "disturbance", "motion")
 """Options that may name code of the user's own."""
 MAX_DELAY = 100
@@ -55,7 +58,8 @@ class TaskOptions:
     """The water flows with a share of its speed drawn evenly from this range for each episode."""
 
     sensors: tuple[str, ...] = ()
-    """Sensors of your own, each as module:Name; what they measure follows the values of the observation."""
+    """What is measured beside the values of the observation and follows them: sensors by name (depth, imu, dvl, fan,
+    sonar; docs/sensors.md), or of your own, as module:Name."""
     termination: str | None = None
     """A rule of your own that ends episodes, as module:Name, beside the task's."""
     disturbance: str | None = None
@@ -64,6 +68,8 @@ class TaskOptions:
     """How vehicles move in free water, by a law of your own, as module:Name; contacts stay what they are."""
 
     def __post_init__(self) -> None:
+        if not is_own(self.reward):
+            Registry("reward", dict.fromkeys(REWARDS)).find(self.reward)
         noise, dropout = self.sensor_noise, self.sensor_dropout
         _check(math.isfinite(noise) and noise >= 0.0, f"sensor_noise is {noise}; it is a length of 0 m or more.")
         _check(0.0 <= dropout <= 1.0, f"sensor_dropout is {dropout}; it is a probability from 0 to 1.")

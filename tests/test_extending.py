@@ -18,7 +18,7 @@ from tests.test_docs import modules, text, working_directory
 __all__ = ["working_directory"]
 PAGE = "docs/extending.md"
 TINY = {
-    "aquanav-train": "--steps 256 --buffer 128 --num-envs 8 --hidden 8 --final-episodes 0",
+    "aquanav-train": "--steps 256 --n-steps 16 --num-envs 8 --hidden 8 --final-episodes 0",
     "aquanav-eval": "--episodes 3 --max-decisions 30 --record none",
 }
 MAINS = {"aquanav-train": train, "aquanav-eval": evaluate}

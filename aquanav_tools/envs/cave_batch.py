@@ -86,7 +86,6 @@ class CaveBatch:
             InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
                 than caves.
         """
-        from aquanav_tools.sim.batch.sensors.base import SensorBatch
         from aquanav_tools.sim.batch.world import BatchWorld, WorldOptions
 
         several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
@@ -95,19 +94,10 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = BatchActions(action, num)
         self.action_space = self._actions.space
-        self._parts: DictObservation | None = None
-        if not isinstance(observation, str):
-            self._parts = DictObservation(observation, options.observation_delay)
-        self._own = own = Extensions(
-            options, self._parts.preset if self._parts else observation, self._parts is not None
-        )
+        self._parts = _parts_of(observation, options.observation_delay)
+        self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
-        self.shares = shares(num, len(several))
-        """Vehicles of each scenario."""
-        if len(self.shares) < len(several):
-            raise InputError(f"{len(several)} scenarios need at least as many vehicles, got {num}.")
-        self.num = num
-        self.cave_of = np.repeat(np.arange(len(several)), [share.stop - share.start for share in self.shares])
+        self._share_out(num, len(several))
         pairs = [prepared(scenario, vehicle) for scenario in several]
         self.scenarios, self.vehicles = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
         self.starts = [Starts(cave, craft.capsule, options.starts) for cave, craft in pairs]
@@ -128,14 +118,30 @@ class CaveBatch:
             num_threads=num_threads,
             law=own.law(self.scenarios[0].settings.limits.dt),
         )
-        self.world = world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
-        view = partial(BatchView, num=num, ray_lengths=self.ray_lengths, decision_seconds=self.decision_seconds)
-        self.observation_space: spaces.Space[Any] = own.prepare(
-            view, world.as_numpy, world.write, observation_space(own.observation), pairs,
-            partial(SensorBatch, world.arrays, world.caves, self.decision_seconds, world.device, num_threads),
-        )  # fmt: skip
-        if self._parts is not None:
-            self.observation_space = self._parts.prepare(world, pairs, self.decision_seconds, num_threads, own)
+        self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        self.observation_space = self._prepare_observations(pairs, num_threads)
+
+    def _share_out(self, num: int, num_caves: int) -> None:
+        """Share the vehicles out over the caves."""
+        self.num = num
+        self.shares = shares(num, num_caves)
+        """Vehicles of each scenario."""
+        if len(self.shares) < num_caves:
+            raise InputError(f"{num_caves} scenarios need at least as many vehicles, got {num}.")
+        self.cave_of = np.repeat(np.arange(num_caves), [share.stop - share.start for share in self.shares])
+
+    def _prepare_observations(
+        self, pairs: list[tuple[Scenario, Vehicle]], num_threads: int | None
+    ) -> spaces.Space[Any]:
+        """Return the space of what is observed, having made room for what the user's own code and sensors give."""
+        from aquanav_tools.sim.batch.sensors.base import SensorBatch
+
+        own, world, seconds = self._own, self.world, self.decision_seconds
+        view = partial(BatchView, num=self.num, ray_lengths=self.ray_lengths, decision_seconds=seconds)
+        make_sensors = partial(SensorBatch, world.arrays, world.caves, seconds, world.device, num_threads)
+        preset = observation_space(own.observation)
+        space = own.prepare(view, world.as_numpy, world.write, preset, pairs, make_sensors)
+        return space if self._parts is None else self._parts.prepare(world, pairs, seconds, num_threads, own)
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -257,6 +263,10 @@ def shares(num: int, num_parts: int) -> list[slice]:
     """Return the vehicles of each part, as even as can be; none of them goes empty."""
     bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
     return [slice(first, last) for first, last in pairwise(bounds)]
+
+
+def _parts_of(observation: str | Parts, delay: int) -> DictObservation | None:
+    return None if isinstance(observation, str) else DictObservation(observation, delay)
 
 
 def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) -> None:

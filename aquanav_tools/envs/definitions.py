@@ -7,7 +7,8 @@ each of them alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,8 +16,10 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.batch_view import BatchView, stream_of
-from aquanav_tools.errors import InputError
-from aquanav_tools.registry import Registry, error_text
+from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.registry import Registry, error_text, is_own
+from aquanav_tools.sim.batch.sensors import BUILT_IN
+from aquanav_tools.task import TaskOptions, choices_of, named_code
 
 
 class Reward(Protocol):
@@ -184,3 +187,97 @@ def array_of(given: Any, shape: tuple[int, ...], dtype: type) -> npt.NDArray[Any
 def is_own_code(reason: str) -> bool:
     """Return whether an episode failed by code of the user's own, by the reason; else by the policy."""
     return reason.startswith(tuple(f"The {kind} " for kind in KINDS))
+
+
+def check_reading(given: Any, num: int, like: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return readings with the shape and the type of other (N, ...) readings; a `definitions.Check`."""
+    return array_of(given, (num, *like.shape[1:]), like.dtype.type)
+
+
+def check_flags(given: Any, num: int) -> npt.NDArray[Any]:
+    """Return (num,) bool; a `Check`."""
+    return array_of(given, (num,), np.bool_)
+
+
+def check_commands(given: Any, num: int) -> npt.NDArray[Any]:
+    """Return (num, 3) commands in [-1, 1]; a `Check`."""
+    commands = array_of(given, (num, 3), np.float32)
+    if (abs(commands) > 1.0).any():
+        raise WrongAnswerError(f"returned a command of {commands[abs(commands) > 1.0][0]:g}, outside of -1 to 1")
+    return commands
+
+
+def find_disturbance(name: str | None) -> tuple[OwnCode | None, OwnCode | None]:
+    """Return what disturbs actions, and what disturbs observations."""
+    if name is None:
+        return None, None
+    made = Registry("disturbance", {}).find(name)
+    methods = [method if hasattr(made, method) else None for method in ("actions", "observations")]
+    if not any(methods):
+        raise InputError(
+            f"The disturbance {name} is a {type(made).__name__} with neither a method `actions` nor `observations`. "
+            "docs/extending.md shows what is asked for."
+        )
+    act, blur = (OwnCode("disturbance", name, method) if method else None for method in methods)
+    return act, blur
+
+
+def base_of(own: OwnCode, usual: str, known: Collection[str]) -> str:
+    """Return what of aquanav's a definition adds to."""
+    name = str(getattr(own.made, "base", usual))
+    if name not in known:
+        raise InputError(f"{own.label} has the base '{name}', which there is not.{did_you_mean(name, known)}")
+    return name
+
+
+def common_box(own: OwnCode, pairs: Sequence[tuple[Any, Any]]) -> spaces.Box:
+    """Return the space of a sensor of the user's own, which must be the same in all scenarios of a batch.
+
+    Raises:
+        InputError: it is not, or it is no box.
+    """
+    first, *others = [box_of(own, partial(_spec_in, pair)) for pair in pairs]
+    if any(other != first for other in others):
+        raise InputError(
+            f"{own.label} has other spaces in other scenarios of a batch. In one batch it must be the same."
+        )
+    return first
+
+
+def _spec_in(pair: tuple[Any, Any], sensor: Any) -> Any:
+    return sensor.spec(*pair)
+
+
+def find_sensor(name: str) -> OwnCode | Any:
+    """Return a sensor of the user's own, or one that comes with aquanav."""
+    if is_own(name):
+        return OwnCode("sensor", name, "measure")
+    Registry("sensor", BUILT_IN).find(name)
+    from aquanav_tools.sim.batch.sensors.suite import make_sensor
+
+    return make_sensor(name)
+
+
+def box_of(own: OwnCode, space_of: Callable[[Any], Any]) -> spaces.Box:
+    """Return the space of what a definition returns."""
+    try:
+        space = space_of(own.made)
+    except Exception as cause:  # foreign code
+        raise InputError(f"{own.label} cannot tell its space: {error_text(cause)}. It has {_SPACE}.") from cause
+    if not isinstance(space, spaces.Box):
+        raise InputError(f"{own.label} has {space!r} for a space. It has {_SPACE}.")
+    return space
+
+
+_SPACE = "a gymnasium.spaces.Box: an observation as `space`, a sensor from `spec(scenario, vehicle)`"
+
+
+def refuse_own(options: TaskOptions, observation: str, who: str) -> None:
+    """Refuse code of the user's own where it is not joined yet.
+
+    Raises:
+        InputError: an option names some.
+    """
+    own = [name for name in (*named_code(choices_of(options)), observation) if is_own(name)]
+    if own:
+        raise InputError(f"{who} take no code of your own yet, and {' and '.join(own)} is named. Leave it out.")

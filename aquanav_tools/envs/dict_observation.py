@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.definitions import OwnCode
-from aquanav_tools.envs.extensions import Extensions, check_reading, common_box
+from aquanav_tools.envs.definitions import OwnCode, check_reading, common_box
+from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import PRESETS, observation_space
 from aquanav_tools.errors import InputError
 from aquanav_tools.registry import is_own

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,35 +11,34 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.batch_view import BatchView
-from aquanav_tools.envs.definitions import OwnCode, WrongAnswerError, array_of
+from aquanav_tools.envs.definitions import (
+    OwnCode,
+    WrongAnswerError,
+    array_of,
+    base_of,
+    box_of,
+    check_commands,
+    check_flags,
+    common_box,
+    find_disturbance,
+    find_sensor,
+)
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
-from aquanav_tools.errors import InputError, did_you_mean
-from aquanav_tools.registry import Registry, error_text, is_own
-from aquanav_tools.sim.batch.sensors import BUILT_IN
-from aquanav_tools.task import TaskOptions, choices_of, named_code
+from aquanav_tools.errors import InputError
+from aquanav_tools.registry import Registry, is_own
+from aquanav_tools.task import TaskOptions
+
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.sensors.base import SensorBatch
 
 MAX_MOVE = 1.0
 """In a physics step, m: a vehicle at 50 m/s. A wall may be too thin to stop one that is faster."""
 OWN_PREFIX = "own/"
 """Of the names of arrays in `state`."""
 ENDED = OUTCOMES.index("ended")
-if TYPE_CHECKING:
-    from aquanav_tools.sim.batch.sensors.base import SensorBatch
-
 Flags = npt.NDArray[np.bool_]
-
-
-def refuse_own(options: TaskOptions, observation: str, who: str) -> None:
-    """Refuse code of the user's own where it is not joined yet.
-
-    Raises:
-        InputError: an option names some.
-    """
-    own = [name for name in (*named_code(choices_of(options)), observation) if is_own(name)]
-    if own:
-        raise InputError(f"{who} take no code of your own yet, and {' and '.join(own)} is named. Leave it out.")
 
 
 class Extensions:
@@ -49,38 +48,39 @@ class Extensions:
     successor of an ended episode has begun, and `after` when they have.
     """
 
-    def __init__(self, options: TaskOptions, observation: str, is_dict: bool = False) -> None:
+    def __init__(self, options: TaskOptions, observation: str, parts: object = None) -> None:
         """Import what the options name.
 
         Args:
             options: Of the task.
             observation: A preset, or module:Name.
-            is_dict: Whether a preset is a part of a dictionary, which is observed as it is.
+            parts: A dictionary of parts that is observed as it is, of which the preset is one; None without.
 
         Raises:
             InputError: a name means nothing, or not what is asked for.
         """
         self._reward = OwnCode("reward", options.reward, "terms") if is_own(options.reward) else None
-        if self._reward is None:
-            Registry("reward", REWARDS).find(options.reward)
         if not is_own(observation):
             Registry("observation preset", dict.fromkeys(PRESETS)).find(observation)
         self._observation = OwnCode("observation", observation) if is_own(observation) else None
-        self._sensors = {name: _sensor(name) for name in options.sensors}
+        twice = [name for name in options.sensors if options.sensors.count(name) > 1]
+        if twice:
+            raise InputError(f"The sensor {twice[0]} is named twice, and would draw the same errors. Leave one out.")
+        self._sensors = {name: find_sensor(name) for name in options.sensors}
         self._termination = options.termination and OwnCode("termination rule", options.termination)
-        self._act, self._blur = _disturbances(options.disturbance)
+        self._act, self._blur = find_disturbance(options.disturbance)
         self._motion = OwnCode("law of motion", options.motion) if options.motion else None
         self._delay = options.observation_delay
-        if is_dict and self._changes_observations:
+        if parts is not None and self._changes_observations:
             raise InputError(
                 "A dictionary of parts is observed as it is. Name sensors of your own in it, as module:Name, and leave "
                 "out the options sensors and what disturbs observations."
             )
         self.failures: dict[int, str] = {}
         """Why something failed since the last decision began, by vehicle."""
-        self.reward = options.reward if self._reward is None else _base(self._reward, NOTHING, (NOTHING, *REWARDS))
+        self.reward = options.reward if self._reward is None else base_of(self._reward, NOTHING, (NOTHING, *REWARDS))
         """The reward of aquanav's that is paid as well."""
-        self.observation = observation if self._observation is None else _base(self._observation, "full", PRESETS)
+        self.observation = observation if self._observation is None else base_of(self._observation, "full", PRESETS)
         """The preset in the vehicles' own arrays."""
         self.term_names: tuple[str, ...] = () if self.reward == NOTHING else TERMS
         self.arrays: dict[str, npt.NDArray[Any]] = {}
@@ -139,8 +139,8 @@ class Extensions:
         self._sensor_batch = make_sensors() if built_in else None
         known = {} if self._suite is None else self._suite.common_spec(pairs).spaces
         self.arrays["last_commands"] = np.zeros((num, 3), dtype=np.float32)
-        space = base if self._observation is None else _box(self._observation, lambda own: own.space)
-        parts = [space]
+        space = base if self._observation is None else box_of(self._observation, lambda own: own.space)
+        parts: list[Any] = [space]
         for name, sensor in self._sensors.items():
             parts.append(common_box(sensor, pairs) if isinstance(sensor, OwnCode) else known[name])
         self._shapes = [part.shape for part in parts]
@@ -170,7 +170,7 @@ class Extensions:
         self.failures = {}
         if self._act is not None:
             commands = self._read("commands")
-            acting = self._act.ask(self.view, _check_commands, self.failures, commands.copy())
+            acting = self._act.ask(self.view, check_commands, self.failures, commands.copy())
             if acting is not None:
                 self._write("commands", acting)
 
@@ -241,7 +241,7 @@ class Extensions:
 
     def _end(self, is_moving: Flags) -> None:
         assert self._termination
-        flags = self._termination.ask(self.view, _check_flags, self.failures)
+        flags = self._termination.ask(self.view, check_flags, self.failures)
         outcomes = self._read("outcomes").copy()
         ends = is_moving & (outcomes == 0) & (np.zeros_like(is_moving) if flags is None else flags)
         if ends.any():
@@ -335,80 +335,3 @@ def _check_states(given: Any, num: int) -> npt.NDArray[Any]:
         raise WrongAnswerError(f"returned a quaternion of length {lengths[abs(lengths - 1.0) > 0.1][0]:.3g}, not 1")
     states[:, 3:7] /= lengths
     return states
-
-
-def check_reading(given: Any, num: int, like: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return readings with the shape and the type of other (N, ...) readings; a `definitions.Check`."""
-    return array_of(given, (num, *like.shape[1:]), like.dtype.type)
-
-
-def _check_flags(given: Any, num: int) -> npt.NDArray[Any]:
-    return array_of(given, (num,), np.bool_)
-
-
-def _check_commands(given: Any, num: int) -> npt.NDArray[Any]:
-    commands = array_of(given, (num, 3), np.float32)
-    if (abs(commands) > 1.0).any():
-        raise WrongAnswerError(f"returned a command of {commands[abs(commands) > 1.0][0]:g}, outside of -1 to 1")
-    return commands
-
-
-def _disturbances(name: str | None) -> tuple[OwnCode | None, OwnCode | None]:
-    """Return what disturbs actions, and what disturbs observations."""
-    if name is None:
-        return None, None
-    made = Registry("disturbance", {}).find(name)
-    methods = [method if hasattr(made, method) else None for method in ("actions", "observations")]
-    if not any(methods):
-        raise InputError(
-            f"The disturbance {name} is a {type(made).__name__} with neither a method `actions` nor `observations`. "
-            "docs/extending.md shows what is asked for."
-        )
-    act, blur = (OwnCode("disturbance", name, method) if method else None for method in methods)
-    return act, blur
-
-
-def _base(own: OwnCode, usual: str, known: Collection[str]) -> str:
-    """Return what of aquanav's a definition adds to."""
-    name = str(getattr(own.made, "base", usual))
-    if name not in known:
-        raise InputError(f"{own.label} has the base '{name}', which there is not.{did_you_mean(name, known)}")
-    return name
-
-
-def common_box(own: OwnCode, pairs: Sequence[tuple[Any, Any]]) -> spaces.Box:
-    """Return the space of a sensor of the user's own, which must be the same in all scenarios of a batch.
-
-    Raises:
-        InputError: it is not, or it is no box.
-    """
-    first, *others = [_box(own, lambda sensor, pair=pair: sensor.spec(*pair)) for pair in pairs]
-    if any(other != first for other in others):
-        raise InputError(
-            f"{own.label} has other spaces in other scenarios of a batch. In one batch it must be the same."
-        )
-    return first
-
-
-def _sensor(name: str) -> OwnCode | Any:
-    """Return a sensor of the user's own, or one that comes with aquanav."""
-    if is_own(name):
-        return OwnCode("sensor", name, "measure")
-    Registry("sensor", BUILT_IN).find(name)
-    from aquanav_tools.sim.batch.sensors.suite import make_sensor
-
-    return make_sensor(name)
-
-
-def _box(own: OwnCode, space_of: Callable[[Any], Any]) -> spaces.Box:
-    """Return the space of what a definition returns."""
-    try:
-        space = space_of(own.made)
-    except Exception as cause:  # foreign code
-        raise InputError(f"{own.label} cannot tell its space: {error_text(cause)}. It has {_SPACE}.") from cause
-    if not isinstance(space, spaces.Box):
-        raise InputError(f"{own.label} has {space!r} for a space. It has {_SPACE}.")
-    return space
-
-
-_SPACE = "a gymnasium.spaces.Box: an observation as `space`, a sensor from `spec(scenario, vehicle)`"

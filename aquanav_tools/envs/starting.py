@@ -12,7 +12,7 @@ from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
-from aquanav_tools.task import TaskOptions
+from aquanav_tools.task import TaskOptions, task_options
 from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
 
 CONDITIONS = ("sensor_noise", "sensor_dropout", "current_range")
@@ -133,7 +133,7 @@ def episode_conditions(options: dict[str, Any], num: int) -> dict[str, Any]:
             what = "one range, or one for each vehicle" if len(shape) == 2 else "one number, or one for each vehicle"
             raise InputError(f"{name} of reset must be {what} ({num}), got {options[name]!r}.") from cause
         for value in np.unique(values, axis=0).tolist():
-            TaskOptions(**{name: tuple(value) if len(shape) == 2 else value})
+            task_options({name: tuple(value) if len(shape) == 2 else value})  # refuses what makes no sense
         conditions[name] = values
     return conditions
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.definitions import refuse_own
 from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import COLLISION_RULES
-from aquanav_tools.envs.extensions import refuse_own
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.surface_observation import DISTANCE_SCALE, SPEED_SCALE, surface_size, surface_space

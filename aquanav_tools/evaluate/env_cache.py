@@ -67,7 +67,7 @@ class EnvCache:
                 **choices_of(task),
             )
             self._key = key
-            check_size(self._policy, self._env.observation_space)
+            check_size(self.policy, self._env.observation_space)
         return self._env
 
 

@@ -35,7 +35,7 @@ class Choices:
         return -(self._log_probs.exp() * self._log_probs).sum(dim=(0, 1))
 
 
-def action_distribution(policy: Any, output: torch.Tensor) -> Choices | Independent:
+def action_distribution(policy: Any, output: torch.Tensor) -> Choices | Independent[Any]:
     """Return the distribution of actions that an SB3 policy's actor stands for.
 
     Args:

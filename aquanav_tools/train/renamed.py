@@ -18,7 +18,7 @@ RENAMED = {
 BUFFER = "buffer"
 """Was n_steps * num_envs."""
 OLD_NAMES = frozenset({*RENAMED, BUFFER})
-ADDED = {"precision": "float32", "randomisation": None, "sensors": []}
+ADDED: dict[str, Any] = {"precision": "float32", "randomisation": None, "sensors": []}
 """Settings that records of earlier versions lack, as those versions learned."""
 
 

@@ -1,11 +1,14 @@
 """Measure the batched environment beside PyBullet's: decisions per second, and what a million of them cost.
 
-    python eval/benchmarks/batch.py [scenario folder] [--only pybullet mesh field] [--sizes 1 64 1024 16384]
+    python eval/benchmarks/batch.py [scenario folder] [--only pybullet mesh field ...] [--sizes 1 64 1024 16384]
 
 All in one run: PyBullet one after the other (dummy) and in processes (subproc), Warp with exact rays (mesh) and with
 rays traced through the distance field (field). Every vehicle flies the same habit of steering to the goal and away
 from the nearer side; "+ policy" adds a network of 3 x 128 that looks at every observation and is not obeyed, so that
 the flights stay the same. On a machine that others use too, CPU time says more than the clock.
+
+"scraping" presses every vehicle along the walls; "dynamics" draws each vehicle's from the wide ranges; "caves" has as
+many vehicles in one cave as in 256 copies of it, each of which lies in memory of its own as another cave would.
 """
 
 from __future__ import annotations
@@ -15,6 +18,8 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("MKL_NUM_THREADS", "1")
 
+import argparse
+import dataclasses
 import functools
 import resource
 import sys
@@ -25,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
@@ -32,6 +38,7 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.types import Mesh
 from eval.benchmarks.env import fine_tube
 from eval.smoke import parser_of
 
@@ -107,6 +114,44 @@ def pybullet_env(kind: str, num: int, scenario: Scenario) -> Any:
     return DummyVecEnv([make] * num) if kind == "dummy" else SubprocVecEnv([make] * num, start_method="fork")
 
 
+def scrape(obs: np.ndarray) -> np.ndarray:
+    """Return (N, 3) actions that press every vehicle along the nearer wall."""
+    sides = np.where(obs[:, 7] < obs[:, 8], -0.15, 0.15)
+    return np.stack([np.zeros(len(obs)), sides, np.ones(len(obs))], axis=1).astype(np.float32)
+
+
+def copy_of(scenario: Scenario) -> Scenario:
+    """Return a scenario whose walls, field and flow are copies."""
+
+    def copied(mesh: Mesh) -> Mesh:
+        return Mesh(mesh.vertices.copy(), mesh.faces.copy())
+
+    field, flow = scenario.field, scenario.flow
+    return dataclasses.replace(
+        scenario,
+        cavity=dataclasses.replace(scenario.cavity, mesh=copied(scenario.cavity.mesh)),
+        collision=copied(scenario.collision),
+        field=dataclasses.replace(field, bricks=field.bricks.copy(), samples=field.samples.copy()),
+        flow=None if flow is None else dataclasses.replace(flow, samples=flow.samples.copy()),
+    )
+
+
+def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.Namespace) -> None:
+    """Print how a batch in many caves compares with one of as many vehicles in one cave, and what a cave takes."""
+    rates = []
+    for count in (1, num_caves):
+        caves = [copy_of(scenario) for _ in range(count)]
+        before = psutil.Process().memory_info().rss
+        env = PlaceVecEnv(caves, num, num_threads=options.threads, device=options.device, **OPTIONS)
+        grown = psutil.Process().memory_info().rss - before
+        rates.append(max(measure(f"Warp field, {count} caves", env, steer, options.seconds) for _ in range(2)))
+        print(f"  {'':<26}{grown / 1e6 / count:,.2f} MB for each cave and its {num // count} vehicles", flush=True)
+        env.close()
+    print(
+        f"  {num_caves} caves have {rates[1] / rates[0]:.2f} of the throughput of one, with {num} vehicles", flush=True
+    )
+
+
 def parts(scenario: Scenario, num: int, rays: str) -> None:
     """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
     env = PlaceVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
@@ -132,11 +177,13 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[1, 64, 1024, 16384])
     parser.add_argument("--seconds", type=float, default=4.0, help="by the clock, for each line")
     parser.add_argument("--threads", type=int, default=None, help="of the batch; as many as there are by default")
-    parser.add_argument("--only", nargs="+", default=["pybullet", "mesh", "field"], help="what to measure")
+    parser.add_argument("--device", default="cpu", help="of the batch: cpu, cuda")
+    everything = ["pybullet", "mesh", "field", "scraping", "dynamics", "caves"]
+    parser.add_argument("--only", nargs="+", default=everything, choices=everything, help="what to measure")
     options = parser.parse_args()
-    tube = (144, 174)
+    tube, num_caves, num_in_caves = (144, 174), 256, 4096
     if options.smoke:
-        options.sizes, options.seconds, tube = [1, 8], 0.2, (24, 30)
+        options.sizes, options.seconds, tube, num_caves, num_in_caves = [1, 8], 0.2, (24, 30), 3, 12
     scenario = fine_tube(*tube) if options.scenario is None else read_scenario(options.scenario)
     faces = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m")
@@ -150,12 +197,23 @@ def main() -> None:
     sources = [rays for rays in ("mesh", "field") if rays in options.only]
     for rays in sources:
         for num in options.sizes:
-            env = PlaceVecEnv(scenario, num, rays=rays, num_threads=options.threads, **OPTIONS)
+            env = PlaceVecEnv(scenario, num, rays=rays, num_threads=options.threads, device=options.device, **OPTIONS)
             for suffix, act in acts.items():
                 measure(f"Warp {rays}{suffix}", env, act, options.seconds)
             env.close()
-    for rays in sources:
-        parts(scenario, max(options.sizes), rays)
+    most = max(options.sizes)
+    for name, act, extra in (("scraping", scrape, {}), ("dynamics", steer, {"randomisation": "wide"})):
+        if name in options.only:
+            for chosen in ({}, extra) if extra else (extra,):
+                choices = {"num_threads": options.threads, "device": options.device, **OPTIONS, **chosen}
+                env = PlaceVecEnv(scenario, most, **choices)
+                label = f"Warp field, {name if chosen or not extra else 'as it is'}"
+                measure(label, env, act, options.seconds)
+                env.close()
+    if "caves" in options.only:
+        many_caves(scenario, num_caves, num_in_caves, options)
+    for rays in sources if options.device == "cpu" else ():
+        parts(scenario, most, rays)
 
 
 if __name__ == "__main__":

@@ -82,7 +82,7 @@ def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
         np.stack([last + column, last + after, np.full(num_around, len(wall) + 1)], axis=1),
     ]
     mesh = Mesh(vertices, np.concatenate([*quads, *ends]).astype(np.int64))
-    labels = np.zeros(len(mesh.faces), dtype=np.int64)
+    labels = np.repeat([0, 1, 2], [len(mesh.faces) - 2 * num_around, num_around, num_around])  # wall and two portals
     tube = tube_scenario()
     cavity = dataclasses.replace(tube.cavity, mesh=mesh, labels=labels, observed=labels == 0)
     prove_watertight(mesh)

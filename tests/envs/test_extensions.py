@@ -102,6 +102,54 @@ def test_a_reward_is_the_sum_of_its_terms_of_what_the_decision_led_to(tube: Scen
     assert "reward/progress" not in infos
 
 
+def test_the_command_before_an_episodes_first_is_idle_in_either_mode(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    last, num_ended = np.zeros(5), 0
+    for n, (_, _, terminated, truncated, infos) in enumerate(
+        run(tube, 70, reward=f"{own}:Along", autoreset_mode="SameStep")[1:]
+    ):
+        steer = 1.0 - wander(5, n)[:, 1]
+        assert np.allclose(infos["reward/turn"], -((steer - last) ** 2))
+        ended = terminated | truncated
+        last = np.where(ended, 0.0, steer)
+        num_ended += ended.sum()
+    assert num_ended == 10
+
+
+def test_a_rule_does_not_end_an_episode_before_its_first_decision(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module("def always(batch):\n    return batch.decisions >= 0")
+    rows = run(tube, 6, termination=f"{own}:always")
+    assert [row[2].tolist() for row in rows[1:]] == [[True] * 5, [False] * 5] * 3  # it ends, the next begins
+
+
+def test_where_a_sensor_fails_for_one_the_others_read_what_they_would_have(
+    tube: Scenario, own_module: WriteModule
+) -> None:
+    picky = """
+class Picky(Chance):
+    def measure(self, batch):
+        assert 8 not in batch.seeds
+        return batch.normals(4).reshape(-1, 2, 2)
+"""
+    own = own_module(CODE + picky)
+    seen = []
+    for seeds in ([7, 8, 9], [7, 6, 9]):
+        batch = CaveBatch(tube, 3, next_step=True, sensors=(f"{own}:Picky",))
+        batch.reset(seeds)
+        seen.append((batch.copy_of("observations")[:, 44:], list(batch.failures)))
+    assert [failed for _, failed in seen] == [[1], []]
+    assert np.array_equal(seen[0][0][[0, 2]], seen[1][0][[0, 2]]) and np.ptp(seen[0][0][0]) > 0.0
+    assert not seen[0][0][1].any()
+
+
+def test_quaternions_of_a_law_are_brought_to_unit_length(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module("law = lambda states, commands, currents, dt: states * np.where(np.arange(13) < 3, 1.0, 1.05)")
+    batch = CaveBatch(tube, 1, next_step=True, motion=f"{own}:law")
+    batch.reset([0])
+    batch.step()
+    assert np.linalg.norm(batch.view_of("orientations")) == pytest.approx(1.0)
+
+
 def test_a_reward_may_add_to_one_of_aquanavs(tube: Scenario, own_module: WriteModule) -> None:
     own = own_module(CODE)
     dense, beside = run(tube, 40, reward="dense"), run(tube, 40, reward=f"{own}:Beside")
@@ -135,6 +183,30 @@ def test_sensors_are_late_like_all_that_is_observed(tube: Scenario, own_module: 
     for n, (observations, *_) in enumerate(late):
         assert np.array_equal(observations[:, 44:], prompt[max(n - 3, 0)][0][:, 44:])
         assert np.array_equal(observations[:, :44], plain[n][0]), "as the batch itself delays"
+
+
+def test_sensors_that_come_with_aquanav_stand_beside_ones_own(tube: Scenario, own_module: WriteModule) -> None:
+    """Depth counts from the entrance, which is at the height 0; the sheet's error is 2 cm."""
+    own = own_module(CODE)
+    rows = run(tube, 40, sensors=("depth", f"{own}:Where", "imu"), autoreset_mode="SameStep", motion=f"{own}:glide")
+    assert {row[0].shape for row in rows} == {(5, 44 + 1 + 3 + 6)}
+    errors = [row[0][:, 44] + row[4]["position"][:, 2] for row in rows]
+    assert 0.001 < np.std(errors) < 0.1
+    assert all(np.allclose(row[0][:, 45:48], row[4]["position"]) for row in rows)
+
+
+def test_a_dictionary_of_parts_takes_ones_own_by_name(tube: Scenario, own_module: WriteModule) -> None:
+    own = own_module(CODE + "\nclass Bad(Where):\n    def measure(self, batch):\n        return batch.decisions\n")
+    parts = {"preset": "paper", "where": f"{own}:Where", "depth": "depth"}
+    prompt = run(tube, 40, observation=parts, autoreset_mode="SameStep", reward=f"{own}:Along")
+    late = run(tube, 20, observation=parts, autoreset_mode="SameStep", observation_delay=2)
+    for n, (observations, *_, infos) in enumerate(prompt):
+        assert np.allclose(observations["where"], infos["position"])
+        assert n > 20 or np.array_equal(late[n][0]["where"], prompt[max(n - 2, 0)][0]["where"])
+    with pytest.raises(OwnCodeError, match=rf"The sensor {own}:Bad returned an array of shape \(1,\), and \(1, 3\)"):
+        run(tube, 1, observation={**parts, "bad": f"{own}:Bad"})
+    with pytest.raises(InputError, match="A dictionary of parts is observed as it is"):
+        run(tube, 1, observation=parts, sensors=(f"{own}:Where",))
 
 
 def test_an_observation_stands_for_the_preset(tube: Scenario, own_module: WriteModule) -> None:
@@ -364,7 +436,8 @@ def test_whatever_else_fails_is_told_too(
         ({"reward": "OWN:Alonk"}, r"The module own_\d+ has no Alonk. Did you mean 'Along'\?"),
         ({"reward": "no_such:Along"}, "no_such cannot be imported: ModuleNotFoundError"),
         ({"reward": "OWN:Where"}, r"The reward own_\d+:Where is a Where, which has no method `terms`"),
-        ({"sensors": ("depth",)}, "There is no sensor 'depth'. None comes with aquanav. Code of your own is named as "),
+        ({"sensors": ("dept",)}, "There is no sensor 'dept'. Did you mean 'depth'\\? Code of your own is named as "),
+        ({"sensors": ("depth", "depth")}, "The sensor depth is named twice"),
         ({"sensors": ("OWN:Own",)}, r"The sensor own_\d+:Own is a Own, which has no method `measure`"),
         ({"observation": "ful"}, "There is no observation preset 'ful'. Did you mean 'full'"),
         ({"observation": "OWN:Where"}, r"The observation own_\d+:Where is a Where, which cannot be called"),

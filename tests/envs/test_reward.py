@@ -5,6 +5,7 @@ import pytest
 from aquanav_tools.envs.reward import (
     CAREFUL,
     DENSE,
+    REWARDS,
     SAFE,
     SPARSE,
     TERMS,
@@ -15,12 +16,17 @@ from aquanav_tools.envs.reward import (
 )
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.task import REWARDS as NAMES
 
 QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
 
 
 def total(weights: object, **changes: object) -> float:
     return sum(reward_terms(weights, QUIET._replace(**changes)).values())  # type: ignore[arg-type]
+
+
+def test_the_rewards_are_those_that_options_name() -> None:
+    assert tuple(REWARDS) == NAMES
 
 
 def test_dense_pays_ten_per_metre_less_time() -> None:

@@ -46,7 +46,7 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
     (tmp_path / "own_pilot.py").write_text(CODE)
-    (tmp_path / "broken_pilot.py").write_text("raise RuntimeError('no pilot today')")
+    (tmp_path / "broken_policy.py").write_text("raise RuntimeError('no policy today')")
     yield tmp_path / "own_pilot.py"
     sys.modules.pop("own_pilot", None)
 
@@ -71,7 +71,7 @@ def test_class_names_its_spaces_and_is_reset_with_the_seed() -> None:
     ("spec", "message"),
     [
         ("no_such_pilot:act", r"no_such_pilot cannot be imported: ModuleNotFoundError.*working\s+directory"),
-        ("broken_pilot:act", "RuntimeError: no pilot today"),
+        ("broken_policy:act", "RuntimeError: no policy today"),
         ("own_pilot:ahed", "has no ahed. Did you mean 'ahead'"),
         ("own_pilot:number", "is a int, which cannot be called"),
         ("own_pilot:odd", "no observation preset 'pape'. Did you mean 'paper'"),

@@ -118,11 +118,11 @@ def test_a_protocol_that_names_code_is_taken_only_if_trusted(cave: Path, own_mod
 def test_a_policy_is_evaluated_with_the_sensor_that_it_learned_with(cave: Path, own_module: WriteModule) -> None:
     own = own_module(CODE)
     sensors = (f"{own}:Height",)
-    aquanav.train(cave, steps=64, num_envs=2, buffer=64, batch=32, hidden=(8,), final_episodes=0, backend="batch",
+    aquanav.train(cave, steps=64, num_envs=2, n_steps=32, batch=32, hidden=(8,), final_episodes=0, backend="batch",
                   sensors=sensors, output="run")  # fmt: skip
     options: dict[str, Any] = {"episodes": 2, "max_decisions": 5, "record": "none", "backend": "batch"}
     with pytest.raises(InputError, match=rf"name that: .* run says that it was .* --sensors {own}:Height."):
         aquanav.evaluate("run", cave, output="out", **options)
     with pytest.raises(InputError, match="takes 45 values, and there are 46 of the observation full with the sensors"):
-        aquanav.evaluate("run", cave, output="out", sensors=2 * sensors, **options)
+        aquanav.evaluate("run", cave, output="out", sensors=(*sensors, "depth"), **options)
     assert len(aquanav.evaluate("run", cave, output="out", sensors=sensors, **options).episodes) == 2

@@ -5,8 +5,10 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.actuators import actuated
+from aquanav_tools.sim.batch.asking import answered, ask, given_motion, keep_motion, state_of
+from aquanav_tools.sim.batch.beginning import axis_of, begin
 from aquanav_tools.sim.batch.caves import Cave, Starts
-from aquanav_tools.sim.batch.contact import after_contact, axis_clearance, beside_wall, largest_move, mean_motion
+from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
@@ -22,14 +24,12 @@ from aquanav_tools.sim.batch.observation import (
     show_original,
 )
 from aquanav_tools.sim.batch.original import drag_along
-from aquanav_tools.sim.batch.progress import begin_measure, to_go
-from aquanav_tools.sim.batch.random import NEXT, START, choice, words
+from aquanav_tools.sim.batch.progress import to_go
 from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
-from aquanav_tools.sim.batch.starts import DRAWN, UNLISTED
-from aquanav_tools.sim.batch.state import ASKED, MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
-from aquanav_tools.sim.batch.water import current_at, drawn_fraction, drawn_phase, stir
+from aquanav_tools.sim.batch.state import MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
+from aquanav_tools.sim.batch.water import current_at, stir
 
 wp.set_module_options(OPTIONS)
 
@@ -55,85 +55,6 @@ class Settings:
 
 
 @wp.func
-def axis_of(orientation: wp.vec4d):
-    """Return the unit vector along the vehicle's axis, world frame."""
-    rotation = rotation_of(orientation)
-    return wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0])
-
-
-@wp.func
-def put_at(i: int, start: int, state: BatchState, starts: Starts):
-    """Put vehicle `i` at a start."""
-    state.positions[i] = starts.positions[start]
-    state.orientations[i] = starts.orientations[start]
-    for n in range(starts.extra.shape[1]):
-        state.extra[i, n] = starts.extra[start, n]
-    state.gates[i] = starts.gates[start]
-    state.remaining[i] = starts.remaining[start]
-
-
-@wp.func
-def begin_water(i: int, seed: int, state: BatchState, cave: Cave):
-    """Draw the water of vehicle `i` for an episode."""
-    state.current_fractions[i] = drawn_fraction(state.current_ranges[i], seed)
-    state.currents[i] = state.current_fractions[i] * cave.water.uniform
-    if cave.water.is_constant == 0:
-        state.phases[i] = drawn_phase(seed)
-        stir(state.eddies, cave.water, seed, i, 0)
-        state.currents[i] = current_at(i, cave.water, cave.grid, state)
-
-
-@wp.func
-def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft):
-    """Put vehicle `i` at rest at the start of its next episode, whose seed follows from the last one's."""
-    if state.episodes[i] > 0:
-        state.seeds[i] = int(words(state.seeds[i], NEXT, 0)[0])
-    seed = state.seeds[i]
-    start = state.wanted_starts[i]
-    if start == DRAWN:
-        start = choice(words(seed, START, 0)[0], cave.starts.gates.shape[0])
-    state.wanted_starts[i] = DRAWN
-    state.episodes[i] = state.episodes[i] + 1
-    if start == UNLISTED:
-        put_at(i, i, state, unlisted)
-    else:
-        put_at(i, start, state, cave.starts)
-    state.start_indices[i] = wp.max(start, -1)
-    state.beginnings[i] = state.positions[i]
-    state.previous_positions[i] = state.positions[i]
-    state.previous_orientations[i] = state.orientations[i]
-    begin_measure(i, state)
-    ahead = axis_of(state.orientations[i])
-    state.to_go[i] = to_go(i, state.positions[i], ahead, state.remaining[i], craft.hull, cave.measure, state)
-    state.velocities[i] = vec6()
-    state.levels[i] = craft.controls.neutral
-    state.gained[i] = f64(0.0)
-    state.decisions[i] = 0
-    state.ages[i] = 0
-    state.touched[i] = 0
-    state.is_touching[i] = 0
-    state.collisions[i] = 0
-    state.outcomes[i] = 0
-    state.restarted[i] = 1
-    state.returns[i] = 0.0
-    begin_water(i, seed, state, cave)
-    for n in range(3):
-        state.commands[i, n] = 0.0
-        state.acting[i, n] = 0.0
-    fill_queue(state.acting, state.waiting_commands, i)
-
-
-@wp.func
-def given_motion(i: int, exchange: ContactExchange):
-    """Return where vehicle `i` would go were there no wall, as an exchange has it."""
-    free = State()
-    free.position = exchange.free_positions[i]
-    free.orientation = exchange.free_orientations[i]
-    free.velocity = exchange.free_velocities[i]
-    return free
-
-
-@wp.func
 def without_wall(
     i: int,
     moving: State,
@@ -154,61 +75,6 @@ def without_wall(
     if craft.body.num_thrusters > 0:
         acting = thrust(moving, command, craft.body, state.extra, i)
     return swim(moving, acting, current, craft.body, dt)
-
-
-@wp.func
-def state_of(i: int, state: BatchState):
-    """Return how vehicle `i` moves."""
-    moving = State()
-    moving.position = state.positions[i]
-    moving.orientation = state.orientations[i]
-    moving.velocity = state.velocities[i]
-    return moving
-
-
-@wp.func
-def keep_motion(i: int, moving: State, state: BatchState):
-    """Write how vehicle `i` moves."""
-    state.positions[i] = moving.position
-    state.orientations[i] = moving.orientation
-    state.velocities[i] = moving.velocity
-
-
-@wp.func
-def ask(i: int, step: int, moving: State, free: State, exchange: ContactExchange, dt: f64):
-    """Ask the engine what the wall does to a step of vehicle `i`."""
-    exchange.status[i] = ASKED
-    exchange.steps[i] = step
-    exchange.free_positions[i] = free.position
-    exchange.free_orientations[i] = free.orientation
-    exchange.free_velocities[i] = free.velocity
-    intended = mean_motion(moving, free, dt)
-    for n in range(3):
-        exchange.questions[i, n] = moving.position[n]
-    for n in range(4):
-        exchange.questions[i, 3 + n] = moving.orientation[n]
-    for n in range(6):
-        exchange.questions[i, 7 + n] = intended[n]
-
-
-@wp.func
-def answered(i: int, moving: State, exchange: ContactExchange, craft: Craft, cave: Cave):
-    """Return where the engine's answer leads vehicle `i`."""
-    free = given_motion(i, exchange)
-    exchange.is_continued[i] = 1
-    if exchange.status[i] != TOUCHED:
-        return free
-    position, orientation, change = wp.vec3d(), wp.vec4d(), vec6()
-    for n in range(3):
-        position[n] = exchange.answers[i, n]
-    for n in range(4):
-        orientation[n] = exchange.answers[i, 3 + n]
-    for n in range(6):
-        change[n] = exchange.answers[i, 7 + n] - exchange.questions[i, 7 + n]
-    result = after_contact(moving, free, position, orientation, change, craft.hull, cave.grid)
-    if wp.length_sq(result.position - position) > f64(0.0):
-        exchange.is_continued[i] = 0  # it was put back into the water
-    return result
 
 
 @wp.func
