@@ -11,7 +11,6 @@ import numpy as np
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.definitions import refuse_own
-from aquanav_tools.envs.disturbance import draw_ray_seed
 from aquanav_tools.envs.episode import COLLISION_RULES
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
@@ -105,7 +104,7 @@ class SurfaceTask:
         sea, berth, way, number = self.bays.choose(rng, {} if start is None else {"start": start})
         water, fraction = self._seas.draw(rng, sea.depth, options.current_range)
         noise, dropout = options.sensor_noise, options.sensor_dropout
-        ray_seed = draw_ray_seed(rng) if noise > 0.0 or dropout > 0.0 else 0
+        ray_seed = int(rng.integers(1 << 32)) if noise > 0.0 or dropout > 0.0 else 0
         return BoatEpisode(sea, berth, water, way, number, fraction, noise, dropout, ray_seed)
 
 

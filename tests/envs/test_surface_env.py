@@ -218,6 +218,32 @@ def test_a_reef_is_touched_where_it_reaches_the_keel(above: float, touches: bool
     assert any(info["collision"] for info in infos) == touches
 
 
+def test_a_beam_without_echo_reads_its_length_and_says_that_it_met_nothing() -> None:
+    seen = []
+    for dropout in (0.0, 0.4):
+        env = SurfaceEnv(bay_with(block(-30.0, 3.0, 25.0)), sea="still", observation="original", sensor_dropout=dropout)
+        env.reset(seed=1)
+        seen.append(np.array([env.step(IDLE)[0][:28].reshape(7, 4) for _ in range(60)]))
+    echoes, lossy = seen
+    is_lost = (echoes[..., 0] == 1.0) & (lossy[..., 2] == 1.0)
+    num_echoes = int(echoes[..., 0].sum())
+    assert is_lost.sum() / num_echoes == pytest.approx(0.4, abs=4.0 * np.sqrt(0.24 / num_echoes))
+    assert (lossy[is_lost] == [0.0, 0.0, 1.0, 1.0]).all()
+    np.testing.assert_array_equal(lossy[~is_lost], echoes[~is_lost])
+
+
+def test_a_collision_counts_once_while_it_lasts_and_again_after_a_free_decision() -> None:
+    env = SurfaceEnv(bay_with(block(-38.0, 3.0, 25.0)), sea="still")
+    infos = run(env, AHEAD, 30)
+    for _ in range(12):
+        infos.append(env.step([1, 0])[4])
+    infos += [env.step(AHEAD)[4] for _ in range(30)]
+    touches = [info["collision"] for info in infos]
+    begun = sum(now and not before for before, now in zip([False, *touches[:-1]], touches, strict=True))
+    assert begun >= 2 and sum(touches) > begun
+    assert infos[-1]["num_collisions"] == begun
+
+
 def test_a_straight_run_in_open_water_pays_for_the_way_and_succeeds() -> None:
     env = SurfaceEnv(bay_with(), sea="still", reward="dense")
     infos = run(env, AHEAD, 1000)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import warp as wp
 
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
+from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
@@ -50,3 +53,49 @@ def term_amount(term: int, gained: f64, steps: int, touched: int, cut_off: f64, 
     if term == 3:
         return f64(steps) * cut_off
     return f64(outcome == term - 3)  # goal, collision and timeout, in the order of the outcomes
+
+
+@wp.kernel
+def probe_decision(
+    num_touched: int, settings: wp.vec4i, remaining: f64, tolerance: f64, gained: f64, cut_off: f64,
+    outcome: wp.array(dtype=wp.int32), amounts: wp.array(dtype=f64),
+):  # fmt: skip
+    """Write the outcome of one decision, and what each term is paid for."""
+    steps, decisions, most = settings[0], settings[1], settings[2]
+    result = outcome_of(int(num_touched > 0), settings[3], remaining, tolerance, decisions, most)
+    outcome[0] = result
+    for n in range(amounts.shape[0]):
+        amounts[n] = term_amount(n, gained, steps, num_touched, cut_off, result)
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What happened in one decision, and the rules that judge it: for looking at these by themselves."""
+
+    gained: float = 0.0
+    """Progress, m."""
+    num_touched: int = 0
+    """Physics steps in contact."""
+    cut_off: float = 0.0
+    """Sum over the rays of 1 - distance / length."""
+    remaining: float = 9.0
+    """Still to go, m."""
+    tolerance: float = 0.5
+    """The goal is reached with this much or less to go, m."""
+    decisions: int = 1
+    """Made so far."""
+    max_decisions: int = 2400
+    ends_on_collision: bool = False
+    steps: int = 5
+    """Physics steps."""
+
+    def judge(self) -> tuple[int, Array]:
+        """Return the outcome's number, and the (7,) amounts that the terms of the reward are paid for."""
+        device = find_device("cpu")
+        outcome = wp.zeros(1, dtype=wp.int32, device=device)
+        amounts = wp.zeros(NUM_TERMS, dtype=wp.float64, device=device)
+        settings = wp.vec4i(self.steps, self.decisions, self.max_decisions, int(self.ends_on_collision))
+        lengths = [self.remaining, self.tolerance, self.gained, self.cut_off]
+        inputs = [self.num_touched, settings, *lengths, outcome, amounts]
+        wp.launch(probe_decision, dim=1, inputs=inputs, device=device)
+        return int(outcome.numpy()[0]), amounts.numpy()
