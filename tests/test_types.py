@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aquanav_tools.sim.rotation import rotation_rows
 from aquanav_tools.types import rotation_matrix
 
 
@@ -15,8 +14,3 @@ def test_rotations_are_scipys_for_one_and_for_many_of_any_length(rng: np.random.
     np.testing.assert_allclose(rotation_matrix(quaternions), expected, atol=1e-14)
     for quaternion, matrix in zip(quaternions, expected, strict=True):
         np.testing.assert_allclose(rotation_matrix(quaternion), matrix, atol=1e-14)
-
-
-def test_compiled_functions_turn_alike(rng: np.random.Generator) -> None:
-    state = rng.normal(size=13)
-    np.testing.assert_allclose(rotation_rows(state), rotation_matrix(state[3:7]), atol=1e-14)

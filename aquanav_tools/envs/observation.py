@@ -30,19 +30,12 @@ y up: its x, y, z are our y, z, -x):
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
-import numba
 import numpy as np
-import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import Command
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.sim.rotation import rotation_rows
-from aquanav_tools.sim.scales import MIN_MOTION
-from aquanav_tools.sim.sensors import NOTHING, START_WALL, WALL
-from aquanav_tools.types import Array
 
 NUM_RAYS = 28
 
@@ -50,23 +43,6 @@ _ROWS = {"rays": NUM_RAYS, "goal": 3, "velocity": 3, "rates": 3, "depth": 1, "ti
 _ORIGINAL_ROWS = {"sensors": 4 * NUM_RAYS, "angles": 2, "motion": 6}
 PRESETS = {"paper": ("rays", "goal"), "full": tuple(_ROWS), "original": tuple(_ORIGINAL_ROWS)}
 """Names of the slices in each preset; "paper" is the beginning of "full"."""
-
-
-class Reading(NamedTuple):
-    """What an observation is made of."""
-
-    state: Array
-    """(13,) or more: position, quaternion, velocity over ground in the body frame."""
-    before: Array
-    """The state one physics step earlier."""
-    rays: npt.NDArray[np.float32]
-    """(28,) distances, m."""
-    tags: npt.NDArray[np.int64]
-    """(28,) what the rays met, as in `sim.sensors`; only "original" looks."""
-    trim: float
-    """State of the ballast in [-1, 1]."""
-    command: Command
-    """The last one."""
 
 
 def layout(preset: str) -> dict[str, slice]:
@@ -110,52 +86,3 @@ def original_space(num_rays: int) -> spaces.Box:
     high = np.concatenate([np.ones(4 * num_rays), [180.0, 90.0], np.ones(6)]).astype(np.float32)
     low = np.concatenate([np.zeros(4 * num_rays), -high[4 * num_rays :]]).astype(np.float32)
     return spaces.Box(low, high, dtype=np.float32)
-
-
-@numba.njit(cache=True)
-def fill_original(out, state, before, rays, tags, ray_lengths, goal):  # type: ignore[no-untyped-def]
-    """Write the observation "original" of a vehicle with R rays into (4 R + 8,) `out`."""
-    num_rays = len(rays)
-    for n in range(num_rays):
-        out[4 * n] = tags[n] == WALL
-        out[4 * n + 1] = tags[n] == START_WALL
-        out[4 * n + 2] = tags[n] == NOTHING
-        out[4 * n + 3] = rays[n] / ray_lengths[n]
-    out[4 * num_rays], out[4 * num_rays + 1] = _angles_to(goal, before)
-    rotation = rotation_rows(state)
-    for first, sign in ((7, 1.0), (10, -1.0)):  # rates of turn change their sign in a left-handed frame
-        x, y, z = state[first], state[first + 1], state[first + 2]
-        length = np.sqrt(x * x + y * y + z * z)
-        scale = sign / length if length > MIN_MOTION else 0.0
-        at = 4 * num_rays + 2 + first - 7
-        for k, axis, turned in ((0, 1, 1.0), (1, 2, 1.0), (2, 0, -1.0)):
-            row = rotation[axis]
-            out[at + k] = turned * scale * (row[0] * x + row[1] * y + row[2] * z)
-
-
-@numba.njit(cache=True)
-def _angles_to(goal, state):  # type: ignore[no-untyped-def]
-    """Return the original's heading and elevation to the goal, degrees; 0 where they are not defined."""
-    rotation = rotation_rows(state)
-    east, north, up = goal[0] - state[0], goal[1] - state[1], goal[2] - state[2]
-    flat = np.sqrt(east * east + north * north)
-    distance = np.sqrt(flat * flat + up * up)
-    heading, elevation = 0.0, 0.0
-    if flat > 0.0:
-        ahead = (east * rotation[0][0] + north * rotation[1][0]) / flat
-        right = east * rotation[1][0] - north * rotation[0][0]
-        heading = np.degrees(np.arccos(min(max(ahead, -1.0), 1.0))) * np.sign(right)
-    if distance > 0.0:
-        above = (east * rotation[0][2] + north * rotation[1][2] + up * rotation[2][2]) / distance
-        elevation = np.degrees(np.arcsin(min(max(above, -1.0), 1.0)))
-    return heading, elevation
-
-
-@numba.njit(cache=True)
-def azimuth_to(east, north, rotation):  # type: ignore[no-untyped-def]
-    """Return the angle from the horizontal heading to a way, rad, left positive, in [-pi, pi]."""
-    azimuth = np.arctan2(north, east) - np.arctan2(rotation[1][0], rotation[0][0])
-    return azimuth - 2.0 * np.pi * np.round(azimuth / (2.0 * np.pi))
-
-
-soft_compiled = numba.njit(cache=True)(soft)

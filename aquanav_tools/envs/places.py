@@ -14,7 +14,8 @@ from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.joint_batch import JointBatch
-from aquanav_tools.envs.surface_env import ORIGINAL_BOAT, SurfaceEnv, boat_of
+from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.surface_task import ORIGINAL_BOAT, boat_of
 from aquanav_tools.envs.vehicles import dived_by, left_out_sentence
 from aquanav_tools.errors import InputError
 from aquanav_tools.provenance import file_hash
@@ -87,7 +88,7 @@ def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) 
 
 
 def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | None = None, **choices: Any) -> Batch:
-    """Return a batch of `num` vehicles in a scenario, in a cave Warp's, in bays compiled loops; or in several.
+    """Return a batch of `num` vehicles in a scenario, in a cave or in bays; or in several.
 
     Args:
         places: The scenario, its name or path; or several, over which the vehicles are shared out evenly, in order.

@@ -7,7 +7,6 @@ steps, and the rays are those after the decision, which the original also holds 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 from aquanav_tools.registry import Registry
 from aquanav_tools.sim.original import OriginalVehicle
@@ -55,21 +54,6 @@ ORIGINAL_PROXIMITY, BOAT_PROXIMITY = -0.02, -0.1
 TERMS = ("progress", "time", "contact", "proximity", "goal", "collision", "timeout")
 
 
-class Decision(NamedTuple):
-    """What happened during one decision."""
-
-    gained: float
-    """Progress along the guide, m."""
-    num_steps: int
-    """Physics steps."""
-    num_contact_steps: int
-    """Physics steps in contact with a wall."""
-    cut_off: float
-    """Sum over the rays of 1 - distance / length."""
-    outcome: str
-    """running, success, collision or timeout."""
-
-
 def cave_weights(preset: str, vehicle: Vehicle) -> RewardWeights:
     """Return the weights of a preset for a vehicle in a cave.
 
@@ -97,17 +81,3 @@ def _load(preset: str) -> RewardWeights:
 def _priced(weights: RewardWeights, proximity: float) -> RewardWeights:
     """Return weights with another price of nearness, where they have one."""
     return replace(weights, proximity=proximity if weights.proximity else 0.0)
-
-
-def reward_terms(weights: RewardWeights, decision: Decision) -> dict[str, float]:
-    """Return every term of a decision's reward by its name, in the order of TERMS; the reward is their sum."""
-    gained, num_steps, num_contact_steps, cut_off, outcome = decision
-    return {
-        "progress": weights.progress * gained,
-        "time": weights.time * num_steps,
-        "contact": weights.contact * num_contact_steps,
-        "proximity": weights.proximity * num_steps * cut_off,
-        "goal": weights.goal * (outcome == "success"),
-        "collision": weights.collision * (outcome == "collision"),
-        "timeout": weights.timeout * (outcome == "timeout"),
-    }

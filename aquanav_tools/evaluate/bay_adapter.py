@@ -16,7 +16,8 @@ from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.places import make_env
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.starting import NOWHERE_LISTED
-from aquanav_tools.envs.surface_env import SurfaceEnv, boat_of
+from aquanav_tools.envs.surface_env import SurfaceEnv
+from aquanav_tools.envs.surface_task import boat_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import EpisodeReference
@@ -27,8 +28,8 @@ from aquanav_tools.report.trajectory import Trajectory, TrajectorySummary
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
+from aquanav_tools.sim.boat import footprint_of
 from aquanav_tools.sim.original import OriginalVehicle
-from aquanav_tools.sim.sea_world import footprint_of
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.trial import boat_speed
 from aquanav_tools.task import TaskOptions

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aquanav_tools.errors import InputError, did_you_mean
-from aquanav_tools.sim.body_parameters import BodyParameters
+from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.vehicle_base import (
     Six,
     Three,
@@ -20,19 +20,23 @@ from aquanav_tools.sim.vehicle_base import (
     check_positive,
     rest_state,
 )
-from aquanav_tools.sim.windage import NO_WINDAGE, Windage
+from aquanav_tools.sim.windage import Windage
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Array, IntArray, Mesh, Pose
 
 BOAT_DIR = Path(__file__).parent / "boats"
 PANEL = 0.35
 """Longest side of a hull's triangles over its length: waves of twice that follow the hull; chosen."""
+DENSITY = 1025.0
+"""Of seawater, kg/m^3."""
+ORIGINAL_DRAUGHT = 0.59
+"""How deep the original's boat is taken to lie, m: half of its hull's 1.18 m, since its water is not known."""
 ROUNDING = 9
 """Digits behind the point at which coordinates are the same, m."""
 
 
 class Skin(NamedTuple):
-    """The surface of a boat's hulls in the body frame, as `afloat` takes it.
+    """The surface of a boat's hulls in the body frame.
 
     Hulls are prisms, so that many vertices share a value along an axis: waves are looked up for these few values.
     """
@@ -47,16 +51,28 @@ class Skin(NamedTuple):
     """(V, 3) tick of each of a vertex's coordinates."""
 
 
-class Body(NamedTuple):
-    """A boat as compiled functions take it."""
+class Footprint(NamedTuple):
+    """A boat's hull as contacts have it: a convex polygon, grown by a radius, with a flat bottom."""
 
-    skin: Skin
-    coefficients: Array
-    """(4,) mass, kg, density of the water, kg/m^3, normal drag and friction."""
-    windage: Array
-    """(5,) of `windage.add_wind`."""
-    parameters: Array
-    """Of `hydrodynamics.advance`, to which weight, panels and wind are handed as a wrench."""
+    outline: Array
+    """(C, 2) counter-clockwise, body frame, m; the hull of a capsule is its axis."""
+    radius: float
+    """m."""
+    bottom: float
+    """Height of its bottom in the body frame, m."""
+
+    @property
+    def width(self) -> float:
+        """Across the boat, m."""
+        return float(np.ptp(self.outline[:, 1])) + 2.0 * self.radius
+
+    @property
+    def length(self) -> float:
+        """Along the boat, m."""
+        return float(np.ptp(self.outline[:, 0])) + 2.0 * self.radius
+
+
+NO_SKIN = Skin(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -169,18 +185,6 @@ class Boat:
         """(6,) what resists acceleration along and about body x, y, z: kg and kg m^2, with added mass."""
         return np.array([self.mass] * 3 + list(self.inertia)) + np.array([*self.added_mass, *self.added_inertia])
 
-    def body(self, density: float) -> Body:
-        """Return what `afloat.advance_afloat` takes of it in water of `density` (kg/m^3)."""
-        coefficients = np.array([self.mass, density, self.normal_drag, self.friction])
-        windage = NO_WINDAGE if self.windage is None else self.windage.coefficients()
-        parameters = BodyParameters(np.diag(self.total_mass), np.array(self.linear_damping), np.zeros(6))
-        return Body(self.surface, coefficients, windage, parameters.packed())
-
-    def command(self, steer: float, thrust: float) -> Array:
-        """Return the (6,) wrench of steer (left) and thrust (ahead) in [-1, 1], body frame, N and N m."""
-        surge = self.surge_force * (thrust if thrust > 0.0 else thrust * self.reverse_share)
-        return np.array([surge, 0.0, 0.0, 0.0, 0.0, steer * self.yaw_moment])
-
     def draught(self, density: float) -> float:
         """Return how deep the hulls' bottom lies when all are level and equally deep, m."""
         from aquanav_tools.sea.outlines import outline_area
@@ -193,6 +197,18 @@ class Boat:
         height = -self.draught(density) - bottom
         orientation = np.array([np.cos(0.5 * yaw), 0.0, 0.0, np.sin(0.5 * yaw)])
         return rest_state(Pose(np.array([*position, height]), orientation), 0)
+
+
+def footprint_of(boat: Boat | OriginalVehicle) -> Footprint:
+    """Return a boat's hull from above; the space between several hulls counts as boat."""
+    if isinstance(boat, OriginalVehicle):
+        half = 0.5 * boat.capsule.axis_length
+        return Footprint(np.array([[-half, 0.0], [half, 0.0]]), boat.capsule.radius, -ORIGINAL_DRAUGHT)
+    from scipy.spatial import ConvexHull
+
+    corners = np.concatenate([hull.outline for hull in boat.hulls])
+    bottom = min(hull.position[2] - 0.5 * hull.height for hull in boat.hulls)
+    return Footprint(np.ascontiguousarray(corners[ConvexHull(corners).vertices]), 0.0, bottom)
 
 
 def load_boat(name: str | Path) -> Boat:

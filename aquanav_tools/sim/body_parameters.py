@@ -14,8 +14,6 @@ from aquanav_tools.types import Array, BoolArray
 
 MAX_ANGLE = 1.0
 """Most that a body may swing in one Runge-Kutta step, rad; the method gains energy from 2.8 on."""
-FOSSEN, ORIGINAL = 0.0, 1.0
-"""What the first of the packed parameters says: whose they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,21 +74,6 @@ class BodyParameters:
         """(...,) whether the mass matrix couples axes."""
         return ((self.mass != 0.0) & ~np.eye(6, dtype=bool)).any(axis=(-2, -1))
 
-    def packed(self) -> Array:
-        """Return the flat array that `hydrodynamics.advance` takes, in its order; to go with that function."""
-        num = 0 if self.thrusters is None else len(self.thrusters.wrenches)
-        lag = 0.0 if self.thrusters is None else self.thrusters.time_constant
-        head = [FOSSEN, self.net_weight, float(self.is_coupled), num, *self.arm, *np.diag(self.mass)]
-        gains = [*self.rate_gain, self.level_gain, lag, self.swing_per_speed]
-        damping = [*self.linear_damping, *self.quadratic_damping]
-        matrices = [self.mass.ravel(), np.linalg.inv(self.mass).ravel()]
-        parts = [np.array([*head, *damping, *gains], dtype=np.float64), *matrices]
-        if self.thrusters is not None:
-            each = self.thrusters
-            limits = np.stack([each.max_reverse, each.max_forward], axis=1)
-            parts.append(np.concatenate([each.wrenches, each.allocation, limits], axis=1).ravel())
-        return np.concatenate(parts)
-
 
 @dataclass(frozen=True, eq=False)
 class DraggedBodyParameters:
@@ -114,12 +97,6 @@ class DraggedBodyParameters:
     """(F, 3) in the body frame, m; may be empty."""
     is_afloat: bool | BoolArray
     """Whether the body stays upright at its height, as on still water."""
-
-    def packed(self) -> Array:
-        """Return the flat array that `original_motion.advance` takes, in its order; to go with that function."""
-        head = [ORIGINAL, self.mass, *self.inertia, self.linear_drag, self.angular_drag, self.max_turn_rate]
-        head += [*self.centre_of_mass, self.stabiliser_rate, float(self.is_afloat)]
-        return np.concatenate([np.array(head, dtype=np.float64), np.ravel(self.floaters)])
 
 
 MotionParameters = BodyParameters | DraggedBodyParameters

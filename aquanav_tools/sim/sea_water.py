@@ -1,7 +1,6 @@
-"""The sea in an episode: its surface, the water's motion below it, and gusts of wind and current.
+"""The sea in an episode: waves drawn from its state, and gusts of wind and current.
 
-Waves pass through each other unchanged (linear theory); depths count from the moving surface (Wheeler), so that crests
-are no faster than the theory's surface. World frame: z up from still water.
+The motion of the water under waves is that of `sim/batch/boat_water.py`. World frame: z up from still water.
 """
 
 from __future__ import annotations
@@ -11,9 +10,9 @@ import math
 import numba
 import numpy as np
 
+from aquanav_tools.sim.batch.boat_water import probe
 from aquanav_tools.sim.sea_state import SeaState, draw_sea
 from aquanav_tools.sim.water import GUST_SIZE, GUST_TIME
-from aquanav_tools.sim.waves import add_waves, wave_rise
 from aquanav_tools.types import Array
 
 GUST_LENGTH = 100.0
@@ -47,17 +46,14 @@ class SeaWater:
 
     def advance(self, dt: float) -> None:
         """Let time pass, s; exact for any step."""
-        kept = np.exp(-dt / self._times)
-        self._gusts = kept * self._gusts + np.sqrt(1.0 - kept**2) * self._rng.standard_normal(4)
+        self.draw_ahead(dt, 1)
         self._phases += self._waves[:, 3] * dt
 
     def draw_ahead(self, dt: float, count: int) -> tuple[Array, Array]:
-        """Let gusts go on by `count` times `advance(dt)`.
-
-        The waves stay: this is for who moves them by themselves.
+        """Let gusts go on by `count` steps of `dt` (s). The waves stay: this is for who moves them by themselves.
 
         Returns:
-            (count, 3) `current` and (count, 2) `wind` before each, m/s.
+            (count, 3) `current` and (count, 2) `wind` at the beginning of each, m/s.
         """
         kept = np.exp(-dt / self._times)
         gusts = np.concatenate([self._gusts[None], np.sqrt(1.0 - kept**2) * self._rng.standard_normal((count, 4))])
@@ -67,7 +63,7 @@ class SeaWater:
 
     @property
     def waves(self) -> tuple[Array, Array]:
-        """(N, 7) parameters of `waves.add_waves` and (N,) phases now, rad: for compiled functions."""
+        """(N, 7) parameters of `waves.wave_parameters` and (N,) phases now, rad."""
         return self._waves, self._phases
 
     @property
@@ -80,16 +76,18 @@ class SeaWater:
         """(3,) velocity of the water at the surface without its waves, m/s."""
         return self._currents(self._gusts)
 
+    def set_phases(self, phases: Array) -> None:
+        """Bring the waves to (N,) phases, rad: for who moves them by themselves."""
+        self._phases = phases.copy()
+
     def rise(self, positions: Array) -> Array:
         """Return how far the surface stands above still water at (N, 2) or (N, 3) places, (N,) m."""
-        found = np.empty(len(positions))
-        _rises(np.ascontiguousarray(positions), self._waves, self._phases, found)
-        return found
+        level = np.concatenate([positions[:, :2], np.zeros((len(positions), 1))], axis=1)
+        return probe(self._waves, self._phases, level)[0]
 
     def velocities(self, positions: Array) -> Array:
         """Return the (N, 3) velocity of the water at (N, 3) places, m/s; in the air, that of the surface below."""
-        found = np.tile(self.current, (len(positions), 1))
-        _add_velocities(np.ascontiguousarray(positions), self._waves, self._phases, found)
+        found: Array = self.current + probe(self._waves, self._phases, positions)[1]
         return found
 
     def _winds(self, gusts: Array) -> Array:
@@ -113,32 +111,3 @@ def _add_up(gusts, kept):  # type: ignore[no-untyped-def]
     """Add to each row what is kept of the row before."""
     for n in range(1, len(gusts)):
         gusts[n] += kept * gusts[n - 1]
-
-
-@numba.njit(cache=True)
-def sea_rise(waves, phases, x, y):  # type: ignore[no-untyped-def]
-    """Return how far the surface of all waves stands above still water at a place, m."""
-    rise = 0.0
-    for n in range(len(waves)):
-        rise += wave_rise(waves[n], phases[n], x, y)
-    return rise
-
-
-@numba.njit(cache=True)
-def add_sea(waves, phases, x, y, z, velocity):  # type: ignore[no-untyped-def]
-    """Add the velocity of the water under all waves at a place to a (3,) velocity, m/s."""
-    level = z - sea_rise(waves, phases, x, y)
-    for n in range(len(waves)):
-        add_waves(waves[n], phases[n], x, y, level, velocity)
-
-
-@numba.njit(cache=True)
-def _rises(positions, waves, phases, found):  # type: ignore[no-untyped-def]
-    for n in range(len(positions)):
-        found[n] = sea_rise(waves, phases, positions[n, 0], positions[n, 1])
-
-
-@numba.njit(cache=True)
-def _add_velocities(positions, waves, phases, found):  # type: ignore[no-untyped-def]
-    for n in range(len(positions)):
-        add_sea(waves, phases, positions[n, 0], positions[n, 1], positions[n, 2], found[n])

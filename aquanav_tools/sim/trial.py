@@ -7,13 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.sea.sea_map import Berth, Goal, SeaMap
-from aquanav_tools.sim.boat import Boat
+from aquanav_tools.sea.sea_map import Berth
+from aquanav_tools.sim.batch.boat_motion import OpenWater
+from aquanav_tools.sim.batch.boat_world import state_at_berth
+from aquanav_tools.sim.boat import DENSITY, Boat
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sea_water import SeaWater
-from aquanav_tools.sim.sea_world import SeaWorld
-from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.vehicle_base import STATE_SIZE, Vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 
 DT, SUBSTEPS = 0.02, 5
@@ -60,14 +61,9 @@ def top_speed(vehicle: Vehicle, density: float = 1000.0) -> float:
 
 def boat_speed(boat: Boat | OriginalVehicle) -> float:
     """Return the speed that a boat reaches ahead on still, open water in 60 s, m/s."""
-    world, berth = SeaWorld(boat, DT, SUBSTEPS), Berth(np.zeros(2), 0.0)
-    far, depth = 1e4, 100.0
-    sea = SeaMap("open water", np.array([-far, -far, far, far]), depth, (), Goal(np.zeros((1, 2))), (berth,), ())
-    water = SeaWater(SeaState(), depth)
-    world.begin(sea, berth, water)
-    for _ in range(round(60.0 / (DT * SUBSTEPS))):
-        world.step(0.0, 1.0, water, np.zeros(3))
-    return float(world.state[7])
+    water, still = SeaWater(SeaState(), 100.0), Berth(np.zeros(2), 0.0)
+    begin = state_at_berth(boat, still, water)[:STATE_SIZE]
+    return float(OpenWater(boat, DENSITY, DT).voyage(begin, round(60.0 / DT), thrust=1.0)[-1, 7])
 
 
 def _swim(vehicle: Vehicle, density: float, command: tuple[float, float, float], duration: float) -> Array:

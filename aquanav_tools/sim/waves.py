@@ -65,9 +65,3 @@ def add_waves(parameters, phase, x, y, z, velocity):  # type: ignore[no-untyped-
     velocity[0] += level * np.cos(angle) * kx / k
     velocity[1] += level * np.cos(angle) * ky / k
     velocity[2] += upright * np.sin(angle)
-
-
-@numba.njit(cache=True)
-def wave_rise(parameters, phase, x, y):  # type: ignore[no-untyped-def]
-    """Return how far the surface of a wave stands above still water, m; arguments as of `add_waves`."""
-    return parameters[4] * np.cos(parameters[0] * x + parameters[1] * y - phase)

@@ -1,4 +1,4 @@
-"""Boats in a batch are the boats of the environment with one: held against it, episode by episode."""
+"""Boats in a batch are the boats of the environment with one, to the bit: held against it, episode by episode."""
 
 from __future__ import annotations
 
@@ -11,20 +11,21 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import aquanav_tools.envs
-from aquanav_tools.envs.boat_batch import AHEAD, BoatBatch
+from aquanav_tools.envs.boat_batch import BoatBatch
+from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.places import make_batch
+from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.sb3_env import PlaceVecEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.vector_env import SurfaceVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import Rock
+from aquanav_tools.sim.batch.boat_state import AHEAD
 from tests.envs.test_surface_env import bay_with, block
 
 SMALL = MapSettings(length=70.0, width=40.0, boat_width=1.1)
 SEEDS = [11, 12, 13, 14]
-ROUNDING = 1e-6
-"""Of observations and rays, which are in float32; motion is to be the same to the bit."""
 HARD: dict[str, Any] = {"sea": "breeze", "reward": "safe", "current": 0.3, "current_range": (0.5, 1.5)}
 
 
@@ -46,18 +47,18 @@ def fly_both(bay: Any, decisions: int, rng: np.random.Generator, seeds: list[int
         actions = actions_of(rng, len(seeds))
         batch.command(actions)
         batch.step()
-        seen = {name: batch.copy_of(name) for name in (*SAME, *NEAR, "terminated", "truncated", "outcomes")}
+        seen = {name: batch.copy_of(name) for name in (*SAME, *ENDS, "observations", "rewards", "terms")}
         for i, env in enumerate(envs):
             if outcomes[i][0] != "running":
                 continue
             observation, reward, terminated, truncated, info = env.step(actions[i])
+            assert np.array_equal(seen["observations"][i], observation)
+            assert seen["rewards"][i] == reward
+            assert seen["terms"][i].tolist() == [info[f"reward/{name}"] for name in TERMS]
             for name, key in SAME.items():
                 assert np.array_equal(seen[name][i], info[key]), name
-            truth = {"observations": observation, "rewards": reward, "remaining": info["remaining"]}
-            for name in NEAR:
-                np.testing.assert_allclose(seen[name][i], truth[name], rtol=ROUNDING, atol=ROUNDING, err_msg=name)
             assert (seen["terminated"][i], seen["truncated"][i]) == (terminated, truncated)
-            outcomes[i] = [info["outcome"], ("running", "success", "collision", "timeout")[seen["outcomes"][i]]]
+            outcomes[i] = [info["outcome"], OUTCOMES[seen["outcomes"][i]]]
     batch.close()
     return outcomes
 
@@ -66,16 +67,66 @@ SAME = {
     "positions": "position",
     "orientations": "orientation",
     "velocities": "velocity",
+    "rays": "rays",
     "clearances": "clearance",
     "collisions": "num_collisions",
+    "remaining": "remaining",
 }
-NEAR = ("observations", "rewards", "remaining")
+ENDS = ("terminated", "truncated", "outcomes")
 
 
-@pytest.mark.parametrize("vehicle", ["otter", "boat"])
+@pytest.mark.parametrize("num", [1, 7, 256])
+@pytest.mark.parametrize("place", ["drawn bays", "a rock ahead"])
+def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.random.Generator) -> None:
+    """To the bit, over several episodes, on two threads and on one, in any order."""
+    bay = SMALL if place == "drawn bays" else bay_with(block(-38.8, 3.0, 20.0))
+    options: dict[str, Any] = HARD | {"bay": bay, "max_decisions": 12, "sensor_noise": 0.1, "sensor_dropout": 0.1}
+    options |= {"action_delay": 1, "observation_delay": 1}
+    seeds, chosen = rng.integers(1 << 32, size=num).tolist(), rng.permutation(num)[:3]
+    together = SurfaceVectorEnv(num, num_threads=2, **options)
+    alone = [SurfaceVectorEnv(1, num_threads=1, **options) for _ in chosen]
+    whole = together.reset(seed=seeds)[0]
+    for n, env in zip(chosen, alone, strict=True):
+        assert np.array_equal(whole[n : n + 1], env.reset(seed=[seeds[n]])[0])
+    touched = 0
+    for _ in range(30):
+        actions = actions_of(rng, num)
+        rows = together.step(actions)
+        touched += int(rows[4]["collision"].sum())
+        for n, env in zip(chosen, alone, strict=True):
+            own = env.step(actions[n : n + 1])
+            for many, one in zip(rows[:4], own[:4], strict=True):
+                assert np.array_equal(many[n : n + 1], one)
+            for key, values in own[4].items():
+                assert np.array_equal(rows[4][key][n : n + 1], values), key
+            for name in ("rays", "tags", "orientations", "currents", "ways"):
+                assert np.array_equal(together.batch.copy_of(name)[n : n + 1], env.batch.copy_of(name)), name
+    assert (touched > 0) == (place == "a rock ahead")
+    for env in (together, *alone):
+        env.close()
+
+
+def test_the_order_of_boats_changes_nothing(rng: np.random.Generator) -> None:
+    order, seeds, found = rng.permutation(40), np.arange(40), []
+    for turn in (np.arange(40), order):
+        batch = BoatBatch(SMALL, 40, next_step=False, num_threads=2, max_decisions=9, **HARD)
+        batch.reset(seeds[turn].tolist())
+        actions = np.stack([np.arange(40) % 3, np.full(40, 2)], axis=1)
+        rows = []
+        for _ in range(20):
+            batch.command(actions[turn])
+            batch.step()
+            rows.append(np.concatenate([batch.copy_of("positions"), batch.copy_of("terms")], axis=1))
+        found.append(np.array(rows))
+        batch.close()
+    assert np.array_equal(found[0][:, order], found[1])
+
+
+@pytest.mark.parametrize(("vehicle", "observation"), [("otter", "full"), ("otter", "original"), ("boat", "original")])
 @pytest.mark.parametrize("rule", ["continue", "end"])
-def test_boats_fly_as_alone(vehicle: str, rule: str, rng: np.random.Generator) -> None:
-    found = fly_both(SMALL, AHEAD + 20, rng, SEEDS, vehicle=vehicle, on_collision=rule, max_decisions=140, **HARD)
+def test_boats_fly_as_alone(vehicle: str, observation: str, rule: str, rng: np.random.Generator) -> None:
+    options = {"vehicle": vehicle, "observation": observation, "on_collision": rule, "max_decisions": 140}
+    found = fly_both(SMALL, AHEAD + 20, rng, SEEDS, **options, **HARD)
     assert all(alone == batched != "running" for alone, batched in found)
 
 
@@ -93,6 +144,26 @@ def test_boats_err_and_are_late_as_alone(
 def test_boats_fly_as_alone_past_a_sunken_rock_that_beams_do_not_see(rng: np.random.Generator) -> None:
     deep = Rock(block(10.0, -3.0).outline, -3.0)
     fly_both(bay_with(deep, block(25.0, 1.0)), 60, rng, SEEDS[:2], observation="paper")
+
+
+def test_episodes_may_have_conditions_of_their_own(rng: np.random.Generator) -> None:
+    """Until the next reset, as `SurfaceEnv.reset` gives them to one."""
+    given: list[dict[str, Any]] = [{"sensor_noise": 0.5}, {"current_range": (2.0, 3.0)}, {"sensor_dropout": 0.4}]
+    usual = {"sensor_noise": 0.0, "sensor_dropout": 0.0, "current_range": (0.5, 1.5)}
+    conditions = {name: [one.get(name, value) for one in given] for name, value in usual.items()}
+    together = SurfaceVectorEnv(3, SMALL, max_decisions=5, **HARD)
+    envs = [SurfaceEnv(SMALL, max_decisions=5, **HARD) for _ in given]
+    seen = [env.reset(seed=seed, options=one)[0] for env, seed, one in zip(envs, SEEDS, given, strict=False)]
+    assert np.array_equal(together.reset(seed=SEEDS[:3], options=conditions)[0], seen)
+    for _ in range(5):
+        actions = actions_of(rng, 3)
+        alone = [env.step(action)[0] for env, action in zip(envs, actions, strict=True)]
+        assert np.array_equal(together.step(actions)[0], alone)
+    together.step(actions)
+    assert together.batch.copy_of("noises").tolist() == [0.5, 0.0, 0.0]  # of the next episodes
+    together.reset(seed=1)
+    assert not together.batch.copy_of("noises").any() and not together.batch.copy_of("dropouts").any()
+    together.close()
 
 
 @pytest.mark.slow
@@ -169,8 +240,10 @@ def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
 def test_what_no_batch_does_is_refused() -> None:
     with pytest.raises(InputError, match="no measure of progress on the surface 'geodesic'"):
         BoatBatch(SMALL, 2, next_step=True, progress="geodesic")
-    with pytest.raises(InputError, match="device for boats"):
-        BoatBatch(SMALL, 2, next_step=True, device="cuda")
+    with pytest.raises(InputError, match="There is no device 'cuda:7'"):
+        BoatBatch(SMALL, 2, next_step=True, device="cuda:7")
+    with pytest.raises(InputError, match="num_threads must be at least 1"):
+        BoatBatch(SMALL, 2, next_step=True, num_threads=0)
     batch = BoatBatch(SMALL, 2, next_step=True)
     with pytest.raises(InputError, match="choices from 0 to 2, got 0 to 3"):
         batch.command([[0, 3], [1, 1]])

@@ -1,13 +1,12 @@
 from __future__ import annotations
 
+from collections import deque
 from typing import Any
 
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.disturbance import Delay, RaySensorErrors
 from aquanav_tools.sim.batch.disturbance import RayErrors, delay
-from aquanav_tools.sim.sensors import NOTHING, WALL
 
 LENGTHS = np.full(2000, 4.0)
 HIT = np.full(2000, 2.0, dtype=np.float32)
@@ -60,46 +59,20 @@ def test_vehicle_errs_beside_others_as_alone() -> None:
     assert len(np.unique(together[:, 0])) == 3
 
 
-def test_environment_with_one_vehicle_takes_the_tag_from_rays_without_echo(rng: np.random.Generator) -> None:
-    errors = RaySensorErrors(LENGTHS)
-    errors.reset(rng, 0.1, 0.3)
-    measured, tags = errors.disturb(HIT, np.full(2000, WALL), 4)
-    np.testing.assert_array_equal(tags == NOTHING, measured == 4.0)
-    assert 0 < (tags == NOTHING).sum() < 2000
-
-
 @pytest.mark.parametrize("turns", [1, 2, 3])
-def test_rows_wait_as_single_values_do(turns: int, rng: np.random.Generator) -> None:
+def test_rows_wait_in_queues_of_their_own(turns: int, rng: np.random.Generator) -> None:
     """Rows begin at different times, and some take no part in a turn."""
     waiting, counts = np.zeros((4, 2 * turns), dtype=np.float32), np.full(4, -1)
-    lines: list[Delay[Any]] = [Delay(turns) for _ in range(4)]
+    lines: list[deque[Any]] = [deque() for _ in range(4)]
     for _ in range(12):
         values, chosen = rng.random((4, 2), dtype=np.float32), rng.random(4) < 0.8
         late = values.copy()
         delay(late, waiting, counts, chosen)
         for n in np.flatnonzero(chosen):
             if counts[n] < 0:
-                lines[n].fill(values[n])
+                lines[n] = deque([values[n]] * turns)
                 np.testing.assert_array_equal(late[n], values[n])
             else:
-                np.testing.assert_array_equal(late[n], lines[n].through(values[n]))
+                lines[n].append(values[n])
+                np.testing.assert_array_equal(late[n], lines[n].popleft())
         counts[chosen] += 1
-
-
-@pytest.mark.parametrize("turns", [0, 1, 3])
-def test_a_value_comes_out_after_its_turns(turns: int) -> None:
-    delay: Delay[int] = Delay(turns)
-    delay.fill(-1)
-    assert [delay.through(n) for n in range(6)] == ([-1] * turns + list(range(6)))[:6]
-    delay.fill(-2)
-    assert delay.through(0) == (-2 if turns else 0)
-
-
-def test_errors_change_from_episode_to_episode_with_what_is_asked_for(rng: np.random.Generator) -> None:
-    errors, tags = RaySensorErrors(LENGTHS), np.full(2000, WALL)
-    seen = []
-    for noise in (0.0, 0.1, 0.1, 0.4, 0.0):
-        errors.reset(rng, noise, 0.0)
-        seen.append(errors.disturb(HIT, tags, 0)[0])
-    assert [round(float(rays.std()), 1) for rays in seen] == [0.0, 0.1, 0.1, 0.4, 0.0]
-    assert not np.array_equal(seen[1], seen[2])

@@ -1,32 +1,37 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
 
+from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.reward import (
     CAREFUL,
     DENSE,
-    REWARDS,
     SAFE,
     SPARSE,
     TERMS,
-    Decision,
+    RewardWeights,
     boat_weights,
     cave_weights,
-    reward_terms,
 )
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.batch.episode import Decision
 from aquanav_tools.sim.vehicle import load_vehicle
-from aquanav_tools.task import REWARDS as NAMES
 
-QUIET = Decision(gained=0.0, num_steps=5, num_contact_steps=0, cut_off=0.0, outcome="running")
+ENDS: dict[str, dict[str, Any]] = {
+    "running": {},
+    "success": {"remaining": 0.0},
+    "collision": {"num_touched": 1, "ends_on_collision": True},
+    "timeout": {"decisions": 2400},
+}
 
 
-def total(weights: object, **changes: object) -> float:
-    return sum(reward_terms(weights, QUIET._replace(**changes)).values())  # type: ignore[arg-type]
-
-
-def test_the_rewards_are_those_that_options_name() -> None:
-    assert tuple(REWARDS) == NAMES
+def total(weights: RewardWeights, outcome: str = "running", **changes: Any) -> float:
+    """Return what a decision is paid that ends in an outcome."""
+    number, amounts = Decision(**(ENDS[outcome] | changes)).judge()
+    assert OUTCOMES[number] == outcome
+    return float(amounts @ [getattr(weights, name) for name in TERMS])
 
 
 def test_dense_pays_ten_per_metre_less_time() -> None:
@@ -34,7 +39,7 @@ def test_dense_pays_ten_per_metre_less_time() -> None:
 
 
 def test_dense_charges_each_step_of_contact() -> None:
-    assert total(DENSE, num_contact_steps=3) == pytest.approx(-5 * 0.01 - 3 * 0.01)
+    assert total(DENSE, num_touched=3) == pytest.approx(-5 * 0.01 - 3 * 0.01)
 
 
 def test_dense_pays_500_at_the_goal() -> None:
@@ -42,8 +47,8 @@ def test_dense_pays_500_at_the_goal() -> None:
 
 
 def test_a_contact_of_a_decision_costs_half_a_metre_to_the_careful_and_ten_where_it_ends_the_episode() -> None:
-    assert total(CAREFUL, gained=0.5, num_contact_steps=5) == pytest.approx(-0.05)
-    assert total(CAREFUL, gained=10.1, num_contact_steps=1, outcome="collision") == pytest.approx(-0.05)
+    assert total(CAREFUL, gained=0.5, num_touched=5) == pytest.approx(-0.05)
+    assert total(CAREFUL, gained=10.1, num_touched=1, outcome="collision") == pytest.approx(-0.05)
 
 
 def test_safe_charges_rays_that_are_cut_off() -> None:
@@ -68,11 +73,17 @@ def test_other_rewards_have_no_price_of_nearness_for_anybody(preset: str) -> Non
 
 @pytest.mark.parametrize(("outcome", "reward"), [("running", 0), ("success", 10), ("collision", -10), ("timeout", -1)])
 def test_sparse_pays_for_the_outcome_only(outcome: str, reward: float) -> None:
-    assert total(SPARSE, gained=2.0, num_contact_steps=1, cut_off=9.0, outcome=outcome) == reward
+    assert total(SPARSE, gained=2.0, num_touched=1, cut_off=9.0, outcome=outcome) == reward
 
 
 def test_terms_come_in_the_order_of_their_names() -> None:
-    assert tuple(reward_terms(DENSE, QUIET)) == TERMS
+    """A weight of one for one term alone pays that term's own amount."""
+    amounts = {"progress": 2.0, "time": 5.0, "contact": 3.0, "proximity": 5 * 0.25}
+    for name in TERMS:
+        paid = total(RewardWeights(**{name: 1.0}), gained=2.0, num_touched=3, cut_off=0.25)
+        assert paid == amounts.get(name, 0.0)
+    for name, outcome in (("goal", "success"), ("collision", "collision"), ("timeout", "timeout")):
+        assert total(RewardWeights(**{name: 1.0}), outcome) == 1.0
 
 
 def test_unknown_preset_suggests_the_closest() -> None:

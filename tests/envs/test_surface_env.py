@@ -17,11 +17,11 @@ import aquanav_tools.envs
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.surface_observation import surface_layout
 from aquanav_tools.errors import InputError
-from aquanav_tools.sea.cast import cast_disc
 from aquanav_tools.sea.generate import MapSettings, generate_map
-from aquanav_tools.sea.hull_contact import hull_clearance
 from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap, Way
-from aquanav_tools.sim.sea_world import DENSITY
+from aquanav_tools.sim.batch.boat_contact import clearances_of
+from aquanav_tools.sim.batch.boat_rays import cast_discs
+from aquanav_tools.sim.boat import DENSITY
 from aquanav_tools.types import Array
 from tests.envs.steps import random_steps
 
@@ -151,7 +151,8 @@ def test_beams_end_where_shapely_meets_the_grown_outlines(radius: float, rng: np
             way = np.array([np.cos(angle), np.sin(angle)])
             met = LineString([place, place + 30.0 * way]).intersection(solid)
             expected = 30.0 if met.is_empty else Point(place).distance(met)
-            assert cast_disc(*sea.outlines, *place, *way, 30.0, radius) == pytest.approx(expected, abs=2e-3)
+            found = cast_discs(sea, place[None], way[None], 30.0, radius)[0]
+            assert found == pytest.approx(expected, abs=2e-3)
             num_hits += expected < 30.0
     assert num_hits > 50
 
@@ -166,7 +167,7 @@ def test_clearance_of_a_hull_is_shapelys_distance(rng: np.random.Generator) -> N
             hull = outline @ _turn(rng.uniform(-np.pi, np.pi)) + rng.uniform(sea.edge[:2] + 2.0, sea.edge[2:] - 2.0)
             shape = Polygon(hull)
             expected = min(shape.distance(other) for other in [*solid, shore])
-            found = hull_clearance(hull, 0.0, *sea.outlines)
+            found = clearances_of(sea, hull[None], 0.0)[0]
             assert found == pytest.approx(expected, abs=1e-9) if expected > 0.0 else found <= 0.0
 
 
@@ -191,9 +192,10 @@ def test_a_rock_gives_a_drifting_boat_no_speed(vehicle: str) -> None:
     bow = {"otter": -39.0, "boat": -35.3}[vehicle]
     env = SurfaceEnv(bay_with(block(bow + 0.5, 3.0), heading=0.3), vehicle=vehicle, sea="still")
     env.reset(seed=0)
-    env._world.state[7] = 3.0
-    speeds = [float(np.linalg.norm(env.step(IDLE)[4]["velocity"][:3])) for _ in range(60)]
-    assert env._episode.num_collisions >= 1
+    env._world.view_of("velocities")[0, 0] = 3.0
+    infos = [env.step(IDLE)[4] for _ in range(60)]
+    speeds = [float(np.linalg.norm(info["velocity"][:3])) for info in infos]
+    assert infos[-1]["num_collisions"] >= 1
     assert max(speeds) < 3.0
 
 
@@ -210,10 +212,36 @@ def test_a_reef_is_touched_where_it_reaches_the_keel(above: float, touches: bool
     draught = SurfaceEnv().vehicle.draught(DENSITY)
     env = SurfaceEnv(bay_with(block(-38.6, above - draught)), sea="still")
     infos = run(env, [1, 1], 0)
-    env._world.state[7] = 1.0
+    env._world.view_of("velocities")[0, 0] = 1.0
     infos += [env.step(IDLE)[4] for _ in range(120)]
     assert infos[0]["rays"][0] == pytest.approx(0.4, abs=1e-5)  # beams of 1 m radius see it either way
     assert any(info["collision"] for info in infos) == touches
+
+
+def test_a_beam_without_echo_reads_its_length_and_says_that_it_met_nothing() -> None:
+    seen = []
+    for dropout in (0.0, 0.4):
+        env = SurfaceEnv(bay_with(block(-30.0, 3.0, 25.0)), sea="still", observation="original", sensor_dropout=dropout)
+        env.reset(seed=1)
+        seen.append(np.array([env.step(IDLE)[0][:28].reshape(7, 4) for _ in range(60)]))
+    echoes, lossy = seen
+    is_lost = (echoes[..., 0] == 1.0) & (lossy[..., 2] == 1.0)
+    num_echoes = int(echoes[..., 0].sum())
+    assert is_lost.sum() / num_echoes == pytest.approx(0.4, abs=4.0 * np.sqrt(0.24 / num_echoes))
+    assert (lossy[is_lost] == [0.0, 0.0, 1.0, 1.0]).all()
+    np.testing.assert_array_equal(lossy[~is_lost], echoes[~is_lost])
+
+
+def test_a_collision_counts_once_while_it_lasts_and_again_after_a_free_decision() -> None:
+    env = SurfaceEnv(bay_with(block(-38.0, 3.0, 25.0)), sea="still")
+    infos = run(env, AHEAD, 30)
+    for _ in range(12):
+        infos.append(env.step([1, 0])[4])
+    infos += [env.step(AHEAD)[4] for _ in range(30)]
+    touches = [info["collision"] for info in infos]
+    begun = sum(now and not before for before, now in zip([False, *touches[:-1]], touches, strict=True))
+    assert begun >= 2 and sum(touches) > begun
+    assert infos[-1]["num_collisions"] == begun
 
 
 def test_a_straight_run_in_open_water_pays_for_the_way_and_succeeds() -> None:
@@ -270,7 +298,7 @@ def test_the_originals_bay_has_its_starts_and_its_goal_is_seen_untagged(data_dir
     # the goal's centre is at (83.1, -11.4): 1.7 m to the left after 167.8 m
     angles = observation[surface_layout("original")["angles"]]
     assert angles[0] == pytest.approx(-np.degrees(np.arctan2(1.7, 167.8)), abs=1e-4)
-    env._world.state[:2] = 70.0, -11.4
+    env._world.view_of("positions")[0, :2] = 70.0, -11.4
     sensed = env.step(IDLE)[0][:4]
     assert sensed[:3].tolist() == [0.0, 0.0, 0.0]
     assert sensed[3] < 0.5

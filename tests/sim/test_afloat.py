@@ -9,8 +9,10 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import WaveSettings
-from aquanav_tools.sim.afloat import advance_afloat, water_wrench
+from aquanav_tools.sim.batch.boat_motion import OpenWater
 from aquanav_tools.sim.boat import Boat, Hull, load_boat
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.sim.vehicle_base import GRAVITY
 from aquanav_tools.sim.waves import wave_parameters
 from aquanav_tools.sim.windage import Windage
@@ -33,24 +35,23 @@ BOX = Boat(
     yaw_moment=50.0,
     hulls=(Hull(LENGTH, BEAM, 0.8, 0.0, (0.0, 0.0, 0.2)),),  # its bottom is 0.2 m below the centre of mass
 )
-FLAT, NO_PHASES, STILL, NO_WIND = np.zeros((0, 7)), np.zeros(0), np.zeros(3), np.zeros(2)
+FLAT, STILL, NO_WIND = np.zeros((0, 7)), np.zeros(3), np.zeros(2)
 
 
 def sail(
     boat: Boat,
     state: Array,
     seconds: float,
-    command: Array | None = None,
+    action: tuple[float, float] = (0.0, 0.0),
     current: Array = STILL,
     wave: Array = FLAT,
     wind: Array = NO_WIND,
 ) -> Array:
-    """Return the (N, 13) states of a boat, steps of DT apart."""
-    body, wrench, states = boat.body(DENSITY), np.zeros(6) if command is None else command, [state]
-    for n in range(round(seconds / DT)):
-        phases = wave[:, 3] * (n + 0.5) * DT
-        states.append(advance_afloat(states[-1], wrench, (current, wind), wave, phases, body, DT))
-    return np.array(states)
+    """Return the (N, 13) states of a boat, steps of DT apart, steer and thrust held."""
+    water = OpenWater(boat, DENSITY, DT)
+    water.set_sea(wave, np.zeros(len(wave)))
+    water.current, water.wind = current, wind
+    return water.voyage(state, round(seconds / DT), *action)
 
 
 def period(values: Array) -> float:
@@ -72,7 +73,7 @@ def test_a_boat_at_its_static_draught_stays_where_it_is(boat: Boat) -> None:
     start = boat.state_at(np.zeros(2), 0.3, DENSITY)
     moved = sail(boat, start, 2.0)[-1]
     assert abs(moved[2] - start[2]) < 1e-9
-    wrench = water_wrench(start, STILL, FLAT, NO_PHASES, boat.surface, boat.body(DENSITY).coefficients)
+    wrench = OpenWater(boat, DENSITY, DT).loads(start)[0]
     np.testing.assert_allclose(wrench[:3], [0.0, 0.0, boat.mass * GRAVITY], atol=1e-6)
 
 
@@ -102,7 +103,7 @@ def test_roll_and_pitch_have_the_period_of_the_metacentric_height(axis: int, wid
 
 def test_speed_ahead_is_where_thrust_meets_the_drag_of_bow_and_skin() -> None:
     boat = replace(BOX, normal_drag=1.0, friction=0.004, linear_damping=(0.0, 0.0, 3e3, 3e3, 9e3, 0.0))
-    states = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 120.0, boat.command(0.0, 0.3))
+    states = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 120.0, (0.0, 0.3))
     wetted = LENGTH * BEAM + 2.0 * LENGTH * DRAUGHT
     expected = np.sqrt(2.0 * 30.0 / (DENSITY * (1.0 * BEAM * DRAUGHT + 0.004 * wetted)))
     assert states[-1, 7] == pytest.approx(expected, rel=0.01)  # thrust and drag trim it by some milliradians
@@ -113,14 +114,14 @@ def test_the_otter_makes_its_six_knots_but_for_the_drag_of_its_skin_and_bows() -
     otter = load_boat("otter")
     start = otter.state_at(np.zeros(2), 0.0, DENSITY)
     assert start[2] == pytest.approx(0.2, abs=0.005)  # the centre of mass above the water
-    speed = sail(otter, start, 20.0, otter.command(0.0, 1.0))[-1, 7]
+    speed = sail(otter, start, 20.0, (0.0, 1.0))[-1, 7]
     assert 0.85 * 3.09 < speed < 3.09
 
 
 def test_a_drifting_boat_takes_on_the_current() -> None:
     boat = replace(BOX, normal_drag=1.0, friction=0.1)
     current = np.array([0.4, -0.2, 0.0])
-    states = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 200.0, None, current)
+    states = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 200.0, current=current)
     speed = (states[-1, :2] - states[-51, :2]) / 1.0
     np.testing.assert_allclose(speed, current[:2], atol=0.02)  # drag is quadratic, so the last of it fades slowly
 
@@ -158,9 +159,9 @@ def test_in_long_waves_a_boat_rises_with_the_surface_and_in_short_ones_less() ->
 
 
 def test_the_world_turned_turns_the_way() -> None:
-    boat, command = load_boat("otter"), load_boat("otter").command(0.3, 0.5)
-    one = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 5.0, command)[-1]
-    other = sail(boat, boat.state_at(np.zeros(2), 0.5 * np.pi, DENSITY), 5.0, command)[-1]
+    boat, action = load_boat("otter"), (0.3, 0.5)
+    one = sail(boat, boat.state_at(np.zeros(2), 0.0, DENSITY), 5.0, action)[-1]
+    other = sail(boat, boat.state_at(np.zeros(2), 0.5 * np.pi, DENSITY), 5.0, action)[-1]
     np.testing.assert_allclose([other[1], -other[0], other[2]], one[:3], atol=1e-8)
     np.testing.assert_allclose(other[7:], one[7:], atol=1e-8)
 
@@ -168,7 +169,19 @@ def test_the_world_turned_turns_the_way() -> None:
 def test_the_water_is_left_alone_by_a_boat_in_the_air() -> None:
     start = BOX.state_at(np.zeros(2), 0.0, DENSITY)
     start[2] += 1.0
-    assert not water_wrench(start, STILL, FLAT, NO_PHASES, BOX.surface, BOX.body(DENSITY).coefficients).any()
+    assert not OpenWater(BOX, DENSITY, DT).loads(start)[0].any()
+
+
+def test_drives_push_and_turn_as_their_file_says() -> None:
+    otter, at_rest = OpenWater(load_boat("otter"), DENSITY, DT), np.eye(1, 13, 3)[0]
+    np.testing.assert_allclose(otter.loads(at_rest, 0.5, 1.0)[2], [239.0, 0.0, 0.0, 0.0, 0.0, 0.5 * 47.2])
+    np.testing.assert_allclose(otter.loads(at_rest, -1.0, -0.5)[2], [-0.5 * 0.557 * 239.0, 0.0, 0.0, 0.0, 0.0, -47.2])
+    vehicle = load_vehicle("boat")
+    assert isinstance(vehicle, OriginalVehicle)
+    force, moment = vehicle.drive.force, vehicle.drive.steer_moment
+    original = OpenWater(vehicle, DENSITY, DT)
+    expected = moment if vehicle.drive.steers_at_rest else 0.5 * moment
+    np.testing.assert_allclose(original.loads(at_rest, 1.0, 0.5)[2][[0, 5]], [0.5 * force, expected])
 
 
 def test_boats_that_make_no_sense_are_refused() -> None:

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from aquanav_tools.sim.windage import AIR_DENSITY, NO_WINDAGE, Windage, add_wind
+from aquanav_tools.sim.batch.boat_motion import OpenWater
+from aquanav_tools.sim.boat import DENSITY, load_boat
+from aquanav_tools.sim.windage import AIR_DENSITY, Windage
 from aquanav_tools.types import Array, yaw_quaternion
 
 WINDAGE = Windage(front=1.2, side=4.0, length=3.0, height=10.0, arm=0.5, front_drag=0.6, side_drag=0.8, turning=0.15)
 
 
 def wrench(
-    wind: Array, yaw: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), windage: Windage = WINDAGE
+    wind: Array, yaw: float = 0.0, velocity: tuple[float, float] = (0.0, 0.0), windage: Windage | None = WINDAGE
 ) -> Array:
-    state, found = np.zeros(13), np.zeros(6)
+    state = np.zeros(13)
     state[3:7], state[7:9] = yaw_quaternion(yaw), velocity
-    add_wind(state, wind, windage.coefficients(), found)
+    water = OpenWater(replace(load_boat("otter"), windage=windage), DENSITY, 0.02)
+    water.wind = wind
+    found: Array = water.loads(state)[1]
     return found
 
 
@@ -54,11 +59,7 @@ def test_the_wind_is_weaker_near_the_water() -> None:
 
 
 def test_without_windage_there_is_no_force() -> None:
-    found = np.zeros(6)
-    state = np.zeros(13)
-    state[3] = 1.0
-    add_wind(state, np.array([20.0, 5.0]), NO_WINDAGE, found)
-    assert not found.any()
+    assert not wrench(np.array([20.0, 5.0]), windage=None).any()
 
 
 def test_windage_that_makes_no_sense_is_refused() -> None:

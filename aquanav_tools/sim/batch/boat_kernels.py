@@ -1,0 +1,222 @@
+"""The kernels of a boat's decision: begin what has ended, move, sense, score."""
+
+from __future__ import annotations
+
+import warp as wp
+
+from aquanav_tools.sim.batch.boat_contact import (
+    MAX_CONTACTS,
+    ROUNDING,
+    Bay,
+    deepest_contact,
+    goal_distance,
+    hull_clearance,
+    place_hull,
+    pushed_off,
+)
+from aquanav_tools.sim.batch.boat_motion import drive_wrench, sail
+from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion, show_original, show_tag
+from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
+from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
+from aquanav_tools.sim.batch.boat_water import RATE
+from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
+from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
+from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
+from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
+
+wp.set_module_options(BOAT_OPTIONS)
+
+f64 = wp.float64
+NUM_AHEAD = wp.constant(AHEAD)
+TERMS = wp.constant(NUM_TERMS)
+
+
+@wp.func
+def level_place(position: wp.vec3d):
+    """Return a position from above."""
+    return wp.vec2d(position[0], position[1])
+
+
+@wp.kernel
+def begin(first: int, boats: BoatState, around: Surroundings):
+    """Keep the last observation of boats that begin an episode, and put them at rest where the host has placed them."""
+    i = first + wp.tid()
+    if boats.begun[i] == 0:
+        return
+    for n in range(boats.observations.shape[1]):
+        boats.final_observations[i, n] = boats.observations[i, n]
+    boats.velocities[i] = vec6()
+    boats.positions_before[i] = boats.positions[i]
+    boats.orientations_before[i] = boats.orientations[i]
+    boats.currents[i] = wp.vec3d()
+    distance = goal_distance(around.bays[around.bay_of[i]], level_place(boats.positions[i]))
+    boats.lengths[i] = distance
+    boats.remaining[i] = distance
+    boats.gained[i] = f64(0.0)
+    boats.decisions[i] = 0
+    boats.ages[i] = 0
+    boats.touched[i] = 0
+    boats.is_touching[i] = 0
+    boats.collisions[i] = 0
+    boats.outcomes[i] = 0
+    boats.returns[i] = f64(0.0)
+    for n in range(3):
+        boats.commands[i, n] = 0.0
+        boats.acting[i, n] = 0.0
+    fill_queue(boats.acting, boats.waiting_commands, i)
+
+
+@wp.func
+def meet_rocks(i: int, state: State, bay: Bay, model: Model):
+    """Return the state after contacts, the deepest first, and whether there were any."""
+    result, is_touched, solved = state, int(0), int(0)
+    while solved < MAX_CONTACTS:
+        place_hull(i, result, model.outline, model.outline_work)
+        corners, heights = model.outline_work.corners[i], model.outline_work.heights[i]
+        contact = deepest_contact(corners, heights, model.outline.radius, bay)
+        solved += 1
+        if contact.depth > ROUNDING:
+            is_touched = 1
+            result = pushed_off(result, contact, model.body.mobility)
+        else:
+            solved = MAX_CONTACTS
+    return result, is_touched
+
+
+@wp.kernel
+def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
+    """Hold each boat's command for a decision; waves go on, current and wind stay as they are."""
+    i = first + wp.tid()
+    if boats.held[i] == 1:
+        return
+    state = State()
+    state.position = boats.positions[i]
+    state.orientation = boats.orientations[i]
+    state.velocity = boats.velocities[i]
+    for n in range(3):
+        boats.acting[i, n] = boats.commands[i, n]
+    if rules.action_delay > 0:
+        exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], rules.action_delay)
+    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), model.body.controls)
+    now = boats.decisions[i] % NUM_AHEAD
+    current, wind, bay = around.currents[i, now], around.winds[i, now], around.bays[around.bay_of[i]]
+    touched = int(0)
+    for n in range(rules.substeps):
+        boats.positions_before[i] = state.position
+        boats.orientations_before[i] = state.orientation
+        elapsed = f64(n) * rules.dt
+        free = sail(i, state, drives, current, wind, around.sea, elapsed, model.body, model.hull_work, rules.dt)
+        after, is_touched = meet_rocks(i, free, bay, model)
+        state = after
+        touched += is_touched
+    duration = f64(rules.substeps) * rules.dt
+    for b in range(around.sea.phases.shape[1]):
+        around.sea.phases[i, b] = around.sea.phases[i, b] + around.sea.table[i, RATE, b] * duration
+    boats.positions[i] = state.position
+    boats.orientations[i] = state.orientation
+    boats.velocities[i] = state.velocity
+    boats.currents[i] = current
+    boats.touched[i] = touched
+    boats.decisions[i] = boats.decisions[i] + 1
+
+
+@wp.func
+def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: Model, rules: BoatRules):
+    """Write the true distances of boat `i`, and into its observation what the sensor makes of them."""
+    noise, dropout = float(boats.noises[i]), float(boats.dropouts[i])
+    is_disturbed = noise > 0.0 or dropout > 0.0
+    place, seed, decision = level_place(boats.positions[i]), boats.ray_seeds[i], boats.decisions[i]
+    for ray in range(model.beams.lengths.shape[0]):
+        length = model.beams.lengths[ray]
+        reach, tag = cast_beam(ray, rotation, place, bay, model.beams)
+        distance = wp.float32(reach)
+        boats.rays[i, ray] = distance
+        boats.tags[i, ray] = tag
+        if is_disturbed:
+            distance = measured(distance, wp.float32(length), noise, dropout, seed, ray, decision)
+            if is_dropped(dropout, seed, ray, decision):
+                tag = NOTHING
+        if rules.preset == ORIGINAL:
+            show_tag(boats.observations[i], ray, distance, length, tag)
+        else:
+            boats.observations[i, ray] = wp.float32(f64(distance) / length)
+
+
+@wp.kernel
+def sense(first: int, only_begun: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
+    """Observe, and measure how far the goal is."""
+    i = first + wp.tid()
+    is_begun = boats.begun[i] == 1
+    if not is_begun and (only_begun == 1 or boats.held[i] == 1):
+        return
+    position, orientation, velocity = boats.positions[i], boats.orientations[i], boats.velocities[i]
+    rotation, bay = rotation_of(orientation), around.bays[around.bay_of[i]]
+    distance = goal_distance(bay, level_place(position))
+    boats.gained[i] = boats.remaining[i] - distance
+    boats.remaining[i] = distance
+    sense_beams(i, boats, rotation, bay, model, rules)
+    num_rays, seen = model.beams.lengths.shape[0], boats.observations[i]
+    if rules.preset == ORIGINAL:
+        before, turned = boats.positions_before[i], boats.orientations_before[i]
+        show_original(seen, 4 * num_rays, orientation, velocity, before, turned, bay.goal_centre)
+    else:
+        show_goal(seen, num_rays, position, rotation, bay.goal_centre, rules.scales[0])
+        if rules.preset == FULL:
+            show_motion(seen, num_rays + 2, rotation, velocity, boats.commands[i], rules.scales)
+    if rules.observation_delay > 0:
+        if is_begun:
+            fill_queue(boats.observations, boats.waiting_observations, i)
+        else:
+            exchange(boats.observations, boats.waiting_observations, i, boats.decisions[i], rules.observation_delay)
+
+
+@wp.func
+def count_decision(i: int, boats: BoatState, tolerance: f64, rules: BoatRules):
+    """Note contacts and the outcome of boat `i` after a decision."""
+    is_touching = int(boats.touched[i] > 0)
+    if is_touching == 1 and boats.is_touching[i] == 0:
+        boats.collisions[i] = boats.collisions[i] + 1
+    boats.is_touching[i] = is_touching
+    age = boats.ages[i] + boats.decisions[i]
+    boats.outcomes[i] = outcome_of(
+        is_touching, rules.ends_on_collision, boats.remaining[i], tolerance, age, rules.max_decisions
+    )
+
+
+@wp.kernel
+def score(first: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
+    """Write the reward's terms and the episode's end; boats that did not move get nothing."""
+    i = first + wp.tid()
+    outcome, sum_of_terms, cut_off = int(0), f64(0.0), f64(0.0)
+    if boats.held[i] == 0:
+        count_decision(i, boats, around.bays[around.bay_of[i]].tolerance, rules)
+        outcome = boats.outcomes[i]
+        for ray in range(model.beams.lengths.shape[0]):
+            cut_off += f64(1.0) - f64(boats.rays[i, ray]) / model.beams.lengths[ray]
+    for n in range(TERMS):
+        term = f64(0.0)
+        if boats.held[i] == 0:
+            amount = term_amount(n, boats.gained[i], rules.substeps, boats.touched[i], cut_off, outcome)
+            term = rules.weights[n] * amount
+        boats.terms[i, n] = term
+        sum_of_terms += term
+    boats.rewards[i] = sum_of_terms
+    boats.returns[i] = boats.returns[i] + sum_of_terms
+    boats.last_outcomes[i] = boats.outcomes[i]
+    boats.last_returns[i] = boats.returns[i]
+    boats.last_lengths[i] = boats.decisions[i]
+    boats.last_collisions[i] = boats.collisions[i]
+    boats.terminated[i] = outcome == SUCCESS or outcome == COLLISION
+    boats.truncated[i] = outcome == TIMEOUT
+
+
+@wp.kernel
+def clear(first: int, boats: BoatState, around: Surroundings, model: Model):
+    """Write how far each hull is from the nearest rock, reef or edge, as seen from above."""
+    i = first + wp.tid()
+    state = State()
+    state.position = boats.positions[i]
+    state.orientation = boats.orientations[i]
+    place_hull(i, state, model.outline, model.outline_work)
+    corners, bay = model.outline_work.corners[i], around.bays[around.bay_of[i]]
+    boats.clearances[i] = hull_clearance(corners, model.outline.radius, bay)

@@ -1,0 +1,340 @@
+"""Boats among rocks, one or many, each in a bay and on a sea of its own: their arrays, and the kernels run on them.
+
+Rocks stand upright, so that seen from above a contact is one of two outlines, which a few lines solve exactly. Bullet
+would need the rocks as triangles anew for the bay of each episode, to find the same points.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import warp as wp
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.sea.sea_map import Berth, SeaMap
+from aquanav_tools.sim.batch import boat_kernels as kernels
+from aquanav_tools.sim.batch.boat_contact import Bay, make_bay, make_hull_outline, make_outline_work
+from aquanav_tools.sim.batch.boat_hull import make_hull_work
+from aquanav_tools.sim.batch.boat_motion import make_boat_body
+from aquanav_tools.sim.batch.boat_rays import make_beams
+from aquanav_tools.sim.batch.boat_state import (
+    AHEAD,
+    BoatEpisode,
+    BoatState,
+    BoatTask,
+    DrawEpisode,
+    Model,
+    Surroundings,
+    make_boat_rules,
+    make_boat_state,
+    write_row,
+)
+from aquanav_tools.sim.batch.boat_water import NUM_ROWS, num_blocks, pack_sea, vec8
+from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
+from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.sea_water import SeaWater
+from aquanav_tools.sim.sensors import RayPattern
+from aquanav_tools.types import Array, Pose, yaw_quaternion
+
+MAX_BOATS = 1 << 16
+"""Chosen; some 2 GB with their seas."""
+MIN_SLICE = 16
+"""Boats for which a further thread is worth its start."""
+Succession = Literal["next_step", "same_step", "none"]
+"""When an ended episode's successor begins: at the next step, in the same one, or only at a reset."""
+
+
+class BoatWorld:
+    """N boats. `reset`, then `set_commands` and `step` once per decision; ended episodes are followed by new ones.
+
+    The arrays in `boats` are Warp's, on `device`; `view_of` shows them.
+    """
+
+    def __init__(
+        self,
+        boat: Boat | OriginalVehicle,
+        task: BoatTask,
+        num: int,
+        draw_episode: DrawEpisode,
+        *,
+        pattern: RayPattern,
+        num_waves: int,
+        succession: Succession = "next_step",
+        device: str = "cpu",
+        num_threads: int | None = None,
+    ) -> None:
+        """Make room for `num` boats; call `reset` next.
+
+        Args:
+            boat: All of them.
+            task: What is observed and paid for, and when episodes end.
+            num: Number of boats.
+            draw_episode: Returns a boat's next episode.
+            pattern: Of beams.
+            num_waves: In the sea of each; episodes may have fewer.
+            succession: When an ended episode's successor begins.
+            device: "cpu", "cuda" or "cuda:0".
+            num_threads: On the processor; None takes as many as the process may use.
+
+        Raises:
+            InputError: no such device, or a senseless number.
+        """
+        if not 1 <= num <= MAX_BOATS:
+            raise InputError(f"A batch must have 1 to {MAX_BOATS} boats, got {num}.")
+        self.num, self.boat, self.footprint = num, boat, footprint_of(boat)
+        self.device = find_device(device)
+        self._draw_episode, self._succession, self._task = draw_episode, succession, task
+        self._num_blocks = num_blocks(num_waves)
+        self._deepest = -float(pattern.radii.max())
+        self.boats = make_boat_state(num, task, len(pattern.lengths), self.device)
+        self._model = self._make_model(pattern, task)
+        self._around = self._make_surroundings()
+        self._rules = make_boat_rules(task, self.device)
+        self._bay_slots = BaySlots(self._around.bays, self._deepest)
+        self.episodes: list[BoatEpisode | None] = [None] * num
+        """The episode that each boat is in."""
+        self._views: dict[str, Any] = {}
+        """Of arrays on the processor, in the same memory."""
+        self._is_retired = np.zeros(num, dtype=np.bool_)
+        self._bounds = _slices(num, num_threads) if self.device.is_cpu else [0, num]
+        self._threads = ThreadPoolExecutor(len(self._bounds) - 1) if len(self._bounds) > 2 else None
+        self._decision, self._beginning, self._clearing = self._record()
+
+    def _make_model(self, pattern: RayPattern, task: BoatTask) -> Model:
+        model, device = Model(), self.device
+        model.body = make_boat_body(self.boat, DENSITY, task.dt, device)
+        model.outline = make_hull_outline(self.footprint, device)
+        model.beams = make_beams(pattern, task.observation == "original", device)
+        model.hull_work = make_hull_work(self.num, model.body.surface, self._num_blocks, device)
+        model.outline_work = make_outline_work(self.num, model.outline, device)
+        return model
+
+    def _make_surroundings(self) -> Surroundings:
+        around, num, blocks = Surroundings(), self.num, self._num_blocks
+        around.bays = wp.zeros(num, dtype=Bay, device=self.device)
+        around.bay_of = wp.zeros(num, dtype=wp.int32, device=self.device)
+        around.sea.table = wp.zeros((num, NUM_ROWS, blocks), dtype=vec8, device=self.device)
+        around.sea.phases = wp.zeros((num, blocks), dtype=vec8, device=self.device)
+        around.currents = wp.zeros((num, AHEAD), dtype=wp.vec3d, device=self.device)
+        around.winds = wp.zeros((num, AHEAD), dtype=wp.vec2d, device=self.device)
+        return around
+
+    def reset(self) -> None:
+        """Begin an episode of each boat."""
+        self._is_retired[:] = False
+        everyone = np.ones(self.num, dtype=np.bool_)
+        self._hold(everyone, everyone)
+        self._begin(everyone)
+        for name in ("rewards", "terms", "terminated", "truncated"):
+            getattr(self.boats, name).zero_()
+        self._run(self._beginning)
+
+    def randomise_time_limits(self, decisions: npt.NDArray[np.integer]) -> None:
+        """Let time run out (N,) decisions earlier in the episodes that have just begun."""
+        self.boats.ages.assign(decisions.astype(np.int32))
+
+    def retire(self, boats: Sequence[int]) -> None:
+        """Let no episode follow of these boats until the next reset."""
+        self._is_retired[list(boats)] = True
+
+    def set_commands(self, commands: npt.NDArray[np.float32]) -> None:
+        """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
+        self._write("commands", commands)
+
+    def step(self) -> None:
+        """Carry out a decision of every boat."""
+        is_over = self.view_of("outcomes") > 0
+        begins = is_over & ~self._is_retired & (self._succession == "next_step")
+        self._hold(is_over, begins)
+        if begins.any():
+            self._begin(begins)
+        self._run(self._decision)
+        self._draw_on(~is_over)
+        if self._succession == "same_step":
+            ended = (self.view_of("outcomes") > 0) & ~self._is_retired
+            if ended.any():
+                self._hold(is_over, ended)
+                self._begin(ended)
+                self._run(self._beginning)
+
+    def _hold(self, held: npt.NDArray[np.bool_], begun: npt.NDArray[np.bool_]) -> None:
+        """Say which boats stay where they are in a step, and which begin an episode."""
+        self._write("held", held)
+        self._write("begun", begun)
+
+    def _begin(self, chosen: npt.NDArray[np.bool_]) -> None:
+        """Draw the next episodes of the chosen boats, and place them at their berths."""
+        boats, sea = self.boats, self._around.sea
+        for i in np.flatnonzero(chosen).tolist():
+            episode = self.episodes[i] = self._draw_episode(i)
+            state = state_at_berth(self.boat, episode.berth, episode.water)
+            table, phases = pack_sea(*episode.water.waves, self._num_blocks)
+            write_row(self._around.bay_of, i, self._bay_slots.take(i, episode.bay))
+            for array, value in (
+                (sea.table, table), (sea.phases, phases), (boats.noises, episode.noise),
+                (boats.positions, state[:3]), (boats.orientations, state[3:7]), (boats.dropouts, episode.dropout),
+                (boats.ray_seeds, np.uint32(episode.ray_seed).view(np.int32)),
+            ):  # fmt: skip
+                write_row(array, i, value)
+            self._draw_ahead(i)
+
+    def _draw_on(self, moved: npt.NDArray[np.bool_]) -> None:
+        """Draw the gusts of boats that have used up theirs."""
+        for i in np.flatnonzero(moved & (self.view_of("decisions") % AHEAD == 0)).tolist():
+            self._draw_ahead(i)
+
+    def _draw_ahead(self, i: int) -> None:
+        """Draw the current and the wind of a boat's next AHEAD decisions."""
+        episode = self.episodes[i]
+        assert episode is not None, "reset comes first"
+        currents, winds = episode.water.draw_ahead(self._task.dt * self._task.substeps, AHEAD)
+        write_row(self._around.currents, i, episode.current_fraction * currents)
+        write_row(self._around.winds, i, winds)
+
+    def current_at(self, i: int) -> Array:
+        """Return the (3,) velocity of the water without its waves around boat `i` in the next decision, m/s."""
+        found: Array = self._around.currents.numpy()[i, self.view_of("decisions")[i] % AHEAD].copy()
+        return found
+
+    def water_at(self, i: int) -> SeaWater:
+        """Return the sea around boat `i`, its waves as they are now: for pictures. Its gusts are drawn ahead."""
+        episode = self.episodes[i]
+        assert episode is not None, "reset comes first"
+        water, phases = episode.water, self._around.sea.phases.numpy()[i].ravel()
+        water.set_phases(phases[: len(water.waves[1])])
+        return water
+
+    def view_of(self, name: str) -> Any:
+        """Return an array of `BoatState` as NumPy's: the same memory on the processor, a copy from a GPU."""
+        if name == "clearances":
+            self._run(self._clearing)
+        if name in self._views:
+            return self._views[name]
+        array = getattr(self.boats, name)
+        values = array.numpy()
+        if array.device.is_cpu:
+            self._views[name] = values
+        return values
+
+    def _write(self, name: str, values: Any) -> None:
+        """Write all rows of an array."""
+        if self.device.is_cpu:
+            self.view_of(name)[:] = values
+        else:
+            array = getattr(self.boats, name)
+            array.assign(np.ascontiguousarray(values, dtype=array.numpy().dtype))
+
+    def state(self) -> dict[str, npt.NDArray[Any]]:
+        """Return copies of all that the future depends on, but for the episodes that boats are in."""
+        names = BoatState.vars  # type: ignore[attr-defined]
+        arrays = {name: np.array(getattr(self.boats, name).numpy()) for name in names}
+        return arrays | {"phases": np.array(self._around.sea.phases.numpy())}
+
+    def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
+        """Go back to where `state` was taken; boats must have begun the episodes that they were in."""
+        for name in BoatState.vars:  # type: ignore[attr-defined]
+            getattr(self.boats, name).assign(state[name])
+        self._around.sea.phases.assign(state["phases"])
+        for i, decisions in enumerate(state["decisions"].tolist()):
+            for _ in range(decisions // AHEAD):
+                self._draw_ahead(i)
+
+    def close(self) -> None:
+        """End the threads. Closing twice does nothing."""
+        if self._threads is not None:
+            self._threads.shutdown()
+
+    def _run(self, slices: list[list[Any]]) -> None:
+        """Launch the recorded kernels, each slice of the boats in a thread of its own: Warp lets go of Python."""
+        if self._threads is None:
+            _launch(slices[0])
+        else:
+            list(self._threads.map(_launch, slices))
+
+    def _record(self) -> tuple[list[list[Any]], list[list[Any]], list[list[Any]]]:
+        """Return the launches of a decision, of a beginning and of clearances; for each slice."""
+        decision, beginning, clearing = [], [], []
+        boats, around, model, rules = self.boats, self._around, self._model, self._rules
+        for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True):
+
+            def launch_of(kernel: Any, *inputs: Any, num: int = last - first) -> Any:
+                return wp.launch(kernel, dim=num, inputs=list(inputs), device=self.device, record_cmd=True)
+
+            begin = launch_of(kernels.begin, first, boats, around)
+            move = launch_of(kernels.move, first, boats, around, model, rules)
+            sense = launch_of(kernels.sense, first, 0, boats, around, model, rules)
+            sense_begun = launch_of(kernels.sense, first, 1, boats, around, model, rules)
+            score = launch_of(kernels.score, first, boats, around, model, rules)
+            decision.append([begin, move, sense, score])
+            beginning.append([begin, sense_begun])
+            clearing.append([launch_of(kernels.clear, first, boats, around, model)])
+        return decision, beginning, clearing
+
+
+class BaySlots:
+    """Which row of an array of bays each boat's bay is in: boats in the same bay share one."""
+
+    def __init__(self, bays: Any, deepest: float) -> None:
+        """Keep bays in an array on a device, whose beams see what reaches up to `deepest` (m) below still water."""
+        self._bays, self._deepest = bays, deepest
+        self._used: list[set[int]] = [set() for _ in range(bays.shape[0])]
+        self._maps: list[SeaMap | None] = [None] * bays.shape[0]
+        self._kept: list[Bay | None] = [None] * bays.shape[0]
+        """The arrays that the device's rows point to."""
+        self._slot_of = [-1] * bays.shape[0]
+        self._free = list(range(bays.shape[0]))[::-1]
+        self._by_map: dict[int, int] = {}
+
+    def take(self, i: int, sea: SeaMap) -> int:
+        """Return the row of a boat's new bay, which is there from now on."""
+        slot = self._by_map.get(id(sea), -1)
+        if slot != self._slot_of[i] or slot < 0:
+            self._leave(i)
+        if slot < 0:
+            slot = self._free.pop()
+            self._by_map[id(sea)], self._maps[slot] = slot, sea
+            bay = self._kept[slot] = make_bay(sea, self._deepest, self._bays.device)
+            row = wp.array([bay], dtype=Bay, device=self._bays.device)
+            wp.copy(self._bays, row, dest_offset=slot, count=1)
+        self._slot_of[i] = slot
+        self._used[slot].add(i)
+        return slot
+
+    def _leave(self, i: int) -> None:
+        slot = self._slot_of[i]
+        if slot < 0:
+            return
+        self._used[slot].discard(i)
+        if not self._used[slot]:
+            del self._by_map[id(self._maps[slot])]
+            self._maps[slot] = self._kept[slot] = None
+            self._free.append(slot)
+
+
+def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) -> Array:
+    """Return the state of a boat at rest afloat at a berth: (13,), of the original's boat (14,)."""
+    if isinstance(boat, OriginalVehicle):
+        return boat.state_at(Pose(np.array([*berth.position, 0.0]), yaw_quaternion(berth.heading)))
+    state = boat.state_at(berth.position, berth.heading, DENSITY)
+    state[2] += water.rise(state[None, :3])[0]
+    return state
+
+
+def _launch(commands: list[Any]) -> None:
+    for command in commands:
+        command.launch()
+
+
+def _slices(num: int, num_threads: int | None) -> list[int]:
+    """Return where each thread's boats begin, and `num`."""
+    available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+    if available < 1:
+        raise InputError(f"num_threads must be at least 1, got {num_threads}.")
+    bounds: list[int] = np.linspace(0, num, max(1, min(available, num // MIN_SLICE)) + 1).astype(int).tolist()
+    return bounds
