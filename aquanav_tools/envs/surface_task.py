@@ -62,6 +62,10 @@ class SurfaceTask:
             InputError: an option is unknown or senseless.
         """
         refuse_own(options, choices.observation, "Boats")
+        if options.randomisation is not None:
+            raise InputError(
+                f"Boats draw no dynamics, and randomisation is '{options.randomisation}'. Leave it out, or take a cave."
+            )
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)
         self.observation_space = surface_space(choices.observation)

@@ -15,13 +15,14 @@ from aquanav_tools.sim.batch.boat_contact import (
     pushed_off,
 )
 from aquanav_tools.sim.batch.boat_motion import drive_wrench, sail
-from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion, show_original, show_tag
+from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion
 from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
 from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
 from aquanav_tools.sim.batch.boat_water import RATE
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
+from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
 
 wp.set_module_options(BOAT_OPTIONS)
@@ -158,7 +159,8 @@ def sense(first: int, only_begun: int, boats: BoatState, around: Surroundings, m
     num_rays, seen = model.beams.lengths.shape[0], boats.observations[i]
     if rules.preset == ORIGINAL:
         before, turned = boats.positions_before[i], boats.orientations_before[i]
-        show_original(seen, 4 * num_rays, orientation, velocity, before, turned, bay.goal_centre)
+        goal = wp.vec3d(bay.goal_centre[0], bay.goal_centre[1], before[2])  # as high as the boat
+        show_original(seen, 4 * num_rays, orientation, velocity, before, turned, goal)
     else:
         show_goal(seen, num_rays, position, rotation, bay.goal_centre, rules.scales[0])
         if rules.preset == FULL:

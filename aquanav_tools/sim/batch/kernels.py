@@ -11,19 +11,13 @@ from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
+from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
-from aquanav_tools.sim.batch.observation import (
-    FULL,
-    ORIGINAL,
-    Fan,
-    show_cell,
-    show_goal,
-    show_motion,
-    show_original,
-)
+from aquanav_tools.sim.batch.observation import FULL, ORIGINAL, Fan, show_goal, show_motion
 from aquanav_tools.sim.batch.original import drag_along
+from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.progress import to_go
 from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -34,7 +28,8 @@ from aquanav_tools.sim.batch.water import current_at, stir
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-SUCCESS, COLLISION, TIMEOUT = wp.constant(1), wp.constant(2), wp.constant(3)
+PROXIMITY = wp.constant(3)
+"""Number of the term that is paid for nearness."""
 
 
 @wp.struct
@@ -155,14 +150,11 @@ def conclude(i: int, state: BatchState, cave: Cave, craft: Craft):
         state.phases[i] = state.phases[i] + water.phase_step
         stir(state.eddies, water, state.seeds[i], i, state.decisions[i])
         state.currents[i] = current_at(i, water, cave.grid, state)
-    outcome = int(0)
-    if cave.rules.ends_on_collision == 1 and is_touching == 1:
-        outcome = COLLISION
-    elif remaining <= cave.rules.tolerance:
-        outcome = SUCCESS
-    elif state.ages[i] + state.decisions[i] >= cave.rules.max_decisions:
-        outcome = TIMEOUT
-    state.outcomes[i] = outcome
+    rules = cave.rules
+    decisions = state.ages[i] + state.decisions[i]
+    state.outcomes[i] = outcome_of(
+        is_touching, rules.ends_on_collision, remaining, rules.tolerance, decisions, rules.max_decisions
+    )
 
 
 @wp.kernel
@@ -223,7 +215,7 @@ def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, s
             tag = int(NOTHING)
     if settings.observation == ORIGINAL:
         state.tags[i, ray] = tag
-        show_cell(i, ray, tag, distance / length, state)
+        show_tag(state.observations[i], ray, distance, f64(length), tag)
     else:
         state.observations[i, ray] = distance / length
 
@@ -251,7 +243,15 @@ def sense(
     if part == 0:
         craft = crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:
-            show_original(i, 4 * num_rays, state, cave.rules.goal, rotation)
+            show_original(
+                state.observations[i],
+                4 * num_rays,
+                state.orientations[i],
+                state.velocities[i],
+                state.previous_positions[i],
+                state.previous_orientations[i],
+                cave.rules.goal,
+            )
         else:
             show_goal(i, num_rays, state, cave.rules.goal, rotation)
             if settings.observation == FULL:
@@ -274,21 +274,12 @@ def deliver(first: int, only_restarted: int, state: BatchState):
 
 
 @wp.func
-def amount_of(term: int, i: int, state: BatchState, steps: f64, fan: Fan):
-    """Return what a term of the reward is paid for, in the order of `envs.reward.TERMS`."""
-    amount = f64(state.outcomes[i] == term - 3)  # goal, collision and timeout, in the order of the outcomes
-    if term == 0:
-        amount = state.gained[i]
-    elif term == 1:
-        amount = steps
-    elif term == 2:
-        amount = f64(state.touched[i])
-    elif term == 3:
-        cut_off = f64(0.0)
-        for ray in range(fan.lengths.shape[0]):
-            cut_off += f64(1.0) - f64(state.rays[i, ray] / fan.lengths[ray])
-        amount = steps * cut_off
-    return amount
+def cut_off(i: int, state: BatchState, fan: Fan):
+    """Return the sum over the rays of vehicle `i` of 1 - distance / length."""
+    total = f64(0.0)
+    for ray in range(fan.lengths.shape[0]):
+        total += f64(1.0) - f64(state.rays[i, ray] / fan.lengths[ray])
+    return total
 
 
 @wp.kernel
@@ -296,11 +287,14 @@ def score(first: int, state: BatchState, caves: wp.array(dtype=Cave), settings: 
     """Write the reward's terms and the episode's end."""
     i = state.order[first + wp.tid()]
     rules, outcome = caves[state.cave_of[i]].rules, state.outcomes[i]
-    total = f64(0.0)
+    total, lost = f64(0.0), f64(0.0)
+    if rules.weights[PROXIMITY] != f64(0.0):
+        lost = cut_off(i, state, settings.fan)
     for n in range(7):
         term = f64(0.0)
-        if state.restarted[i] == 0 and rules.weights[n] != f64(0.0):
-            term = rules.weights[n] * amount_of(n, i, state, f64(rules.substeps), settings.fan)
+        if state.restarted[i] == 0:
+            amount = term_amount(n, state.gained[i], rules.substeps, state.touched[i], lost, outcome)
+            term = rules.weights[n] * amount
         state.terms[i, n] = float(term)
         total += term
     state.rewards[i] = float(total)

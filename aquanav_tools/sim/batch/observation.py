@@ -10,9 +10,7 @@ import warp as wp
 from aquanav_tools.sim import scales
 from aquanav_tools.sim.batch.actuators import trim_of
 from aquanav_tools.sim.batch.craft import Craft
-from aquanav_tools.sim.batch.motion import angular, linear, rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.spheres import NOTHING, START_WALL, WALL
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.sensors import RayPattern
 
@@ -20,9 +18,8 @@ wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
 PI = wp.constant(wp.float64(np.pi))
-DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE, MIN_MOTION = (
-    wp.constant(wp.float64(value))
-    for value in (scales.DISTANCE_SCALE, scales.SPEED_SCALE, scales.RATE_SCALE, scales.MIN_MOTION)
+DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE = (
+    wp.constant(wp.float64(value)) for value in (scales.DISTANCE_SCALE, scales.SPEED_SCALE, scales.RATE_SCALE)
 )
 PRESETS = ("paper", "full", "original")
 PAPER, FULL, ORIGINAL = (wp.constant(n) for n in range(3))
@@ -87,57 +84,3 @@ def show_motion(i: int, first: int, state: BatchState, craft: Craft, entrance_he
     state.observations[i, first + 7] = within(rotation[2, 0])
     state.observations[i, first + 8] = within(rotation[2, 1])
     state.observations[i, first + 9] = within(trim_of(state.levels[i], craft.controls))
-
-
-@wp.func
-def show_cell(i: int, ray: int, tag: int, fraction: float, state: BatchState):
-    """Write what the original sees of a ray: three flags, and the fraction of its length."""
-    state.observations[i, 4 * ray] = float(tag == WALL)
-    state.observations[i, 4 * ray + 1] = float(tag == START_WALL)
-    state.observations[i, 4 * ray + 2] = float(tag == NOTHING)
-    state.observations[i, 4 * ray + 3] = fraction
-
-
-@wp.func
-def show_angles(i: int, first: int, state: BatchState, goal: wp.vec3d):
-    """Write the original's heading and elevation to the goal of one physics step ago, degrees; 0 where undefined."""
-    rotation = rotation_of(state.previous_orientations[i])
-    offset = goal - state.previous_positions[i]
-    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
-    distance = wp.length(offset)
-    heading, elevation, one = f64(0.0), f64(0.0), f64(1.0)
-    if flat > f64(0.0):
-        ahead = (offset[0] * rotation[0, 0] + offset[1] * rotation[1, 0]) / flat
-        right = offset[0] * rotation[1, 0] - offset[1] * rotation[0, 0]
-        heading = wp.degrees(wp.acos(wp.clamp(ahead, -one, one)))
-        if right < f64(0.0):
-            heading = -heading
-        elif right == f64(0.0):
-            heading = f64(0.0)
-    if distance > f64(0.0):
-        up = wp.vec3d(rotation[0, 2], rotation[1, 2], rotation[2, 2])
-        elevation = wp.degrees(wp.asin(wp.clamp(wp.dot(offset, up) / distance, -one, one)))
-    state.observations[i, first] = wp.float32(heading)
-    state.observations[i, first + 1] = wp.float32(elevation)
-
-
-@wp.func
-def show_direction(i: int, first: int, state: BatchState, vector: wp.vec3d):
-    """Write the direction of a vector of the world in the original's axes (y up: its x, y, z are our y, z, -x)."""
-    length = wp.length(vector)
-    direction = wp.vec3d()
-    if length > MIN_MOTION:
-        direction = vector / length
-    state.observations[i, first] = wp.float32(direction[1])
-    state.observations[i, first + 1] = wp.float32(direction[2])
-    state.observations[i, first + 2] = wp.float32(-direction[0])
-
-
-@wp.func
-def show_original(i: int, first: int, state: BatchState, goal: wp.vec3d, rotation: wp.mat33d):
-    """Write what the original sees beside its rays, from place `first` on."""
-    velocity = state.velocities[i]
-    show_angles(i, first, state, goal)
-    show_direction(i, first + 2, state, rotation * linear(velocity))
-    # Rates of turn change their sign in a left-handed frame.
-    show_direction(i, first + 5, state, -(rotation * angular(velocity)))

@@ -18,6 +18,7 @@ from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.caves import Cave, CaveTask, make_cave
 from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
 from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
+from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
@@ -37,7 +38,6 @@ MIN_SLICE = 256
 """Vehicles for which a further thread is worth its start."""
 SORT_EVERY = 32
 """Decisions after which vehicles are put in order of place again: about a metre's way."""
-NUM_TERMS = 7
 CONDITIONS = {"sensor_noise": "ray_noise", "sensor_dropout": "ray_dropout", "current_range": "current_ranges"}
 """Options of the task that each episode may have of its own, and the arrays that hold them."""
 
