@@ -68,6 +68,13 @@ def test_a_drawn_body_moves_as_one_whose_file_says_so(tube: Scenario, name: str,
     assert np.abs(states - nominal).max() > 1e-3
 
 
+@pytest.mark.parametrize("name", ["bluerov2", "bluerov2-heavy", "original-auv"])
+def test_ranges_that_draw_nothing_leave_the_vehicle_as_its_file_has_it(tube: Scenario, name: str) -> None:
+    _, states = swim(tube, load_vehicle(name), Randomisation())
+    _, expected = swim(tube, load_vehicle(name))
+    np.testing.assert_array_equal(states, expected)
+
+
 def test_thrust_and_net_buoyancy_are_forces_over_mass(tube: Scenario) -> None:
     """After one short step from rest, before drag counts, speed is force times time by mass."""
     vehicle = fossen()

@@ -114,9 +114,9 @@ class DrawnCrafts:
 
     def draw(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.integer]) -> None:
         """Give some vehicles, (n,), the bodies of the episodes with (n,) seeds."""
-        if not self.names:
-            return
-        words = np.stack([draw_many(seeds, DYNAMICS + n) for n in range(len(self.names))], axis=1)
+        words = np.zeros((len(seeds), len(self.names)), dtype=np.uint32)
+        for n in range(len(self.names)):
+            words[:, n] = draw_many(seeds, DYNAMICS + n)
         for cave in np.unique(self._cave_of[vehicles]).tolist():
             is_here = self._cave_of[vehicles] == cave
             self._draw_in(cave, vehicles[is_here], uniform_numbers(words[is_here]))
@@ -131,7 +131,8 @@ class DrawnCrafts:
     def _draw_in(self, cave: int, vehicles: npt.NDArray[np.integer], uniform: Array) -> None:
         scenario, vehicle = self._pairs[cave]
         draws = draw(self._randomisation, vehicle, uniform)
-        self.values[vehicles] = np.stack([draws[name] for name in self.names], axis=1)
+        for n, name in enumerate(self.names):
+            self.values[vehicles, n] = draws[name]
         density, dt = scenario.settings.water.density, scenario.settings.limits.dt
         parameters = varied_body(vehicle, density, draws, len(vehicles))
         rows = self._rows[vehicles]
