@@ -18,7 +18,8 @@ def is_drawn(scenario: Place, task: TaskOptions) -> bool:
     adapter = adapter_of(scenario)
     has_starts = task.starts == "listed" and bool(adapter.path_lengths)
     has_errors = task.sensor_noise > 0.0 or task.sensor_dropout > 0.0
-    return not has_starts or has_errors or adapter.draws_water(task)
+    has_own = bool(task.sensors) or task.disturbance is not None or task.motion is not None  # these may draw
+    return not has_starts or has_errors or has_own or task.randomisation is not None or adapter.draws_water(task)
 
 
 def usual_episodes(scenario: Place, task: TaskOptions, num_starts: int) -> int:

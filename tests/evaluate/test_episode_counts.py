@@ -58,6 +58,7 @@ def with_start(template: EpisodeMetrics, start: int, **changes: Any) -> EpisodeM
         ({"current": (0.2, 0.0, 0.0), "current_range": (0.0, 1.0)}, True),
         ({"current_range": (0.0, 1.0)}, False),
         ({"sensor_noise": 0.5}, True),
+        ({"randomisation": "mild"}, True),
         ({"sensor_dropout": 0.5}, True),
         ({"starts": "anywhere"}, True),
         ({"action_delay": 2, "observation_delay": 1}, False),
