@@ -122,7 +122,7 @@ class EvaluateOptions(ProtocolOptions):
     backend: Literal["pybullet", "batch"] = "pybullet"
     """pybullet runs each episode by itself. batch runs up to 256 side by side, several times as fast; an episode is
     the same whatever runs beside it. In caves its contacts are our own and its rays go through the distance field. It
-    takes neither the original's policies nor policies that look at the map."""
+    takes no policies that look at the map."""
     workers: int | None = None
     """Processes that run episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process runs."""
