@@ -23,6 +23,8 @@ from aquanav_tools.types import Array, Mesh, Pose
 
 MAX_ARRAY_BYTES = 1_000_000_000
 """Bound on each array of a distance field: 250 million samples, eight times what a build makes."""
+UNIT_TOLERANCE = 1e-3
+"""By which an orientation's quaternion may differ from length 1."""
 MAX_HEADER_BYTES = 1_000
 """Bound on what an array's file holds beside it; NumPy writes 128."""
 
@@ -202,7 +204,7 @@ def read_starts(path: Path) -> tuple[Start, ...]:
     try:
         starts = tuple(
             Start(
-                Pose(_array(row["position"], (3,)), _array(row["orientation"], (4,))),
+                Pose(_array(row["position"], (3,)), _quaternion(row["orientation"])),
                 float(row["clearance"]),
                 float(row["geodesic_to_goal"]),
                 float(row["difficulty"]),
@@ -234,6 +236,14 @@ def _array(value: object, shape: tuple[int, ...]) -> Array:
     if not np.isfinite(array).all():
         raise ValueError("a value is not finite")
     return array
+
+
+def _quaternion(value: object) -> Array:
+    quaternion = _array(value, (4,))
+    length = float(np.linalg.norm(quaternion))
+    if abs(length - 1.0) > UNIT_TOLERANCE:
+        raise ValueError(f"an orientation has length {length:g}, not 1")
+    return quaternion
 
 
 def _check_mesh(mesh: Mesh, path: Path) -> None:

@@ -109,8 +109,8 @@ def local_transform(fields: dict[str, Any]) -> Array:
     place, scale = _numbers(fields["m_LocalPosition"], "xyz"), _numbers(fields["m_LocalScale"], "xyz")
     turn = _numbers(fields["m_LocalRotation"], "wxyz")
     length = float(np.linalg.norm(turn))
-    if length < 1e-6:
-        raise ValueError("a rotation of length 0")
+    if not 1e-6 < length < 1e6:  # numbers of 200 digits have one beyond floating point
+        raise ValueError(f"a rotation of length {length:g}")
     transform = np.eye(4)
     transform[:3, :3] = rotation_matrix(turn / length) * scale
     transform[:3, 3] = place

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.build.original.rewarder import read_rewarders
+from aquanav_tools.build.original.rewarder import local_transform, read_rewarders
 from aquanav_tools.build.original.unity_yaml import read_documents
 from aquanav_tools.errors import InputError
 from tests.build.original.files import prefab_of
@@ -114,3 +114,11 @@ def test_the_originals_panels_stand_where_its_contract_says(data_dir: Path) -> N
         panels = json.loads((data_dir / "saferlauv" / "panels" / f"{key}.json").read_text())["panels"]
         np.testing.assert_allclose(rewarders[name].centres, [panel["center"] for panel in panels], atol=1e-4)
         np.testing.assert_allclose(rewarders[name].normals, [panel["normal"] for panel in panels], atol=1e-4)
+
+
+@pytest.mark.parametrize("size", [0.0, 1e200])
+def test_a_rotation_that_turns_nothing_is_refused(size: float) -> None:
+    at, one = {"x": 0, "y": 0, "z": 0}, {"x": 1, "y": 1, "z": 1}
+    turn = {"w": size, "x": size, "y": 0, "z": 0}
+    with pytest.raises(ValueError, match="a rotation of length"):
+        local_transform({"m_LocalPosition": at, "m_LocalScale": one, "m_LocalRotation": turn})
