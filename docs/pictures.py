@@ -14,10 +14,10 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from aquanav_tools.envs.factory import read_any_scenario
 from aquanav_tools.envs.pictures.film import film
 from aquanav_tools.envs.pictures.lamp_light import vertex_normals
 from aquanav_tools.envs.pictures.triangles import Eye, see
-from aquanav_tools.envs.places import read_place
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.options import Grid, ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
@@ -48,7 +48,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    cave = read_place(options.scenario)
+    cave = read_any_scenario(options.scenario)
     assert isinstance(cave, Scenario), "a bay has no walls to cut open"
     draw_cave(cave, options.out / "cave.png")
     film_dive(cave, options, options.out / "dive.webp")

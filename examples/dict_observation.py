@@ -17,7 +17,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecNormalize
 
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.sim.batch.sensors.sonar import ImagingSonar
 from aquanav_tools.sim.batch.sensors.sonar_sheet import SonarSheet
 
@@ -39,7 +39,7 @@ def main() -> None:
     parser.add_argument("--save", type=Path, help="SB3's zip of the policy")
     options = parser.parse_args()
     torch.set_num_threads(1)  # the networks are small: threads would wait for each other
-    batch = PlaceVecEnv(options.scenario, options.num_envs, observation=observation())
+    batch = BatchedVecEnv(options.scenario, options.num_envs, observation=observation())
     env = VecNormalize(batch, norm_reward=True, gamma=0.99)
     model = PPO("MultiInputPolicy", env, n_steps=64, batch_size=1024, ent_coef=0.005, seed=0, device="cpu")
     for _ in range(10):

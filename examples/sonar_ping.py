@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.places import cave_of, read_place
+from aquanav_tools.envs.factory import cave_of, read_any_scenario
 from aquanav_tools.sim.batch.sensors.sonar import ImagingSonar
 from aquanav_tools.sim.batch.sensors.sonar_sheet import SonarSheet
 
@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("sonar.png"))
     options = parser.parse_args()
     sonar = ImagingSonar(SonarSheet(max_range=options.max_range, dynamic_range_db=40.0))
-    cave = cave_of(read_place(options.scenario), "A sonar")
+    cave = cave_of(read_any_scenario(options.scenario), "A sonar")
     env = CaveEnv(cave, observation={"sonar": sonar}, contacts="own")
     observation: Any = env.reset(seed=1, options={"start": options.start})[0]
     env.close()

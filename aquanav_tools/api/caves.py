@@ -7,7 +7,7 @@ from typing import Any
 
 from aquanav_tools.api.bars import stages
 from aquanav_tools.build.built import BuiltScenario, build_options, build_scenario
-from aquanav_tools.envs.places import Place, read_place
+from aquanav_tools.envs.factory import AnyScenario, read_any_scenario
 
 
 def build_cave(
@@ -40,7 +40,7 @@ def build_cave(
     return build_scenario(build_options(given, None if recipe is None else Path(recipe)), stages(progress))
 
 
-def load_scenario(scenario: str | Path) -> Place:
+def load_scenario(scenario: str | Path) -> AnyScenario:
     """Return a cave (`Scenario`) or a bay for boats (`Bay`), checked whole; a shipped cave is built when first used.
 
     Of a cave, in metres and the world's frame (z up): `cavity.mesh.vertices` (V, 3) and `.faces` (F, 3), `starts`,
@@ -52,4 +52,4 @@ def load_scenario(scenario: str | Path) -> Place:
     Raises:
         ScenarioError: there is none (with the nearest names), or it is damaged.
     """
-    return read_place(scenario)
+    return read_any_scenario(scenario)

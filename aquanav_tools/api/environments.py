@@ -7,26 +7,26 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from aquanav_tools.envs import places
+from aquanav_tools.envs import factory
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.places import Place, PlaceEnv, read_place, with_vehicle
+from aquanav_tools.envs.factory import AnyScenario, TaskEnv, read_any_scenario, with_vehicle
 from aquanav_tools.envs.vector_env import BatchVectorEnv
 
 if TYPE_CHECKING:
-    from aquanav_tools.envs.sb3_env import PlaceVecEnv
+    from aquanav_tools.envs.sb3_env import BatchedVecEnv
 
 KINDS = ("gymnasium", "sb3")
 
 
 def make_env(
-    scenario: str | Path | Place,
+    scenario: str | Path | AnyScenario,
     *,
     observation: str = "full",
     action: str = "multidiscrete",
     vehicle: str | None = None,
     max_decisions: int | None = None,
     **task: Any,
-) -> PlaceEnv:
+) -> TaskEnv:
     """Return a Gymnasium environment with one vehicle: `CaveEnv` in a cave, `SurfaceEnv` in a bay.
 
     Observations are float32, (44,) for "full" in a cave and (31,) for "paper"; a decision takes 0.1 s. The docstrings
@@ -45,13 +45,13 @@ def make_env(
         ScenarioError: the scenario cannot be read, or has no start.
         InputError: an option is unknown (with the nearest name) or senseless, or the vehicle does not fit.
     """
-    place = with_vehicle(_place(scenario), vehicle)
-    return places.make_env(place, max_decisions=max_decisions, observation=observation, action=action, **task)
+    loaded = with_vehicle(_scenario(scenario), vehicle)
+    return factory.make_env(loaded, max_decisions=max_decisions, observation=observation, action=action, **task)
 
 
 @overload
 def make_vec_env(
-    scenario: str | Path | Place | Sequence[str | Path | Place],
+    scenario: str | Path | AnyScenario | Sequence[str | Path | AnyScenario],
     num_envs: int,
     *,
     kind: Literal["gymnasium"] = ...,
@@ -62,7 +62,7 @@ def make_vec_env(
 ) -> BatchVectorEnv: ...
 @overload
 def make_vec_env(
-    scenario: str | Path | Place | Sequence[str | Path | Place],
+    scenario: str | Path | AnyScenario | Sequence[str | Path | AnyScenario],
     num_envs: int,
     *,
     kind: Literal["sb3"],
@@ -70,9 +70,9 @@ def make_vec_env(
     seed: int = ...,
     vehicle: str | None = ...,
     **options: Any,
-) -> PlaceVecEnv: ...
+) -> BatchedVecEnv: ...
 def make_vec_env(
-    scenario: str | Path | Place | Sequence[str | Path | Place],
+    scenario: str | Path | AnyScenario | Sequence[str | Path | AnyScenario],
     num_envs: int,
     *,
     kind: Literal["gymnasium", "sb3"] = "gymnasium",
@@ -80,7 +80,7 @@ def make_vec_env(
     seed: int = 0,
     vehicle: str | None = None,
     **options: Any,
-) -> BatchVectorEnv | PlaceVecEnv:
+) -> BatchVectorEnv | BatchedVecEnv:
     """Return `num_envs` vehicles in one process as one vector environment, in one scenario or shared out over several.
 
     Observations are (num_envs, O) float32, rewards (num_envs,), infos arrays with a row per vehicle.
@@ -99,14 +99,14 @@ def make_vec_env(
         InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than scenarios.
     """
     check_choice("kind of vector environment", kind, KINDS)
-    several = [scenario] if isinstance(scenario, str | Path | Place) else list(scenario)
-    loaded = [with_vehicle(_place(one), vehicle) for one in several]
+    several = [scenario] if isinstance(scenario, str | Path | AnyScenario) else list(scenario)
+    loaded = [with_vehicle(_scenario(one), vehicle) for one in several]
     if kind == "sb3":
-        from aquanav_tools.envs.sb3_env import PlaceVecEnv  # loads torch
+        from aquanav_tools.envs.sb3_env import BatchedVecEnv  # loads torch
 
-        return PlaceVecEnv(loaded, num_envs, seed=seed, **options)
-    return BatchVectorEnv(num_envs, autoreset_mode, partial(places.make_batch, loaded, **options))
+        return BatchedVecEnv(loaded, num_envs, seed=seed, **options)
+    return BatchVectorEnv(num_envs, autoreset_mode, partial(factory.make_batch, loaded, **options))
 
 
-def _place(scenario: str | Path | Place) -> Place:
-    return read_place(scenario) if isinstance(scenario, str | Path) else scenario
+def _scenario(scenario: str | Path | AnyScenario) -> AnyScenario:
+    return read_any_scenario(scenario) if isinstance(scenario, str | Path) else scenario

@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import check_settings, read_pipeline
 from aquanav_tools.train.training import Trained
 
 
 def train(
-    scenario: str | Path | Place | None = None,
+    scenario: str | Path | AnyScenario | None = None,
     *,
     pipeline: str | Path | None = None,
     output: str | Path = "out/train",
@@ -46,7 +46,7 @@ def train(
         WorkerError: an environment in a worker raised an error, or took too long.
     """
     check_settings(settings, "train")
-    loaded = scenario if isinstance(scenario, Place) else None
+    loaded = scenario if isinstance(scenario, AnyScenario) else None
     if scenario is not None:
         settings["scenario"] = loaded.name if loaded is not None else str(scenario)
     lessons = read_pipeline(pipeline, settings)

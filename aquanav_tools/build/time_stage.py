@@ -6,7 +6,7 @@ from typing import Any
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.time_limit import decision_limit, ideal_time, longest_way
+from aquanav_tools.sim.time_limit import decision_limit, ideal_time, longest_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.task import ORIGINAL_DECISIONS
 
@@ -19,8 +19,8 @@ def time_facts(scenario: Scenario) -> dict[str, Any]:
     return {
         "decisions": decisions,
         "seconds": decisions * limits.dt * limits.substeps,
-        "longest_way": longest_way(scenario),
-        "longest_way_at_best": best(longest_way(scenario)),
+        "longest_path": longest_path(scenario),
+        "longest_path_at_best": best(longest_path(scenario)),
         "top_speed": best.speed,
         "slowest_on_the_way": best.slowest,
     }
@@ -29,7 +29,7 @@ def time_facts(scenario: Scenario) -> dict[str, Any]:
 def note_time(scenario: Scenario, journal: Journal) -> None:
     """Warn where the vehicle cannot arrive in time; say so where a long way makes episodes longer than usual."""
     facts = time_facts(scenario)
-    way, best, limit = facts["longest_way"], facts["longest_way_at_best"], facts["seconds"]
+    way, best, limit = facts["longest_path"], facts["longest_path_at_best"], facts["seconds"]
     if facts["slowest_on_the_way"] <= 0.0:
         journal.warn(
             "too-slow",

@@ -45,7 +45,7 @@ class Batch(Protocol):
         """(N,) from which progress is counted: progress is this less what remains, m."""
 
     @property
-    def ways(self) -> Array:
+    def path_lengths(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
 
     def reset(
@@ -63,17 +63,17 @@ class Batch(Protocol):
                 vehicles, or (N,) of them; (N, 2) of a range. The task's own where they are not named.
         """
 
-    def stagger(self, seed: int) -> None:
+    def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun: not in all of them at once."""
 
     def command(self, actions: Any) -> None:
         """Hand the (N, ...) actions of all vehicles to the next step; raises InputError where one is none."""
 
-    def hold(self, commands: Floats) -> None:
+    def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
 
-    def rest(self, places: Sequence[int]) -> None:
-        """Say that no episode need follow at these places until the next reset: a batch may spare itself the work."""
+    def retire(self, vehicles: Sequence[int]) -> None:
+        """Say that no episode need follow of these vehicles until the next reset: a batch may spare itself the work."""
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""

@@ -13,8 +13,8 @@ from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.sea.generate import MAX_START_TURN, MapSettings, draw_map, generate_map
 from aquanav_tools.sea.original import SUFFIX, read_original_map
 from aquanav_tools.sea.outlines import to_outline
-from aquanav_tools.sea.sea_map import Berth, Goal, SeaMap, Way, read_map
-from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.sea.sea_map import Berth, Goal, SeaMap, ShortestPath, read_map
+from aquanav_tools.sea.shortest import shortest_path
 from aquanav_tools.types import Array
 
 MAX_TRIES = 200
@@ -44,7 +44,7 @@ class Bays:
         self.fixed = _fixed_bay(bay, usual)
         """The bay of all episodes; None where each has another."""
 
-    def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[SeaMap, Berth, Way, int]:
+    def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[SeaMap, Berth, ShortestPath, int]:
         """Return a bay, the berth in it, the shortest way from there, and the berth's number, NOWHERE_LISTED if drawn.
 
         Args:
@@ -58,25 +58,25 @@ class Bays:
             if "start" in options:
                 raise InputError("Each episode has another bay, so that no start has a number. Choose a fixed bay.")
             sea = draw_map(rng, self._settings)
-            return sea, sea.starts[0], sea.ways[0], NOWHERE_LISTED
+            return sea, sea.starts[0], sea.paths[0], NOWHERE_LISTED
         sea = self.fixed
         if self._is_anywhere and "start" not in options:
             return sea, *self._draw(rng, sea), NOWHERE_LISTED
         count = len(sea.starts)
         number = check_start(options["start"], count) if "start" in options else int(rng.integers(count))
-        return sea, sea.starts[number], sea.ways[number], number
+        return sea, sea.starts[number], sea.paths[number], number
 
-    def _draw(self, rng: np.random.Generator, sea: SeaMap) -> tuple[Berth, Way]:
+    def _draw(self, rng: np.random.Generator, sea: SeaMap) -> tuple[Berth, ShortestPath]:
         """Return a berth drawn evenly from the water from which the goal can be reached, and the way from there."""
         for _ in range(MAX_TRIES):
             place = rng.uniform(sea.edge[:2], sea.edge[2:])
             turn = rng.uniform(-MAX_START_TURN, MAX_START_TURN)
             if sea.clearance_at(place) < self._room or distance_to(sea.goal, place) <= sea.goal.tolerance + self._room:
                 continue
-            way = shortest_way(sea.outlines, place, sea.goal, self._room)
-            if way is not None:
+            path = shortest_path(sea.outlines, place, sea.goal, self._room)
+            if path is not None:
                 east, north = sea.goal.centre - place
-                return Berth(place, float(np.arctan2(north, east) + turn)), way
+                return Berth(place, float(np.arctan2(north, east) + turn)), path
         raise ScenarioError(
             f"No start was found in {MAX_TRIES} tries from which the goal of {sea.name} can be reached with "
             f"{self._room:.2f} m to either side. Take the bay's own starts, or a narrower boat."
@@ -103,9 +103,9 @@ def _fixed_bay(bay: SeaMap | MapSettings | int | str | Path | None, settings: Ma
 
 
 def _usable(sea: SeaMap) -> SeaMap:
-    if not sea.starts or len(sea.ways) != len(sea.starts):
+    if not sea.starts or len(sea.paths) != len(sea.starts):
         raise ScenarioError(
-            f"The bay {sea.name} has {len(sea.starts)} starts and {len(sea.ways)} shortest ways; it needs one way for "
+            f"The bay {sea.name} has {len(sea.starts)} starts and {len(sea.paths)} shortest ways; it needs one way for "
             "each of one or more starts. Draw it with sea.generate, or read it with sea.original."
         )
     return sea

@@ -67,7 +67,7 @@ class BoatBatch:
         self._arrays: dict[str, npt.NDArray[Any]] = {
             name: np.zeros(num, dtype=np.int64) for name in ("seeds", "episodes", "asked", "start_indices")
         }
-        self._arrays["ways"] = np.zeros(num)
+        self._arrays["path_lengths"] = np.zeros(num)
         self._arrays |= {name: np.zeros((num, 2) if name == "current_range" else num) for name in CONDITIONS}
 
     @property
@@ -92,10 +92,10 @@ class BoatBatch:
         return lengths
 
     @property
-    def ways(self) -> Array:
+    def path_lengths(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        ways: Array = self.copy_of("ways")
-        return ways
+        lengths: Array = self.copy_of("path_lengths")
+        return lengths
 
     def reset(
         self,
@@ -111,22 +111,22 @@ class BoatBatch:
             arrays[name][:] = (conditions or {}).get(name, getattr(self._task.options, name))
         self.world.reset()
 
-    def stagger(self, seed: int) -> None:
+    def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
         most = self._task.numbers.max_decisions
         self.world.randomise_time_limits(np.random.default_rng(seed).integers(most, size=self.num))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all boats to the next step."""
-        self.hold(self._actions.commands(actions))
+        self.set_commands(self._actions.commands(actions))
 
-    def hold(self, commands: Floats) -> None:
+    def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
         self.world.set_commands(commands)
 
-    def rest(self, places: Sequence[int]) -> None:
-        """Let no episode follow at these places until the next reset."""
-        self.world.retire(places)
+    def retire(self, vehicles: Sequence[int]) -> None:
+        """Let no episode follow of these vehicles until the next reset."""
+        self.world.retire(vehicles)
 
     def step(self) -> None:
         """Carry out a decision of every boat; where the last one ended an episode, begin the next instead."""
@@ -169,5 +169,5 @@ class BoatBatch:
         drawn = self._task.draw(rng, task, start)
         arrays["episodes"][i] += 1
         arrays["start_indices"][i] = drawn.start_index
-        arrays["ways"][i] = 0.0 if drawn.way is None else drawn.way.length
+        arrays["path_lengths"][i] = 0.0 if drawn.path is None else drawn.path.length
         return drawn

@@ -124,11 +124,11 @@ class CaveBatch:
     def _share_out(self, num: int, num_caves: int) -> None:
         """Share the vehicles out over the caves."""
         self.num = num
-        self.shares = shares(num, num_caves)
+        self.slices = slices_of(num, num_caves)
         """Vehicles of each scenario."""
-        if len(self.shares) < num_caves:
+        if len(self.slices) < num_caves:
             raise InputError(f"{num_caves} scenarios need at least as many vehicles, got {num}.")
-        self.cave_of = np.repeat(np.arange(num_caves), [share.stop - share.start for share in self.shares])
+        self.cave_of = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
 
     def _prepare_observations(
         self, pairs: list[tuple[Scenario, Vehicle]], num_threads: int | None
@@ -176,7 +176,7 @@ class CaveBatch:
         return np.array([scenario.guide.length for scenario in self.scenarios])[self.cave_of]
 
     @property
-    def ways(self) -> Array:
+    def path_lengths(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
         rows = zip(self.cave_of, self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
         return np.array([self.starts[cave].way_to_goal(position, index) for cave, position, index in rows])
@@ -199,21 +199,21 @@ class CaveBatch:
         if self._parts is not None:
             self._parts.begin()
 
-    def stagger(self, seed: int) -> None:
+    def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
         self.world.age(np.random.default_rng(seed).integers(self._limits))
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""
-        self.hold(self._actions.commands(actions))
+        self.set_commands(self._actions.commands(actions))
 
-    def hold(self, commands: Floats) -> None:
+    def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
         self.world.arrays.commands.assign(commands)
 
-    def rest(self, places: Sequence[int]) -> None:
-        """Draw no further starts at these places until the next reset; the kernels move all vehicles."""
-        self.world.retire(places)
+    def retire(self, vehicles: Sequence[int]) -> None:
+        """Draw no further starts of these vehicles until the next reset; the kernels move all vehicles."""
+        self.world.retire(vehicles)
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
@@ -259,7 +259,7 @@ class CaveBatch:
         self.world.close()
 
 
-def shares(num: int, num_parts: int) -> list[slice]:
+def slices_of(num: int, num_parts: int) -> list[slice]:
     """Return the vehicles of each part, as even as can be; none of them goes empty."""
     bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
     return [slice(first, last) for first, last in pairwise(bounds)]

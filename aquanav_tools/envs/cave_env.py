@@ -224,9 +224,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         return int(self._batch.limits[0])
 
     @property
-    def way(self) -> float:
+    def path_length(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
-        return float(self._batch.ways[0])
+        return float(self._batch.path_lengths[0])
 
     @property
     def water_velocity(self) -> Array:

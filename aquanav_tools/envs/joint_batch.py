@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.batch import Batch, Floats
-from aquanav_tools.envs.cave_batch import shares
+from aquanav_tools.envs.cave_batch import slices_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array
 
@@ -37,12 +37,12 @@ class JointBatch:
         if available < 1:
             raise InputError(f"num_threads must be at least 1, got {num_threads}.")
         self.num = num
-        self.shares = shares(num, len(makes))
+        self.slices = slices_of(num, len(makes))
         """Vehicles of each scenario."""
-        if len(self.shares) < len(makes):
+        if len(self.slices) < len(makes):
             raise InputError(f"{len(makes)} scenarios need at least as many vehicles, got {num}.")
         per_batch = max(1, available // len(makes))
-        sizes = [share.stop - share.start for share in self.shares]
+        sizes = [part.stop - part.start for part in self.slices]
         self.batches = [make(size, num_threads=per_batch, **options) for make, size in zip(makes, sizes, strict=True)]
         first = self.batches[0]
         self.parts, self.decision_seconds, self.ray_lengths = first.parts, first.decision_seconds, first.ray_lengths
@@ -66,9 +66,9 @@ class JointBatch:
         return np.concatenate([batch.route_lengths for batch in self.batches])
 
     @property
-    def ways(self) -> Array:
+    def path_lengths(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
-        return np.concatenate([batch.ways for batch in self.batches])
+        return np.concatenate([batch.path_lengths for batch in self.batches])
 
     def reset(
         self,
@@ -77,31 +77,31 @@ class JointBatch:
         conditions: dict[str, Any] | None = None,
     ) -> None:
         """Begin all episodes, each from a seed of its own."""
-        for batch, share in zip(self.batches, self.shares, strict=True):
-            values = {name: value[share] for name, value in (conditions or {}).items()}
-            batch.reset(seeds[share], None if starts is None else starts[share], values)
+        for batch, part in zip(self.batches, self.slices, strict=True):
+            values = {name: value[part] for name, value in (conditions or {}).items()}
+            batch.reset(seeds[part], None if starts is None else starts[part], values)
 
-    def stagger(self, seed: int) -> None:
+    def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun; seeds count on as for `reset`."""
-        for batch, share in zip(self.batches, self.shares, strict=True):
-            batch.stagger(seed + share.start)
+        for batch, part in zip(self.batches, self.slices, strict=True):
+            batch.randomise_time_limits(seed + part.start)
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""
         if len(actions) != self.num:
             raise InputError(f"Actions must be one for each of the {self.num} vehicles, got {np.shape(actions)}.")
-        for batch, share in zip(self.batches, self.shares, strict=True):
-            batch.command(actions[share])
+        for batch, part in zip(self.batches, self.slices, strict=True):
+            batch.command(actions[part])
 
-    def hold(self, commands: Floats) -> None:
+    def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
-        for batch, share in zip(self.batches, self.shares, strict=True):
-            batch.hold(commands[share])
+        for batch, part in zip(self.batches, self.slices, strict=True):
+            batch.set_commands(commands[part])
 
-    def rest(self, places: Sequence[int]) -> None:
-        """Say that no episode need follow at these places until the next reset."""
-        for batch, share in zip(self.batches, self.shares, strict=True):
-            batch.rest([place - share.start for place in places if share.start <= place < share.stop])
+    def retire(self, vehicles: Sequence[int]) -> None:
+        """Say that no episode need follow of these vehicles until the next reset."""
+        for batch, part in zip(self.batches, self.slices, strict=True):
+            batch.retire([vehicle - part.start for vehicle in vehicles if part.start <= vehicle < part.stop])
 
     def step(self) -> None:
         """Carry out a decision of every vehicle."""
@@ -134,8 +134,8 @@ class JointBatch:
     @property
     def failures(self) -> dict[int, str]:
         """Why code of the user's own failed in the last reset or step, by vehicle."""
-        pairs = zip(self.batches, self.shares, strict=True)
-        return {share.start + row: why for batch, share in pairs for row, why in batch.failures.items()}
+        pairs = zip(self.batches, self.slices, strict=True)
+        return {part.start + row: why for batch, part in pairs for row, why in batch.failures.items()}
 
     def close(self) -> None:
         """End the threads."""

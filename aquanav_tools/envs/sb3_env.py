@@ -11,10 +11,10 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.batch import Floats, raise_failures, row_of
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.places import Spec, make_batch
+from aquanav_tools.envs.factory import Spec, make_batch
 
 
-class PlaceVecEnv(VecEnv):
+class BatchedVecEnv(VecEnv):
     """N vehicles in one cave or several, or N boats in bays; an ended episode's successor begins in the same step.
 
     The info of an episode's last step has "terminal_observation", "TimeLimit.truncated", "episode" (r, l, t, as SB3's

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.route.shortest import ShortestWays, shortest_ways
+from aquanav_tools.cave.route.shortest import ShortestPaths, shortest_paths
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
@@ -37,13 +37,13 @@ class Starts:
         check_choice("rule for starts", rule, START_RULES)
         self._scenario = scenario
         self._capsule = capsule
-        self._ways: ShortestWays | None = None
+        self._paths: ShortestPaths | None = None
         if rule == "anywhere":
             goal = np.array(scenario.settings.goal.position, dtype=np.float64)
-            self._ways = shortest_ways(scenario.field, goal, capsule.radius)
-            enough = self._ways.place_lengths > scenario.settings.goal.tolerance + MIN_WAY
-            self._places = self._ways.places[enough]
-            self._half_cell = 0.5 * self._ways.lengths.spacing
+            self._paths = shortest_paths(scenario.field, goal, capsule.radius)
+            enough = self._paths.place_lengths > scenario.settings.goal.tolerance + MIN_WAY
+            self._places = self._paths.places[enough]
+            self._half_cell = 0.5 * self._paths.lengths.spacing
 
     def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[Pose, int]:
         """Return a start pose and its index in the scenario's list, NOWHERE_LISTED for one drawn anywhere.
@@ -58,7 +58,7 @@ class Starts:
         starts = self._scenario.starts
         if "start" in options:
             index = check_start(options["start"], len(starts))
-        elif self._ways is not None:
+        elif self._paths is not None:
             return self.draw(rng), NOWHERE_LISTED
         else:
             index = int(rng.integers(len(starts)))
@@ -66,9 +66,9 @@ class Starts:
 
     def way_to_goal(self, position: Array, index: int) -> float:
         """Return the length of the shortest way to the goal from a start that was chosen, m."""
-        if self._ways is None or index != NOWHERE_LISTED:
+        if self._paths is None or index != NOWHERE_LISTED:
             return self._scenario.starts[index].geodesic_to_goal
-        return self._ways.remaining(position)
+        return self._paths.remaining(position)
 
     def draw(self, rng: np.random.Generator) -> Pose:
         """Return a level pose, drawn evenly from the water, that heads down the way to the goal more or less.
@@ -76,12 +76,12 @@ class Starts:
         Raises:
             ScenarioError: there is hardly any water for the vehicle to begin in.
         """
-        field, capsule, ways = self._scenario.field, self._capsule, self._ways
-        assert ways is not None, "starts are listed"
+        field, capsule, paths = self._scenario.field, self._capsule, self._paths
+        assert paths is not None, "starts are listed"
         for _ in range(MAX_TRIES if len(self._places) else 0):
             jitter, turn = rng.uniform(-self._half_cell, self._half_cell, 3), rng.uniform(-MAX_YAW_ERROR, MAX_YAW_ERROR)
             position = self._places[rng.integers(len(self._places))] + jitter
-            heading = _heading(ways, position, self._half_cell)
+            heading = _heading(paths, position, self._half_cell)
             if heading is None:  # straight up or down
                 turn, heading = turn * np.pi / MAX_YAW_ERROR, 0.0
             pose = Pose(position, yaw_quaternion(heading + turn))
@@ -94,10 +94,10 @@ class Starts:
         )
 
 
-def _heading(ways: ShortestWays, position: Array, step: float) -> float | None:
+def _heading(paths: ShortestPaths, position: Array, step: float) -> float | None:
     """Return the horizontal direction, rad, in which the way to go falls; None where it falls up or down."""
     east, north, up = (
-        ways.remaining(position - step * axis) - ways.remaining(position + step * axis) for axis in np.eye(3)
+        paths.remaining(position - step * axis) - paths.remaining(position + step * axis) for axis in np.eye(3)
     )
     return float(np.arctan2(north, east)) if np.hypot(east, north) > 0.1 * abs(up) else None
 

@@ -15,7 +15,7 @@ from aquanav_tools.envs.pictures.sea_camera import SeaCamera
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import episode_task
 from aquanav_tools.envs.surface_task import DT, SUBSTEPS, Bay, SurfaceTask, episode_info, split_options
-from aquanav_tools.sea.sea_map import SeaMap, Way
+from aquanav_tools.sea.sea_map import SeaMap, ShortestPath
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.task import task_options
@@ -66,7 +66,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     The keys of `CaveEnv`, with the same meanings: rays (7,) m; clearance, from the hull to the nearest rock, reef or
     edge as seen from above, m, so that it is negative over a reef that is deep enough; remaining, straight to the
     goal, m; progress, how much less that is than at the start, m; start_index, -1 where it was drawn; gate, always 0.
-    Besides, way: the shortest way from the start through the rocks, m.
+    Besides, path_length: the shortest way from the start through the rocks, m.
 
     ## Physics
     One boat of the kernels that `BoatBatch` runs on many (`sim/batch/boat_*.py`): waves, wind, its drift, gusts and
@@ -166,10 +166,10 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return self._episode.bay
 
     @property
-    def route(self) -> Way:
+    def route(self) -> ShortestPath:
         """The shortest way to the goal from where the episode began."""
-        assert self._episode.way is not None, "every berth has a way"
-        return self._episode.way
+        assert self._episode.path is not None, "every berth has a way"
+        return self._episode.path
 
     @property
     def state(self) -> Array:
@@ -186,7 +186,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         return 0 if self.bays.fixed is None else len(self.bays.fixed.starts)
 
     @property
-    def way(self) -> float:
+    def path_length(self) -> float:
         """Length of the shortest way to the goal from where the episode began, m."""
         return self.route.length
 
@@ -212,6 +212,11 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     def _info(self) -> Info:
         info = episode_info(self._world, 0)
         outcome = OUTCOMES[self._world.view_of("outcomes")[0]]
-        info |= {"outcome": outcome, "start_index": self._episode.start_index, "gate": 0, "way": self.way}
+        info |= {
+            "outcome": outcome,
+            "start_index": self._episode.start_index,
+            "gate": 0,
+            "path_length": self.path_length,
+        }
         info.update(zip(TERM_KEYS, self._world.view_of("terms")[0].tolist(), strict=True))
         return info

@@ -105,11 +105,11 @@ class SurfaceTask:
         Raises:
             InputError: there is no such berth.
         """
-        sea, berth, way, number = self.bays.choose(rng, {} if start is None else {"start": start})
+        sea, berth, path, number = self.bays.choose(rng, {} if start is None else {"start": start})
         water, fraction = self._seas.draw(rng, sea.depth, options.current_range)
         noise, dropout = options.sensor_noise, options.sensor_dropout
         ray_seed = int(rng.integers(1 << 32)) if noise > 0.0 or dropout > 0.0 else 0
-        return BoatEpisode(sea, berth, water, way, number, fraction, noise, dropout, ray_seed)
+        return BoatEpisode(sea, berth, water, path, number, fraction, noise, dropout, ray_seed)
 
 
 def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:

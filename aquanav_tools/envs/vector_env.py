@@ -139,7 +139,7 @@ class CaveVectorEnv(BatchVectorEnv):
     """N vehicles in one cave, each at the task of `CaveEnv`; or shared out over several caves.
 
     `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`, with
-    a list of scenarios where there are several: `batch.shares` then has the slice of the vehicles in each of them.
+    a list of scenarios where there are several: `batch.slices` then has the slice of the vehicles in each of them.
     """
 
     def __init__(

@@ -20,7 +20,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.places import Place, make_batch
+from aquanav_tools.envs.factory import AnyScenario, make_batch
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
 from aquanav_tools.evaluate.episode_runner import Runner, Tasks
@@ -108,14 +108,14 @@ class BatchRunner:
         """Take over policies that were loaded one by one: `num_policies` of them."""
         self._policies, self._options, self._timeout = policies, options, timeout or CallTimeout()
         self._task: Batch | None = None
-        self._key: tuple[Place, TaskOptions, int] | None = None
+        self._key: tuple[AnyScenario, TaskOptions, int] | None = None
 
     def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Trajectory, EpisodeMetrics]]:
         """Return the trajectory of each episode of a batch, and its metrics."""
         task = self._prepare(batch)
         plans = [episode.plan for episode in batch]
         task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
-        path_lengths, route_lengths, starts = task.ways, task.route_lengths, task.copy_of("start_indices")
+        path_lengths, route_lengths, starts = task.path_lengths, task.route_lengths, task.copy_of("start_indices")
         slots = [
             EpisodeSlot(loaded.policy, plan)
             for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
@@ -176,12 +176,12 @@ class BatchRunner:
                     slot.actions.append(chosen[0])
                     slot.commands.append(chosen[1])
                     commands[index] = chosen[1]
-            task.hold(commands)
+            task.set_commands(commands)
             task.step()
             rows.append({name: task.copy_of(name) for name in KEPT})
             was_running = running
             running = [index for index in _unfailed(task, slots, running) if rows[-1]["outcomes"][index] == 0]
-            task.rest([index for index in was_running if index not in running])
+            task.retire([index for index in was_running if index not in running])
         return {name: np.stack([row[name] for row in rows]) for name in KEPT}
 
     def _logits(

@@ -12,8 +12,8 @@ from gymnasium.utils import seeding
 
 from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
+from aquanav_tools.envs.factory import make_env
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
-from aquanav_tools.envs.places import make_env
 from aquanav_tools.envs.seas import Seas
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.envs.surface_env import SurfaceEnv
@@ -47,7 +47,7 @@ class BayAdapter:
         self._width = footprint_of(self._boat).width
         self._bays = Bays(bay.map_path or bay.settings.rocks, self._width, "listed")
         self._fixed = self._bays.fixed
-        self.path_lengths = () if self._fixed is None else tuple(way.length for way in self._fixed.ways)
+        self.path_lengths = () if self._fixed is None else tuple(path.length for path in self._fixed.paths)
 
     @functools.cached_property
     def reference(self) -> EpisodeReference:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.sea.shortest import shortest_path
 from aquanav_tools.types import Array, rotation_matrix
 
 ROOMS = (3.0, 2.0, 1.0, 0.5, 0.25)
@@ -42,9 +42,9 @@ class BoatOracle:
         self._env, self._passed = env, 0
         outlines, place = env.sea_map.outlines, env.state[:2].copy()
         half = 0.5 * env.footprint.width
-        found = (shortest_way(outlines, place, env.sea_map.goal, half + room) for room in ROOMS)
-        way = next((way.points for way in found if way is not None), env.route.points)
-        self._points = _spaced(np.vstack([way, env.sea_map.goal.centre]))
+        found = (shortest_path(outlines, place, env.sea_map.goal, half + room) for room in ROOMS)
+        path = next((path.points for path in found if path is not None), env.route.points)
+        self._points = _spaced(np.vstack([path, env.sea_map.goal.centre]))
 
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
-from aquanav_tools.envs.places import Place, PlaceEnv, make_env
+from aquanav_tools.envs.factory import AnyScenario, TaskEnv, make_env
 from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
@@ -24,7 +24,7 @@ class EpisodeSpec:
 
     index: int
     """Number in the evaluation, from 0."""
-    scenario: Place
+    scenario: AnyScenario
     condition: Condition
     plan: EpisodePlan
 
@@ -36,8 +36,8 @@ class EnvCache:
         self.policy = policy
         """May be replaced between episodes by another of the same observation and action."""
         self._options, self._timeout = options, timeout or CallTimeout()
-        self._env: PlaceEnv | None = None
-        self._key: tuple[Place, TaskOptions] | None = None
+        self._env: TaskEnv | None = None
+        self._key: tuple[AnyScenario, TaskOptions] | None = None
 
     def run(self, episode: EpisodeSpec, reason: str = "") -> tuple[Trajectory, EpisodeMetrics]:
         """Return the trajectory of an episode and its metrics; with a reason it fails before the policy is asked."""
@@ -45,7 +45,7 @@ class EnvCache:
         env, policy = self._env_of(episode, task), self.policy.policy
         conditions = {name: getattr(task, name) for name in CONDITIONS}
         trajectory = run_episode(env, policy, episode.plan, self._timeout, reason, conditions)
-        return trajectory, measure(trajectory, env.way, reference_of(episode, task), episode.index)
+        return trajectory, measure(trajectory, env.path_length, reference_of(episode, task), episode.index)
 
     def close(self) -> None:
         """Free the environment."""
@@ -53,7 +53,7 @@ class EnvCache:
             self._env.close()
         self._env = self._key = None
 
-    def _env_of(self, episode: EpisodeSpec, task: TaskOptions) -> PlaceEnv:
+    def _env_of(self, episode: EpisodeSpec, task: TaskOptions) -> TaskEnv:
         """Return the environment of an episode; it is kept when only what episodes may change themselves does."""
         key = (episode.scenario, replace(task, **{name: getattr(TaskOptions(), name) for name in CONDITIONS}))
         is_here = self._key is not None and self._key[0] is key[0] and self._key[1] == key[1]

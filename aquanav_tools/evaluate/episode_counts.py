@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from math import ceil
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.task import TaskOptions
 
@@ -13,7 +13,7 @@ USUAL = 40
 show a rate of 91 % or more, and half of 40 one from 35 to 65 %."""
 
 
-def is_drawn(scenario: Place, task: TaskOptions) -> bool:
+def is_drawn(scenario: AnyScenario, task: TaskOptions) -> bool:
     """Return whether anything about an episode from a given start is drawn at random, the policy aside."""
     adapter = adapter_of(scenario)
     has_starts = task.starts == "listed" and bool(adapter.path_lengths)
@@ -22,7 +22,7 @@ def is_drawn(scenario: Place, task: TaskOptions) -> bool:
     return not has_starts or has_errors or has_own or task.randomisation is not None or adapter.draws_water(task)
 
 
-def usual_episodes(scenario: Place, task: TaskOptions, num_starts: int) -> int:
+def usual_episodes(scenario: AnyScenario, task: TaskOptions, num_starts: int) -> int:
     """Return how many episodes tell the most for their cost, from so many listed starts that may be used.
 
     Each start comes equally often, so that none counts more than another: once where it always leads to the same
@@ -33,7 +33,7 @@ def usual_episodes(scenario: Place, task: TaskOptions, num_starts: int) -> int:
     return num_starts * (ceil(USUAL / num_starts) if is_drawn(scenario, task) else 1)
 
 
-def possible_episodes(scenario: Place, task: TaskOptions, num_starts: int, draws: bool) -> int | None:
+def possible_episodes(scenario: AnyScenario, task: TaskOptions, num_starts: int, draws: bool) -> int | None:
     """Return how many episodes that differ there are from so many listed starts; None where there is no end of them.
 
     Args:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from aquanav_tools.envs.places import Place, read_place, with_vehicle
+from aquanav_tools.envs.factory import AnyScenario, read_any_scenario, with_vehicle
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec, numbered
 from aquanav_tools.evaluate.episode_counts import possible_episodes
@@ -49,7 +49,7 @@ class EvaluationSpec:
     """Loads a policy by its name."""
     seal: dict[str, str | None] | None = None
     """What `seal_of` must find in the plan where it is made on another machine."""
-    scenarios: tuple[Place, ...] | None = None
+    scenarios: tuple[AnyScenario, ...] | None = None
     """Scenarios in memory, in place of the options' folders and vehicle."""
 
 
@@ -58,7 +58,7 @@ class Plan:
     """What follows from the specification: the same in every process."""
 
     policy: LoadedPolicy
-    scenarios: tuple[Place, ...]
+    scenarios: tuple[AnyScenario, ...]
     conditions: tuple[Condition, ...]
     episodes: tuple[EpisodeSpec, ...]
     """All episodes in their order: by scenario, then by condition."""
@@ -79,7 +79,7 @@ class Task:
     case: Case | None = None
     """What to run in the first scenario instead of the plan's episode."""
     policy_sha256: str | None = None
-    """Of the policy's file, where it has changed since the worker loaded it; None for the policy as it was loaded."""
+    """Of the policy's file, where it changes from task to task; None for the plan's policy."""
 
 
 def make_plan(spec: EvaluationSpec) -> Plan:
@@ -92,7 +92,9 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     """
     options = spec.options
     policy = spec.load(spec.policy)
-    scenarios = spec.scenarios or tuple(with_vehicle(read_place(path), options.vehicle) for path in options.scenario)
+    scenarios = spec.scenarios or tuple(
+        with_vehicle(read_any_scenario(path), options.vehicle) for path in options.scenario
+    )
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     episodes = [
@@ -112,7 +114,10 @@ def make_plan(spec: EvaluationSpec) -> Plan:
 
 
 def _num_possible(
-    policy: LoadedPolicy, scenarios: tuple[Place, ...], conditions: tuple[Condition, ...], options: EvaluateOptions
+    policy: LoadedPolicy,
+    scenarios: tuple[AnyScenario, ...],
+    conditions: tuple[Condition, ...],
+    options: EvaluateOptions,
 ) -> int | None:
     if options.cases:
         return None
@@ -125,7 +130,7 @@ def _num_possible(
     return sum(found) if len(found) == len(counts) else None
 
 
-def _check_task(policy: LoadedPolicy, scenarios: tuple[Place, ...]) -> None:
+def _check_task(policy: LoadedPolicy, scenarios: tuple[AnyScenario, ...]) -> None:
     for scenario in scenarios:
         task = adapter_of(scenario).task
         if policy.task not in (None, task):
@@ -159,7 +164,7 @@ def file_names(index: int) -> set[str]:
     return {trajectory_name(index), recording.name, recording.with_suffix(FILM_SUFFIX).name}
 
 
-def case_spec(scenario: Place, case: Case, index: int = 0) -> EpisodeSpec:
+def case_spec(scenario: AnyScenario, case: Case, index: int = 0) -> EpisodeSpec:
     """Return the episode of a case in a scenario."""
     return EpisodeSpec(index, scenario, case_condition(case), plan_case(scenario, case))
 
@@ -194,11 +199,15 @@ class EpisodeWorker:
         timeout = CallTimeout(spec.options.action_time_limit, began)
         self._env_cache = EnvCache(plan.policy, spec.options, timeout)
         self._writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
+        self._policy_sha256: str | None = None
 
     def run(self, task: Task) -> Row:
         """Return the journal's row of an episode; nothing is written once nobody wants it any more."""
-        if task.policy_sha256 not in (None, self._env_cache.policy.sha256):
+        if task.policy_sha256 != self._policy_sha256:
+            # Not held against the hash of the plan's policy: the file may have changed while the plan read it, but it
+            # stays as it is while a task waits for its result.
             self._env_cache.policy = self._spec.load(self._spec.policy)
+            self._policy_sha256 = task.policy_sha256
         episode = (
             self._plan.episodes[task.index]
             if task.case is None

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 
-from aquanav_tools.envs.places import Place, say_left_out
+from aquanav_tools.envs.factory import AnyScenario, say_left_out
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_runner import Runner, open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
@@ -112,7 +112,7 @@ def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progre
     return Evaluation(summary, episodes, plan.num_possible, *files)
 
 
-def _check_names(scenarios: Sequence[Place]) -> None:
+def _check_names(scenarios: Sequence[AnyScenario]) -> None:
     names = [scenario.name for scenario in scenarios]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

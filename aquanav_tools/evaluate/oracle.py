@@ -39,7 +39,7 @@ that is narrower would hold it up for ever."""
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
+class PlannedPath:
     """The way from a start to the goal."""
 
     points: Array
@@ -62,13 +62,13 @@ class OraclePolicy:
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
             self._graphs = {}
         self._env, self._predictor = env, predictor_of(env, has_map=True)
-        way = self._find_way(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
-        self._pursuit = Pursuit(self._predictor, way.points, way.arc, HORIZON)
+        path = self._find_path(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
+        self._pursuit = Pursuit(self._predictor, path.points, path.arc, HORIZON)
         # Both compile now, not while a first action is timed.
         self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.task.action_delay, 3)), np.zeros(3))
         self._pursuit.foresee(env.state, 0.0, env.water_velocity)
 
-    def _find_way(self, start: Array, goal: Array) -> Way:
+    def _find_path(self, start: Array, goal: Array) -> PlannedPath:
         assert self._env is not None
         for number in NUM_NODES:
             if number not in self._graphs:
@@ -77,7 +77,7 @@ class OraclePolicy:
             if found is not None:
                 points = np.vstack([start, _smooth(found), goal])
                 steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-                return Way(points, np.concatenate([[0.0], np.cumsum(steps)]))
+                return PlannedPath(points, np.concatenate([[0.0], np.cumsum(steps)]))
         raise InputError(
             f"No way as wide as the vehicle leads from {start.round(2).tolist()} to the goal at "
             f"{goal.round(2).tolist()}. The scenario is wrong: build it again, or choose a smaller vehicle."

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
@@ -87,7 +87,7 @@ def case_condition(case: Case) -> Condition:
     return Condition(f"current x{case.current:g}, noise {case.sensor_noise:g} m", changes)
 
 
-def plan_case(scenario: Place, case: Case) -> EpisodePlan:
+def plan_case(scenario: AnyScenario, case: Case) -> EpisodePlan:
     """Return the episode of a case.
 
     Raises:
@@ -128,7 +128,7 @@ def plan_episodes(num_starts: int, num_episodes: int, seed: int, is_anywhere: bo
     return tuple(EpisodePlan(seed + i, int(start)) for i, start in enumerate(order))
 
 
-def plan_condition(scenario: Place, options: ProtocolOptions, condition: Condition) -> tuple[EpisodePlan, ...]:
+def plan_condition(scenario: AnyScenario, options: ProtocolOptions, condition: Condition) -> tuple[EpisodePlan, ...]:
     """Return the episodes of one scenario under one condition.
 
     Raises:
@@ -145,7 +145,7 @@ def plan_condition(scenario: Place, options: ProtocolOptions, condition: Conditi
     return tuple(_mapped(plan_episodes(len(starts), count, options.seed, is_anywhere), starts))
 
 
-def starts_in(scenario: Place, condition: Condition) -> list[int]:
+def starts_in(scenario: AnyScenario, condition: Condition) -> list[int]:
     """Return the numbers of the scenario's listed starts in the condition's region."""
     adapter = adapter_of(scenario)
     return [

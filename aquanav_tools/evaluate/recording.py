@@ -6,21 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.envs.pictures.film import SHOWN_FOR, Frame, film, film_size
-from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.types import Progress, ignore_progress
 
 
-def record_trajectory(place: Place, trajectory: Trajectory, path: Path) -> None:
+def record_trajectory(scenario: AnyScenario, trajectory: Trajectory, path: Path) -> None:
     """Write the rerun recording of a trajectory."""
-    record_episode(adapter_of(place).scene(trajectory), trajectory, path)
+    record_episode(adapter_of(scenario).scene(trajectory), trajectory, path)
 
 
 def film_trajectory(
-    place: Place, trajectory: Trajectory, path: Path, view: str, progress: Progress = ignore_progress
+    scenario: AnyScenario, trajectory: Trajectory, path: Path, view: str, progress: Progress = ignore_progress
 ) -> None:
     """Write a film of a trajectory.
 
@@ -28,7 +28,7 @@ def film_trajectory(
         InputError: there is no such view, or no film of that kind.
     """
     rate = round(1.0 / float(trajectory.times[1] - trajectory.times[0])) if len(trajectory.times) > 1 else 1
-    film(adapter_of(place).camera(trajectory, view, film_size(path)), frames_of(trajectory), path, rate, progress)
+    film(adapter_of(scenario).camera(trajectory, view, film_size(path)), frames_of(trajectory), path, rate, progress)
 
 
 def frames_of(trajectory: Trajectory) -> list[Frame]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.evaluate.episode_runner import Runner, open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
@@ -23,7 +23,7 @@ class RepeatedEvaluation:
     Environments and worker processes are kept from one policy to the next.
     """
 
-    def __init__(self, options: EvaluateOptions, scenarios: Sequence[Place]) -> None:
+    def __init__(self, options: EvaluateOptions, scenarios: Sequence[AnyScenario]) -> None:
         """Prepare an evaluation; nothing is read or started yet.
 
         Args:

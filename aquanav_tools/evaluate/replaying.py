@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from aquanav_tools.envs.choices import check_choice
+from aquanav_tools.envs.factory import AnyScenario, read_any_scenario, with_vehicle
 from aquanav_tools.envs.pictures.film import film_size
-from aquanav_tools.envs.places import Place, read_place, with_vehicle
 from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
@@ -116,11 +116,11 @@ def _policy(table: dict[str, Any], options: ReplayOptions, load: Callable[[str],
     return policy
 
 
-def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> Place:
+def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> AnyScenario:
     expected = next(item for item in table["scenarios"] if item["name"] == name)
     vehicle = expected.get("vehicle")
     path = options.vehicle or (vehicle and vehicle["path"])
-    scenario = with_vehicle(read_place(options.scenario or expected["path"]), path)
+    scenario = with_vehicle(read_any_scenario(options.scenario or expected["path"]), path)
     if scenario.content_hash != expected["content_hash"]:
         raise InputError(
             f"The scenario {scenario.name} is another one than was evaluated: its content hash is "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools import __version__
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX
 from aquanav_tools.evaluate.failures import failure_text
@@ -78,7 +78,7 @@ EPISODE_COLUMNS = (
 
 
 def write_report(
-    scenarios: Sequence[Place],
+    scenarios: Sequence[AnyScenario],
     journal: Journal,
     results: tuple[Summary, tuple[Group, ...]],
     provenance: Provenance,
@@ -115,7 +115,7 @@ def write_report(
     return path
 
 
-def _place_section(scenario: Place, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
+def _place_section(scenario: AnyScenario, journal: Journal, episodes: EpisodeTable, pictures: Path) -> Section:
     own = episodes.rows(episodes.are("scenario", scenario.name))
     picture = adapter_of(scenario).picture()
     if not picture.is_shared:
@@ -163,7 +163,7 @@ def _drawn(indices: Sequence[int]) -> list[int]:
     return [indices[n * len(indices) // count] for n in range(count)]
 
 
-def _plots(scenarios: Sequence[Place], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
+def _plots(scenarios: Sequence[AnyScenario], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
     trajectories: list[TrajectorySummary] = [journal.trajectory(index) for index in _drawn(range(len(journal)))]
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
     plot_progress(trajectories, _longest(scenarios, trajectories), pictures / "progress.png")
@@ -180,7 +180,7 @@ def _plots(scenarios: Sequence[Place], journal: Journal, summary: Summary, pictu
     )
 
 
-def _longest(scenarios: Sequence[Place], trajectories: Sequence[TrajectorySummary]) -> float:
+def _longest(scenarios: Sequence[AnyScenario], trajectories: Sequence[TrajectorySummary]) -> float:
     """Return the length of the longest route, m; without routes, the most that was gained."""
     lengths = [adapter_of(scenario).reference.route_length for scenario in scenarios]
     return max(

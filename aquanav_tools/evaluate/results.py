@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools import __version__
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
@@ -52,7 +52,7 @@ class Provenance:
         return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
 
 
-def scenario_row(scenario: Place, path: str) -> dict[str, Any]:
+def scenario_row(scenario: AnyScenario, path: str) -> dict[str, Any]:
     """Return what results say of a scenario, with the vehicle that dived where that was not its own."""
     row: dict[str, Any] = {"name": scenario.name, "content_hash": scenario.content_hash, "path": path}
     if scenario.other_vehicle is not None:

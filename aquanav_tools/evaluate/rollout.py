@@ -17,7 +17,7 @@ import numpy as np
 
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.places import PlaceEnv
+from aquanav_tools.envs.factory import TaskEnv
 from aquanav_tools.errors import OwnCodeError
 from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
@@ -92,7 +92,7 @@ class CallTimeout:
 
 
 def run_episode(
-    env: PlaceEnv,
+    env: TaskEnv,
     policy: Policy,
     plan: EpisodePlan,
     timeout: CallTimeout | None = None,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-from aquanav_tools.envs.places import cave_of
+from aquanav_tools.envs.factory import cave_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan

@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.envs.pictures.film import Camera
-from aquanav_tools.envs.places import Place
 from aquanav_tools.evaluate.bay_adapter import BayAdapter
 from aquanav_tools.evaluate.cave_adapter import CaveAdapter
 from aquanav_tools.evaluate.metrics import EpisodeReference
@@ -66,6 +66,6 @@ class TaskAdapter(Protocol):
 
 
 @functools.lru_cache(maxsize=8)
-def adapter_of(scenario: Place) -> TaskAdapter:
+def adapter_of(scenario: AnyScenario) -> TaskAdapter:
     """Return the adapter of a scenario."""
     return BayAdapter(scenario) if isinstance(scenario, Bay) else CaveAdapter(scenario)

@@ -48,8 +48,10 @@ class Camera:
         offsets = across[None, :, None] * self.right + upward[:, None, None] * self.up
         if self.is_parallel:
             return self.position + offsets, np.broadcast_to(self.ahead, offsets.shape).copy()
-        ways = self.ahead + offsets
-        return np.broadcast_to(self.position, ways.shape).copy(), ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        directions = self.ahead + offsets
+        return np.broadcast_to(self.position, directions.shape).copy(), directions / np.linalg.norm(
+            directions, axis=-1, keepdims=True
+        )
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Return where (N, 3) points appear and how far they are.
@@ -116,13 +118,13 @@ class Scene:
         return Shot(faces, -nearness, np.abs(self._normals @ camera.ahead)[faces])
 
     def _cast(self, camera: Camera, width: int) -> Shot:
-        origins, ways = camera.rays(width)
+        origins, directions = camera.rays(width)
         hits = self._rays.run(
-            origins.reshape(-1, 3).astype(np.float32), ways.reshape(-1, 3).astype(np.float32), output=True
+            origins.reshape(-1, 3).astype(np.float32), directions.reshape(-1, 3).astype(np.float32), output=True
         )
-        faces = np.asarray(hits["primID"], dtype=np.int64).reshape(ways.shape[:2])
+        faces = np.asarray(hits["primID"], dtype=np.int64).reshape(directions.shape[:2])
         distance = np.where(faces != NO_FACE, hits["tfar"].reshape(faces.shape), np.inf)
-        return Shot(faces, distance, np.abs(np.einsum("...i,...i->...", self._normals[faces], ways)))
+        return Shot(faces, distance, np.abs(np.einsum("...i,...i->...", self._normals[faces], directions)))
 
 
 def is_visible(shot: Shot, camera: Camera, points: Array, slack: float) -> BoolArray:

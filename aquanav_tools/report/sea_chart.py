@@ -67,8 +67,8 @@ def draw_chart(
     for rock in sorted(sea.rocks, key=lambda rock: rock.top):
         axes.add_patch(_rock_patch(rock))
     _draw_goal(axes, sea)
-    for way, start in zip(sea.ways, sea.starts, strict=True):
-        axes.plot(*way.points.T, color=BLUE, linewidth=1.6, zorder=3)
+    for drawn, start in zip(sea.paths, sea.starts, strict=True):
+        axes.plot(*drawn.points.T, color=BLUE, linewidth=1.6, zorder=3)
         axes.add_patch(_boat_patch(start.position, start.heading, boat_width))
     if contacts is not None:
         spots = draw_crowds(axes, FROM_ABOVE.project(contacts), SPOT_IN / scale)
@@ -86,8 +86,8 @@ def draw_chart(
 
 def _title(sea: SeaMap) -> str:
     num_reefs = sum(rock.is_reef for rock in sea.rocks)
-    ways = ", ".join(f"{way.length:.1f}" for way in sea.ways)
-    return f"{sea.name}: {len(sea.rocks) - num_reefs} rocks, {num_reefs} reefs; shortest way {ways} m"
+    lengths = ", ".join(f"{path.length:.1f}" for path in sea.paths)
+    return f"{sea.name}: {len(sea.rocks) - num_reefs} rocks, {num_reefs} reefs; shortest way {lengths} m"
 
 
 def _rock_patch(rock: Rock) -> Any:

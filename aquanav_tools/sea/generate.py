@@ -10,7 +10,7 @@ import numpy as np
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.outlines import clearance_at
 from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap
-from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.sea.shortest import shortest_path
 from aquanav_tools.types import Array
 
 MAX_DARTS = 2000
@@ -65,7 +65,7 @@ class MapSettings:
     """m; the original's boat."""
     margin: float = 0.25
     """Room that the way keeps on either side of the boat, m."""
-    min_way: float = 0.5
+    min_path: float = 0.5
     """Least distance from start to goal as the crow flies, over the bay's length."""
     tolerance: float = 5.0
     """The goal is reached within this distance, m: about half a boat's length."""
@@ -76,7 +76,7 @@ class MapSettings:
         for name in ("ridge_share", "reef_share"):
             _check(0.0 <= getattr(self, name) <= 1.0, name, getattr(self, name), "a share from 0 to 1")
         _check(0.0 <= self.density <= 0.3, "density", self.density, "a share from 0 to 0.3; more leaves no way")
-        _check(0.0 <= self.min_way <= 0.9, "min_way", self.min_way, "a share of the bay's length from 0 to 0.9")
+        _check(0.0 <= self.min_path <= 0.9, "min_path", self.min_path, "a share of the bay's length from 0 to 0.9")
         _check(0.0 <= self.margin < 100.0, "margin", self.margin, "a length of 0 m or more")
         _check(0.0 <= self.reef_depth < self.depth, "reef_depth", self.reef_depth, "0 or more and less than depth")
         _check(self.min_radius <= self.max_radius, "min_radius", self.min_radius, "at most max_radius")
@@ -116,8 +116,8 @@ def draw_map(rng: np.random.Generator, settings: MapSettings, name: str = "bay")
             return found
     raise InputError(
         f"None of {MAX_MAPS} bays of {settings.length:g} x {settings.width:g} m could be crossed with "
-        f"{settings.room:g} m to either side over {settings.min_way:.0%} of its length: rocks leave too little room. "
-        "Take a lower density, smaller rocks, or a shorter min_way."
+        f"{settings.room:g} m to either side over {settings.min_path:.0%} of its length: rocks leave too little room. "
+        "Take a lower density, smaller rocks, or a shorter min_path."
     )
 
 
@@ -125,16 +125,16 @@ def _draw_way(rng: np.random.Generator, settings: MapSettings, bay: SeaMap, half
     """Return the bay with a start, a goal and the shortest way; None where no two places are free and joined."""
     places = rng.uniform(-half, half, (NUM_BERTHS, 2))
     turn = rng.uniform(-MAX_START_TURN, MAX_START_TURN)
-    pairs = _pairs(places, settings.min_way * settings.length, settings.room + settings.tolerance, *bay.outlines)
+    pairs = _pairs(places, settings.min_path * settings.length, settings.room + settings.tolerance, *bay.outlines)
     if pairs[0] < 0:
         return None
     start, goal = places[pairs[0]], Goal(places[pairs[1]][None], settings.tolerance)
-    way = shortest_way(bay.outlines, start, goal, settings.room, MAX_LINES)
-    if way is None:
+    path = shortest_path(bay.outlines, start, goal, settings.room, MAX_LINES)
+    if path is None:
         return None
     east, north = goal.centre - start
     berth = Berth(start, float(np.arctan2(north, east) + turn))
-    finished = SeaMap(bay.name, bay.edge, bay.depth, bay.rocks, goal, (berth,), (way,), source=bay.source)
+    finished = SeaMap(bay.name, bay.edge, bay.depth, bay.rocks, goal, (berth,), (path,), source=bay.source)
     finished.__dict__["outlines"] = bay.outlines  # the rocks are the same, so they need not be packed again
     return finished
 
@@ -209,14 +209,14 @@ def _shape(x, y, radius, shape, corners):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _pairs(places, min_way, room, corners, first, discs, edge):  # type: ignore[no-untyped-def]
+def _pairs(places, min_path, room, corners, first, discs, edge):  # type: ignore[no-untyped-def]
     """Return the numbers of the first two places that are free and far enough apart; -1 where there are none."""
     is_free = np.empty(len(places), dtype=np.bool_)
     for n in range(len(places)):
         is_free[n] = clearance_at(corners, first, discs, edge, places[n, 0], places[n, 1]) >= room
         for k in range(n):
             apart = np.hypot(places[n, 0] - places[k, 0], places[n, 1] - places[k, 1])
-            if is_free[n] and is_free[k] and apart >= min_way:
+            if is_free[n] and is_free[k] and apart >= min_path:
                 return k, n
     return -1, -1
 

@@ -14,7 +14,7 @@ import numpy as np
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.outlines import outline_area
 from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap
-from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.sea.shortest import shortest_path
 from aquanav_tools.text_files import NOT_A_TABLE, read_json, read_text
 from aquanav_tools.types import Array, Mesh
 
@@ -61,16 +61,16 @@ def read_original_map(scene: Path, clearance: float) -> SeaMap:
 
 
 def _with_ways(sea: SeaMap, clearance: float) -> SeaMap:
-    ways = []
+    paths = []
     for number, berth in enumerate(sea.starts):
-        way = shortest_way(sea.outlines, berth.position, sea.goal, clearance)
-        if way is None:
+        path = shortest_path(sea.outlines, berth.position, sea.goal, clearance)
+        if path is None:
             raise InputError(
                 f"No way from start {number} of {sea.name} keeps {clearance:.2f} m from its rocks; the start itself "
                 f"has {sea.clearance_at(berth.position):.2f} m. Ask for a smaller clearance."
             )
-        ways.append(way)
-    return SeaMap(sea.name, sea.edge, sea.depth, sea.rocks, sea.goal, sea.starts, tuple(ways), source=sea.source)
+        paths.append(path)
+    return SeaMap(sea.name, sea.edge, sea.depth, sea.rocks, sea.goal, sea.starts, tuple(paths), source=sea.source)
 
 
 def _rock(solid: Mesh) -> Rock:

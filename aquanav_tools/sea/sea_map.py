@@ -75,7 +75,7 @@ class Berth(NamedTuple):
     """From world x towards y, rad."""
 
 
-class Way(NamedTuple):
+class ShortestPath(NamedTuple):
     """The shortest way to the goal that keeps a clearance from every rock and from the bay's edge."""
 
     points: Array
@@ -111,7 +111,7 @@ class SeaMap:
     rocks: tuple[Rock, ...]
     goal: Goal
     starts: tuple[Berth, ...]
-    ways: tuple[Way, ...]
+    paths: tuple[ShortestPath, ...]
     """The shortest way from each start."""
     source: str = field(default="", kw_only=True)
     """What made it, or where it comes from."""
@@ -176,7 +176,9 @@ def _table(sea: SeaMap) -> dict[str, Any]:
         "depth": sea.depth,
         "goal": {"corners": sea.goal.corners.tolist(), "tolerance": sea.goal.tolerance},
         "starts": [{"position": berth.position.tolist(), "heading": berth.heading} for berth in sea.starts],
-        "ways": [{"points": way.points.tolist(), "length": way.length, "clearance": way.clearance} for way in sea.ways],
+        "ways": [
+            {"points": path.points.tolist(), "length": path.length, "clearance": path.clearance} for path in sea.paths
+        ],
         "rocks": [_rock_table(rock) for rock in sea.rocks],
     }
 
@@ -196,8 +198,9 @@ def _from_table(table: dict[str, Any]) -> SeaMap:
         rocks=tuple(_rock(one) for one in table["rocks"]),
         goal=Goal(_array(table["goal"]["corners"], (-1, 2)), float(table["goal"]["tolerance"])),
         starts=tuple(Berth(_array(one["position"], (2,)), float(one["heading"])) for one in table["starts"]),
-        ways=tuple(
-            Way(_array(one["points"], (-1, 2)), float(one["length"]), float(one["clearance"])) for one in table["ways"]
+        paths=tuple(
+            ShortestPath(_array(one["points"], (-1, 2)), float(one["length"]), float(one["clearance"]))
+            for one in table["ways"]
         ),
         source=str(table["source"]),
     )

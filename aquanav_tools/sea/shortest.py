@@ -14,7 +14,7 @@ import numba
 import numpy as np
 
 from aquanav_tools.sea.outlines import clearance_at, is_arc_free, is_segment_free, to_outline, to_segment
-from aquanav_tools.sea.sea_map import Goal, Outlines, Way
+from aquanav_tools.sea.sea_map import Goal, Outlines, ShortestPath
 from aquanav_tools.types import Array
 
 SLACK = 1e-7
@@ -28,9 +28,9 @@ BEND_STEP = float(np.radians(5.0))
 _FROM_X, _FROM_Y, _TO_X, _TO_Y, _LENGTH, _COST = range(6)
 
 
-def shortest_way(
+def shortest_path(
     outlines: Outlines, start: Array, goal: Goal, clearance: float, max_lines: int | None = None
-) -> Way | None:
+) -> ShortestPath | None:
     """Return the shortest way from a (2,) start to the goal, or None where there is none.
 
     It keeps `clearance` from all rocks and from the bay's edge, m. It is exact where the goal's corners and tolerance
@@ -48,12 +48,12 @@ def shortest_way(
     if clearance_at(*outlines, float(start[0]), float(start[1])) < clearance:
         return None
     if to_goal <= goal.tolerance:
-        return Way(start[None], 0.0, clearance)
+        return ShortestPath(start[None], 0.0, clearance)
     lines, circles, last = _search(*outlines, start, corners, clearance, clearance - SLACK, max_lines or NO_LIMIT)
     if last < 0:
         return None
     length = float(lines[last, _COST]) - goal.tolerance
-    return Way(_drawn(lines, circles, last, outlines.corners, clearance, goal.tolerance), length, clearance)
+    return ShortestPath(_drawn(lines, circles, last, outlines.corners, clearance, goal.tolerance), length, clearance)
 
 
 def _drawn(lines: Array, circles: Array, last: int, corners: Array, radius: float, tolerance: float) -> Array:

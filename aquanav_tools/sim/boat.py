@@ -145,7 +145,7 @@ class Boat:
     """Drag coefficient of a panel along the water."""
     surge_force: float
     """Full thrust ahead, N."""
-    reverse_share: float
+    reverse_fraction: float
     """Full thrust in reverse, as a share of surge_force."""
     yaw_moment: float
     """Full steer, N m; it works without thrust."""
@@ -154,7 +154,7 @@ class Boat:
     """What it shows to the wind; None leaves the wind out."""
 
     def __post_init__(self) -> None:
-        for name in ("mass", "surge_force", "reverse_share", "yaw_moment"):
+        for name in ("mass", "surge_force", "reverse_fraction", "yaw_moment"):
             check_positive(name, getattr(self, name))
         check_inertia("inertia", self.inertia)
         for name in ("added_mass", "added_inertia", "linear_damping"):

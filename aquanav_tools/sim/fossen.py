@@ -130,7 +130,7 @@ class Actuators:
 
     surge_force: float
     """Full thrust ahead, N."""
-    reverse_share: float
+    reverse_fraction: float
     """Full thrust in reverse, as a share of surge_force."""
     yaw_rate: float
     """Rate of turn that full steer asks for, rad/s."""
@@ -140,7 +140,7 @@ class Actuators:
     """Change of the trim (in [-1, 1]) while up or down is commanded, 1/s."""
 
     def __post_init__(self) -> None:
-        for name in ("surge_force", "reverse_share", "yaw_rate", "heave_force", "trim_rate"):
+        for name in ("surge_force", "reverse_fraction", "yaw_rate", "heave_force", "trim_rate"):
             check_positive(name, getattr(self, name))
 
 
@@ -179,7 +179,7 @@ class FossenVehicle(Vehicle):
         demands = {}
         for name, axis, size in (
             ("full ahead", 0, self.actuators.surge_force),
-            ("full reverse", 0, -self.actuators.surge_force * self.actuators.reverse_share),
+            ("full reverse", 0, -self.actuators.surge_force * self.actuators.reverse_fraction),
             ("full ballast up", 2, self.actuators.heave_force),
             ("full ballast down", 2, -self.actuators.heave_force),
             ("full steer left", YAW, self.full_steer),

@@ -56,7 +56,7 @@ class Drive:
 
     force: float
     """Full thrust ahead, N."""
-    reverse_share: float
+    reverse_fraction: float
     """Full thrust in reverse, as a share of force."""
     steer_moment: float
     """Full steer at full thrust, about body z, N m."""
@@ -64,7 +64,7 @@ class Drive:
     """Whether steer works without thrust; otherwise the moment is steer times thrust, reversed in reverse."""
 
     def __post_init__(self) -> None:
-        for name in ("force", "reverse_share", "steer_moment"):
+        for name in ("force", "reverse_fraction", "steer_moment"):
             check_positive(name, getattr(self, name))
 
 

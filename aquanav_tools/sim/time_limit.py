@@ -32,7 +32,7 @@ LEAST_SHARE = 0.1
 """Of the top speed. Where the mean current leaves less, lulls and slower water beside it are taken to let it by."""
 
 
-def longest_way(scenario: Scenario) -> float:
+def longest_path(scenario: Scenario) -> float:
     """Return the length of the longest way to the goal that an episode of a scenario has, m."""
     return max(scenario.guide.length, *(start.geodesic_to_goal for start in scenario.starts), 0.0)
 
@@ -48,7 +48,7 @@ def decision_limit(scenario: Scenario, vehicle: Vehicle) -> int:
     if limits.decisions != ORIGINAL_DECISIONS:
         return limits.decisions
     speed = max(top_speed(vehicle, scenario.settings.water.density), LEAST_SPEED)
-    ideal = longest_way(scenario) / speed / (limits.dt * limits.substeps)
+    ideal = longest_path(scenario) / speed / (limits.dt * limits.substeps)
     more = max(SLACK * (ideal - ORIGINAL_DECISIONS / AMPLE), 0.0)
     return min(ORIGINAL_DECISIONS + ROUND * math.ceil(more / ROUND), MAX_DECISIONS)
 

@@ -9,17 +9,17 @@ import numpy as np
 import torch
 
 from aquanav_tools.envs.batch import Floats
-from aquanav_tools.envs.places import Place
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.factory import AnyScenario
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary
 from aquanav_tools.train.settings import TrainSettings
 
 
-class BatchedEnvs(PlaceVecEnv):
+class BatchedEnvs(BatchedVecEnv):
     """All vehicles of a lesson. Where they are is a few arrays: coming back there takes no time."""
 
-    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings) -> None:
+    def __init__(self, scenarios: Sequence[AnyScenario], settings: TrainSettings) -> None:
         """Make the batch; it begins with the seed that SB3 gives it."""
         form = {"observation": settings.observation, "action": settings.action}
         super().__init__(scenarios, settings.num_envs, **(form | choices_of(settings)))
@@ -32,7 +32,7 @@ class BatchedEnvs(PlaceVecEnv):
         """
         seed = self._first_seed if self._seeds[0] is None else self._seeds[0]
         observations = super().reset()
-        self._task.stagger(seed)
+        self._task.randomise_time_limits(seed)
         return observations
 
     def state(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.places import Place, make_env
+from aquanav_tools.envs.factory import AnyScenario, make_env
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SummaryWrapper
 from aquanav_tools.train.settings import TrainSettings
@@ -32,7 +32,7 @@ class Stepped(NamedTuple):
 class EnvironmentGroup:
     """Environments of one lesson, in this process."""
 
-    def __init__(self, scenarios: Sequence[Place], settings: TrainSettings) -> None:
+    def __init__(self, scenarios: Sequence[AnyScenario], settings: TrainSettings) -> None:
         """Make an environment in each of the scenarios, of which some may be the same."""
         self._envs = [training_env(scenario, settings) for scenario in scenarios]
 
@@ -66,13 +66,13 @@ class EnvironmentGroup:
             env.close()
 
 
-def training_env(scenario: Place, settings: TrainSettings) -> SnapshotEnv:
+def training_env(scenario: AnyScenario, settings: TrainSettings) -> SnapshotEnv:
     """Return one environment of a lesson."""
     env = make_env(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
     return SnapshotEnv(SummaryWrapper(env))
 
 
-def make_group(scenarios: Sequence[Place], settings: TrainSettings, clock: Any) -> EnvironmentGroup:
+def make_group(scenarios: Sequence[AnyScenario], settings: TrainSettings, clock: Any) -> EnvironmentGroup:
     """Return a worker's environments, as `WorkerSpec.make` has it; each call is timed by the pool, not by the clock."""
     return EnvironmentGroup(scenarios, settings)
 

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from stable_baselines3.common.vec_env import VecEnv
 
-from aquanav_tools.envs.cave_batch import shares as slices_of
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.cave_batch import slices_of
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.train.environment_group import EnvironmentGroup, Floats, Stepped, make_group
 from aquanav_tools.train.settings import TrainSettings
 from aquanav_tools.train.snapshots import Snapshot
@@ -51,7 +51,7 @@ class TrainingEnvs(VecEnv):
     """All environments of a lesson, in PyBullet."""
 
     def __init__(
-        self, scenarios: Sequence[Place], settings: TrainSettings, num_workers: int, ray: str | None = None
+        self, scenarios: Sequence[AnyScenario], settings: TrainSettings, num_workers: int, ray: str | None = None
     ) -> None:
         """Make the environments.
 
@@ -157,7 +157,7 @@ class TrainingEnvs(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _worker_spec(scenarios: Sequence[Place], settings: TrainSettings, *, is_on_ray: bool) -> WorkerSpec:
+def _worker_spec(scenarios: Sequence[AnyScenario], settings: TrainSettings, *, is_on_ray: bool) -> WorkerSpec:
     make = partial(make_group, scenarios, settings)
     return WorkerSpec(
         make=as_at_home(make, versions) if is_on_ray else make,

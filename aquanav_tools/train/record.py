@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.run_folder import BEST_FILE, POLICY_FILE
 from aquanav_tools.store import write_whole
@@ -44,8 +44,8 @@ class RunRecord:
         folder: Path,
         pipeline: Pipeline,
         seed: int,
-        scenarios: Sequence[Place],
-        validation: Sequence[Place],
+        scenarios: Sequence[AnyScenario],
+        validation: Sequence[AnyScenario],
         initial: InitialPolicy | None,
     ) -> None:
         self.folder = folder
@@ -142,8 +142,8 @@ class RunRecord:
 def _identity(
     pipeline: Pipeline,
     seed: int,
-    scenarios: Sequence[Place],
-    validation: Sequence[Place],
+    scenarios: Sequence[AnyScenario],
+    validation: Sequence[AnyScenario],
     initial: InitialPolicy | None,
 ) -> dict[str, Any]:
     """Return what makes a run this run, as JSON gives it back."""
@@ -164,7 +164,7 @@ def _plain(tree: Any) -> Any:
     return json.loads(json.dumps(tree))
 
 
-def _named(scenario: Place) -> dict[str, Any]:
+def _named(scenario: AnyScenario) -> dict[str, Any]:
     named: dict[str, Any] = {"name": scenario.name, "content_hash": scenario.content_hash}
     if scenario.other_vehicle is not None:
         named["vehicle"] = dataclasses.asdict(scenario.other_vehicle)

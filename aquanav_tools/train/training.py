@@ -14,7 +14,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.vec_env import VecNormalize
 from tqdm import tqdm
 
-from aquanav_tools.envs.places import Place, read_place, say_left_out, with_vehicle
+from aquanav_tools.envs.factory import AnyScenario, read_any_scenario, say_left_out, with_vehicle
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.store import locked, told_when_full
@@ -61,7 +61,7 @@ def train(
     seed: int,
     output_dir: Path,
     *,
-    scenario: Place | None = None,
+    scenario: AnyScenario | None = None,
     overwrite: bool = False,
     show_progress: bool = False,
     tell: Callable[[str], None] = _tell_nobody,
@@ -91,10 +91,13 @@ def train(
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     scenarios = [
-        [with_vehicle(scenario or read_place(name), vehicle) for name in ([""] if scenario else lesson.all_scenarios)]
+        [
+            with_vehicle(scenario or read_any_scenario(name), vehicle)
+            for name in ([""] if scenario else lesson.all_scenarios)
+        ]
         for lesson in pipeline.lessons
     ]
-    validation = [with_vehicle(read_place(name), vehicle) for name in pipeline.run.validation]
+    validation = [with_vehicle(read_any_scenario(name), vehicle) for name in pipeline.run.validation]
     all_scenarios = [one for group in scenarios for one in group]
     _check_task(pipeline, [*all_scenarios, *validation])
     say_left_out([*all_scenarios, *validation])
@@ -123,7 +126,7 @@ class _Run:
     seed: int
     record: RunRecord
     journal: RunJournal
-    validation: list[Place]
+    validation: list[AnyScenario]
     initial: InitialPolicy | None
 
 
@@ -136,7 +139,7 @@ class _Learned:
     """Running mean, variance and count of the returns."""
 
 
-def _check_task(pipeline: Pipeline, scenarios: list[Place]) -> None:
+def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
     bays = [one.name for one in scenarios if isinstance(one, Bay)]
     caves = [one.name for one in scenarios if not isinstance(one, Bay)]
     if bays and caves:
@@ -145,7 +148,7 @@ def _check_task(pipeline: Pipeline, scenarios: list[Place]) -> None:
         raise InputError(f"mirrored and masked_observations are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
-def _initial(pipeline: Pipeline, scenario: Place) -> InitialPolicy | None:
+def _initial(pipeline: Pipeline, scenario: AnyScenario) -> InitialPolicy | None:
     """Return the policy to begin with, checked against the first lesson's task."""
     if pipeline.run.init is None:
         return None
@@ -157,7 +160,7 @@ def _initial(pipeline: Pipeline, scenario: Place) -> InitialPolicy | None:
 
 def _learn_all(
     run: _Run,
-    scenarios: list[list[Place]],
+    scenarios: list[list[AnyScenario]],
     checkpoint: Checkpoint | None,
     *,
     show_progress: bool,
@@ -189,7 +192,7 @@ def _titled(number: int, lessons: Sequence[TrainSettings]) -> str:
 def _learn(
     run: _Run,
     number: int,
-    scenarios: list[Place],
+    scenarios: list[AnyScenario],
     learned: _Learned | None,
     checkpoint: Checkpoint | None,
     bar: Any,
@@ -217,7 +220,7 @@ def _learn(
 
 
 def _environments(
-    run: RunSettings, settings: TrainSettings, scenarios: list[Place]
+    run: RunSettings, settings: TrainSettings, scenarios: list[AnyScenario]
 ) -> TrainingEnvs | BatchedEnvs | MirroredEnvs:
     envs: TrainingEnvs | BatchedEnvs
     if run.backend == "batch":

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from aquanav_tools.envs.places import Place
+from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.repeated import RepeatedEvaluation
 from aquanav_tools.evaluate.summary import Summary
@@ -59,7 +59,7 @@ class Validation:
     """Scenarios in which one policy after another is tried, from the same starts, acting without chance."""
 
     def __init__(
-        self, scenarios: Sequence[Place], task: TaskOptions, num_episodes: int, folder: Path, num_workers: int = 0
+        self, scenarios: Sequence[AnyScenario], task: TaskOptions, num_episodes: int, folder: Path, num_workers: int = 0
     ) -> None:
         """Prepare trials; environments are made, and workers started, by the first.
 
@@ -113,8 +113,8 @@ class Trials:
 def open_trials(
     run: RunSettings,
     settings: TrainSettings,
-    validation: Sequence[Place],
-    scenarios: Sequence[Place],
+    validation: Sequence[AnyScenario],
+    scenarios: Sequence[AnyScenario],
     folder: Path,
     *,
     is_last: bool,

@@ -35,7 +35,7 @@ import psutil
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
@@ -142,7 +142,7 @@ def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.N
     for count in (1, num_caves):
         caves = [copy_of(scenario) for _ in range(count)]
         before = psutil.Process().memory_info().rss
-        env = PlaceVecEnv(caves, num, num_threads=options.threads, device=options.device, **OPTIONS)
+        env = BatchedVecEnv(caves, num, num_threads=options.threads, device=options.device, **OPTIONS)
         grown = psutil.Process().memory_info().rss - before
         rates.append(max(measure(f"Warp field, {count} caves", env, steer, options.seconds) for _ in range(2)))
         print(f"  {'':<26}{grown / 1e6 / count:,.2f} MB for each cave and its {num // count} vehicles", flush=True)
@@ -154,7 +154,7 @@ def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.N
 
 def parts(scenario: Scenario, num: int, rays: str) -> None:
     """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
-    env = PlaceVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
+    env = BatchedVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
     task: Any = env._task
     obs = env.reset()
     spent: dict[str, float] = {}
@@ -197,7 +197,7 @@ def main() -> None:
     sources = [rays for rays in ("mesh", "field") if rays in options.only]
     for rays in sources:
         for num in options.sizes:
-            env = PlaceVecEnv(scenario, num, rays=rays, num_threads=options.threads, device=options.device, **OPTIONS)
+            env = BatchedVecEnv(scenario, num, rays=rays, num_threads=options.threads, device=options.device, **OPTIONS)
             for suffix, act in acts.items():
                 measure(f"Warp {rays}{suffix}", env, act, options.seconds)
             env.close()
@@ -206,7 +206,7 @@ def main() -> None:
         if name in options.only:
             for chosen in ({}, extra) if extra else (extra,):
                 choices = {"num_threads": options.threads, "device": options.device, **OPTIONS, **chosen}
-                env = PlaceVecEnv(scenario, most, **choices)
+                env = BatchedVecEnv(scenario, most, **choices)
                 label = f"Warp field, {name if chosen or not extra else 'as it is'}"
                 measure(label, env, act, options.seconds)
                 env.close()

@@ -35,7 +35,7 @@ def main() -> None:
             sea = generate_map(seed, settings)
             times.append(1e3 * (time.process_time() - began))
             rocks.append(len(sea.rocks))
-            blocked.append(len(sea.ways[0].points) > 2)
+            blocked.append(len(sea.paths[0].points) > 2)
         shares = f"{np.median(times):.2f} | {np.percentile(times, 95):.2f} | {max(times):.2f}"
         print(f"| {name} | {np.mean(rocks):.1f} | {shares} | {np.mean(blocked):.0%} |", flush=True)
 

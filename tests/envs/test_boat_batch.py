@@ -13,9 +13,9 @@ from gymnasium.vector import AutoresetMode
 import aquanav_tools.envs
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.places import make_batch
+from aquanav_tools.envs.factory import make_batch
 from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.vector_env import SurfaceVectorEnv
 from aquanav_tools.errors import InputError
@@ -40,7 +40,7 @@ def fly_both(bay: Any, decisions: int, rng: np.random.Generator, seeds: list[int
     envs = [SurfaceEnv(bay, **options) for _ in seeds]
     batch.reset(seeds)
     infos = [env.reset(seed=seed)[1] for env, seed in zip(envs, seeds, strict=True)]
-    assert batch.ways == pytest.approx([info["way"] for info in infos])
+    assert batch.path_lengths == pytest.approx([info["path_length"] for info in infos])
     assert batch.route_lengths == pytest.approx([info["remaining"] for info in infos])
     outcomes = [["running"] * 2 for _ in seeds]
     for _ in range(decisions):
@@ -217,7 +217,7 @@ def test_gymnasium_and_stable_baselines_find_it() -> None:
     observations, infos = env.reset(seed=1)
     assert observations in env.observation_space
     assert infos["start_index"].tolist() == [-1, -1]
-    batch = PlaceVecEnv("bay-calm", 2, observation="paper")
+    batch = BatchedVecEnv("bay-calm", 2, observation="paper")
     assert batch.reset().shape == (2, 9)
 
 
@@ -226,7 +226,7 @@ def test_each_seed_gives_its_own_bay_and_the_same_one_again() -> None:
     for _ in range(2):
         batch = make_batch("bay-calm", 3, next_step=True)
         batch.reset([7, 8, 9])
-        ways.append(batch.ways.tolist())
+        ways.append(batch.path_lengths.tolist())
     assert ways[0] == ways[1]
     assert len(set(ways[0])) == 3
 

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.batch.sensors.fan import RangeFan
@@ -176,7 +176,7 @@ def test_multi_input_policy_learns_from_a_dictionary() -> None:
     import torch
     from stable_baselines3 import PPO
 
-    env = PlaceVecEnv(TUBE, 16, observation=parts(), max_decisions=40)
+    env = BatchedVecEnv(TUBE, 16, observation=parts(), max_decisions=40)
     model = PPO("MultiInputPolicy", env, n_steps=16, batch_size=64, n_epochs=2, seed=0, device="cpu")
     before = {name: values.clone() for name, values in model.policy.named_parameters()}
     model.learn(16 * 16 * 2)

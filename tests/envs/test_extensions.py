@@ -10,7 +10,7 @@ import pytest
 
 import aquanav_tools.envs  # noqa: F401  # registers the environments
 from aquanav_tools.envs.cave_batch import CaveBatch
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.schema import Scenario
@@ -232,7 +232,7 @@ def test_a_rule_ends_episodes_and_others_begin(tube: Scenario, own_module: Write
         assert np.array_equal(terminated, is_far) and not (truncated & is_far).any()
         found += is_far.sum()
     assert found > 0
-    envs = PlaceVecEnv(tube, 12, termination=f"{own}:late", max_decisions=90)
+    envs = BatchedVecEnv(tube, 12, termination=f"{own}:late", max_decisions=90)
     envs.reset()
     ends = [info for n in range(90) for info in envs.step(wander(12, n))[3] if info]
     assert {info["outcome"] for info in ends} == {"ended", "timeout"}

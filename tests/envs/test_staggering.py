@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.envs.batch import Batch
-from aquanav_tools.envs.places import make_batch
+from aquanav_tools.envs.factory import make_batch
 from tests.caves import tube_scenario
 
 LIMIT, NUM = 15, 12
@@ -34,7 +34,7 @@ def test_first_episodes_are_shorter_by_chance_and_later_ones_whole(place: str, s
     places: dict[str, Any] = {"cave": cave, "bay": "bay-calm", "two caves": [cave, cave]}
     batch = make_batch(places[place], NUM, next_step=False, max_decisions=LIMIT)
     batch.reset(range(NUM))
-    batch.stagger(4)
+    batch.randomise_time_limits(4)
     lengths = lengths_of(batch, 3 * LIMIT, state_at)
     first = [own[0] for own in lengths]
     assert len(set(first)) > NUM // 3

@@ -18,7 +18,7 @@ from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.surface_observation import surface_layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings, generate_map
-from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap, Way
+from aquanav_tools.sea.sea_map import Berth, Goal, Rock, SeaMap, ShortestPath
 from aquanav_tools.sim.batch.boat_contact import clearances_of
 from aquanav_tools.sim.batch.boat_rays import cast_discs
 from aquanav_tools.sim.boat import DENSITY
@@ -42,7 +42,7 @@ BOATS = pytest.mark.parametrize("vehicle", ["otter", "boat"])
 def bay_with(*rocks: Rock, goal: tuple[float, float] = (50.0, 0.0), heading: float = 0.0) -> SeaMap:
     """Return a bay whose boat begins at (-40, 0)."""
     start, end = np.array([-40.0, 0.0]), np.array(goal)
-    way = Way(np.array([start, end]), float(np.linalg.norm(end - start)) - 5.0, 1.0)
+    way = ShortestPath(np.array([start, end]), float(np.linalg.norm(end - start)) - 5.0, 1.0)
     return SeaMap("test", EDGE, 6.0, rocks, Goal(end[None], 5.0), (Berth(start, heading),), (way,))
 
 
@@ -279,14 +279,14 @@ def test_each_episode_has_another_bay_unless_it_is_fixed() -> None:
     assert not np.allclose(starts[0], starts[1])
     np.testing.assert_array_equal(starts[0], starts[2])
     np.testing.assert_array_equal(fixed.reset(seed=1)[1]["position"], fixed.reset(seed=2)[1]["position"])
-    assert fixed.reset()[1]["way"] == fixed.sea_map.ways[0].length
+    assert fixed.reset()[1]["path_length"] == fixed.sea_map.paths[0].length
 
 
 def test_a_start_drawn_anywhere_is_free_and_has_a_way() -> None:
     env = SurfaceEnv(7, sea="still", starts="anywhere")
     infos = [env.reset(seed=seed)[1] for seed in range(5)]
     assert all(info["clearance"] > -0.6 and info["start_index"] == -1 for info in infos)  # bow and stern may be nearer
-    assert all(info["way"] >= info["remaining"] - 5.0 - 1e-9 for info in infos)
+    assert all(info["path_length"] >= info["remaining"] - 5.0 - 1e-9 for info in infos)
 
 
 def test_the_originals_bay_has_its_starts_and_its_goal_is_seen_untagged(data_dir: Path) -> None:

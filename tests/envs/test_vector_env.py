@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
@@ -195,7 +195,7 @@ def test_stable_baselines_learns_from_a_batch_and_is_told_of_ends() -> None:
     from stable_baselines3 import PPO
 
     scenario = tube_scenario(limits=LimitSettings(decisions=40))
-    env = PlaceVecEnv(scenario, 32, observation="paper", reward="safe")
+    env = BatchedVecEnv(scenario, 32, observation="paper", reward="safe")
     model = PPO("MlpPolicy", env, n_steps=64, batch_size=512, n_epochs=1, device="cpu", seed=0).learn(4096)
     assert len(model.ep_info_buffer or []) >= 32
     env.reset()
@@ -266,7 +266,7 @@ def test_episodes_begin_anywhere_as_they_do_alone(mode: AutoresetMode, tube: Sce
             assert (infos["start_index"] == -1).all()
             first = CaveEnv(tube, starts="anywhere").reset(seed=seeds[0])[1]
             np.testing.assert_array_equal(rows[0]["position"][0], first["position"])
-            ways = env.batch.ways
+            ways = env.batch.path_lengths
             assert len(set(ways)) == 3 and (ways > 2.0).all()
         env.close()
     np.testing.assert_array_equal(seen["together"], seen["alone"])
@@ -275,7 +275,7 @@ def test_episodes_begin_anywhere_as_they_do_alone(mode: AutoresetMode, tube: Sce
 def test_start_by_number_is_kept_where_others_are_anywhere(tube: Scenario) -> None:
     env = CaveVectorEnv(3, tube, starts="anywhere")
     assert env.reset(seed=0, options={"start": 1})[1]["start_index"].tolist() == [1, 1, 1]
-    assert env.batch.ways == pytest.approx([tube.starts[1].geodesic_to_goal] * 3)
+    assert env.batch.path_lengths == pytest.approx([tube.starts[1].geodesic_to_goal] * 3)
     env.close()
 
 
@@ -322,19 +322,19 @@ def test_vehicles_of_several_caves_swim_as_in_a_batch_of_each(tube: Scenario) ->
         batches: list[Any] = [
             gymnasium.make_vec("aquanav/Cave-v0", **joint, num_threads=n, autoreset_mode=mode) for n in (1, 4)
         ]
-        shares = batches[0].batch.shares
-        assert [share.stop - share.start for share in shares] == [3, 2, 3]
+        shares = batches[0].batch.slices
+        assert [part.stop - part.start for part in shares] == [3, 2, 3]
         alone = [
-            CaveVectorEnv(share.stop - share.start, cave, action="continuous", autoreset_mode=mode)
-            for cave, share in zip(caves, shares, strict=True)
+            CaveVectorEnv(part.stop - part.start, cave, action="continuous", autoreset_mode=mode)
+            for cave, part in zip(caves, shares, strict=True)
         ]
-        parts = [env.reset(seed=9 + share.start) for env, share in zip(alone, shares, strict=True)]
+        parts = [env.reset(seed=9 + part.start) for env, part in zip(alone, shares, strict=True)]
         for batch in batches:
             assert np.array_equal(batch.reset(seed=9)[0], np.concatenate([part[0] for part in parts]))
         rng = np.random.default_rng(0)
         for _ in range(20):
             actions = rng.uniform(-1.0, 1.0, (8, 3)).astype(np.float32)
-            expected = [env.step(actions[share]) for env, share in zip(alone, shares, strict=True)]
+            expected = [env.step(actions[part]) for env, part in zip(alone, shares, strict=True)]
             for found in (batch.step(actions) for batch in batches):
                 for n in range(4):
                     assert np.array_equal(found[n], np.concatenate([one[n] for one in expected]))
@@ -348,9 +348,9 @@ def test_several_caves_are_refused_where_they_do_not_fit(tube: Scenario) -> None
     with pytest.raises(InputError, match="3 scenarios need at least as many vehicles, got 2"):
         CaveVectorEnv(2, [tube, tube, tube])
     with pytest.raises(InputError, match="A batch needs a scenario"):
-        PlaceVecEnv([], 2)
+        BatchedVecEnv([], 2)
     with pytest.raises(InputError, match="tube is a cave and bay-calm a bay: they do not go into one batch"):
-        PlaceVecEnv([tube, "bay-calm"], 2, observation="paper")
+        BatchedVecEnv([tube, "bay-calm"], 2, observation="paper")
     env = CaveVectorEnv(4, [tube, tube])
     env.reset(seed=0)
     with pytest.raises(InputError, match="one for each of the 4 vehicles"):

@@ -13,8 +13,8 @@ import pytest
 import aquanav_tools.envs  # noqa: F401  # registers the environments
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.places import with_vehicle
-from aquanav_tools.envs.sb3_env import PlaceVecEnv
+from aquanav_tools.envs.factory import with_vehicle
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vehicles import dived_by, vehicle_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.bay import read_bay
@@ -28,7 +28,7 @@ MAKERS: dict[str, Callable[..., Any]] = {
     "vector": lambda tube, **options: gymnasium.make_vec(
         "aquanav/Cave-v0", num_envs=2, vectorization_mode="vector_entry_point", scenario=tube, **options
     ),
-    "sb3": lambda tube, **options: PlaceVecEnv(tube, 2, **options),
+    "sb3": lambda tube, **options: BatchedVecEnv(tube, 2, **options),
 }
 
 

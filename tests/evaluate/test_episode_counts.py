@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from aquanav_tools.cli.evaluate import main
-from aquanav_tools.envs.places import read_place
+from aquanav_tools.envs.factory import read_any_scenario
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.episode_counts import USUAL, is_drawn, possible_episodes, usual_episodes
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -82,11 +82,11 @@ def test_in_bays_waves_wind_and_tides_make_episodes_differ(tmp_path: Path) -> No
     write_map(generate_map(3), tmp_path / "bay.json")
     for sea in ("still", "calm"):
         (tmp_path / f"{sea}.toml").write_text(f'format = 1\nmap = "bay.json"\nsea = "{sea}"\n')
-    still, calm = (read_place(tmp_path / f"{sea}.toml") for sea in ("still", "calm"))
+    still, calm = (read_any_scenario(tmp_path / f"{sea}.toml") for sea in ("still", "calm"))
     assert not is_drawn(still, TaskOptions())
     assert is_drawn(still, TaskOptions(current=0.3))
     assert is_drawn(calm, TaskOptions())
-    assert is_drawn(read_place("bay-calm"), TaskOptions())
+    assert is_drawn(read_any_scenario("bay-calm"), TaskOptions())
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.places import PlaceEnv
+from aquanav_tools.envs.factory import TaskEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.presets import SURFACE
@@ -36,7 +36,7 @@ def test_a_reference_policy_has_an_easy_way_without_a_touch_and_so_does_its_onnx
     # A tube four metres wide, in still water and a gentle stream against the vehicle, is easier than any cave; a bay
     # of few rocks, in still water and a gentle tide, than any that is drawn by the usual settings.
     if loaded.task == SURFACE:
-        envs: list[PlaceEnv] = [
+        envs: list[TaskEnv] = [
             SurfaceEnv(MapSettings(density=0.02), sea="still", current=c, **form) for c in (0.0, 0.2)
         ]
     else:

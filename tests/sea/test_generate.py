@@ -37,7 +37,7 @@ def test_a_seed_gives_one_bay_and_another_seed_another(tmp_path: Path, bays: lis
 
 def test_every_way_keeps_the_boats_room_from_every_rock(bays: list[SeaMap]) -> None:
     for sea in bays:
-        way = shapely.LineString(sea.ways[0].points)
+        way = shapely.LineString(sea.paths[0].points)
         rocks = shapely.union_all(polygons(sea))
         bend = SETTINGS.room * (1.0 - np.cos(np.radians(2.5)))  # a chord comes this much nearer than its arc
         assert way.distance(rocks) >= SETTINGS.room - bend - 1e-6
@@ -46,10 +46,10 @@ def test_every_way_keeps_the_boats_room_from_every_rock(bays: list[SeaMap]) -> N
 
 def test_way_leads_from_the_start_into_the_goal(bays: list[SeaMap]) -> None:
     for sea in bays:
-        points = sea.ways[0].points
+        points = sea.paths[0].points
         np.testing.assert_array_equal(points[0], sea.starts[0].position)
         assert np.linalg.norm(points[-1] - sea.goal.centre) == pytest.approx(sea.goal.tolerance)
-        assert np.linalg.norm(sea.goal.centre - points[0]) >= SETTINGS.min_way * SETTINGS.length
+        assert np.linalg.norm(sea.goal.centre - points[0]) >= SETTINGS.min_path * SETTINGS.length
 
 
 def test_rocks_cover_the_density_and_at_most_one_rock_more(bays: list[SeaMap]) -> None:

@@ -42,8 +42,8 @@ def test_every_start_has_a_way_to_the_goals_line(data_dir: Path, name: str) -> N
     scene = data_dir / "saferlauv" / "surface" / f"{name}.json"
     table = json.loads(scene.read_text())
     sea = read_original_map(scene, CLEARANCE)
-    assert len(sea.ways) == len(table["starts"])
-    for start, way in zip(table["starts"], sea.ways, strict=True):
+    assert len(sea.paths) == len(table["starts"])
+    for start, way in zip(table["starts"], sea.paths, strict=True):
         from_start = np.array(table["goal"]["center"][:2]) - start["position"][:2]
         axis = np.array(table["goal"]["axes_columns"])[:2, 2]  # across the line
         least = abs(from_start @ axis) - table["goal"]["half_extents"][2]

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from aquanav_tools.sea.generate import MapSettings, generate_map
 from aquanav_tools.sea.sea_map import Goal, Outlines, Rock, SeaMap
-from aquanav_tools.sea.shortest import shortest_way
+from aquanav_tools.sea.shortest import shortest_path
 from aquanav_tools.types import Array
 
 SQUARE = np.array([[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]])
@@ -24,7 +24,7 @@ def bay(*outlines: Array, goal: Goal | None = None, half: float = 50.0) -> SeaMa
 
 
 def way_between(outlines: Outlines, start: tuple[float, float], goal: Goal, clearance: float) -> float:
-    way = shortest_way(outlines, np.array(start), goal, clearance)
+    way = shortest_path(outlines, np.array(start), goal, clearance)
     assert way is not None
     drawn = np.linalg.norm(np.diff(way.points, axis=0), axis=1).sum()
     assert drawn <= way.length + 1e-9  # chords are shorter than arcs,
@@ -43,7 +43,7 @@ def test_way_past_a_square_is_two_tangents_two_arcs_and_a_side(clearance: float)
 
 def test_a_way_without_clearance_is_refused() -> None:
     with pytest.raises(ValueError, match="clearance above"):
-        shortest_way(bay(SQUARE).outlines, np.array([-20.0, 0.0]), Goal(np.array([[20.0, 0.0]])), 0.0)
+        shortest_path(bay(SQUARE).outlines, np.array([-20.0, 0.0]), Goal(np.array([[20.0, 0.0]])), 0.0)
 
 
 def test_way_past_a_round_rock_is_that_past_a_circle() -> None:
@@ -73,7 +73,7 @@ def test_a_gap_is_passed_down_to_twice_the_clearance_and_no_narrower() -> None:
     outlines = bay(wall, -wall).outlines
     goal = Goal(np.array([[20.0, 0.0]]))
     assert way_between(outlines, (-20.0, 0.0), goal, 1.499) == pytest.approx(40.0)
-    assert shortest_way(outlines, np.array([-20.0, 0.0]), goal, 1.501) is None
+    assert shortest_path(outlines, np.array([-20.0, 0.0]), goal, 1.501) is None
 
 
 def test_way_out_of_a_hollow_rock_goes_round_its_arm() -> None:
@@ -103,7 +103,7 @@ def visibility_length(sea: SeaMap, start: Array, goal: Array, clearance: float) 
 @pytest.mark.parametrize("seed", range(3))
 def test_ways_are_as_short_as_those_of_a_visibility_graph(seed: int) -> None:
     sea = generate_map(seed, MapSettings(length=70.0, width=45.0, min_radius=3.0, max_radius=6.0, density=0.15))
-    start, goal, way = sea.starts[0].position, sea.goal, sea.ways[0]
+    start, goal, way = sea.starts[0].position, sea.goal, sea.paths[0]
     expected = visibility_length(sea, start, goal.centre, way.clearance) - goal.tolerance
     # A chord of the grown outline is inside its arc, the outline's corners on it: ways differ by a thousandth.
     assert way.length == pytest.approx(expected, rel=1e-3)

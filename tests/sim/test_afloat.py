@@ -31,7 +31,7 @@ BOX = Boat(
     normal_drag=0.0,
     friction=0.0,
     surge_force=100.0,
-    reverse_share=0.5,
+    reverse_fraction=0.5,
     yaw_moment=50.0,
     hulls=(Hull(LENGTH, BEAM, 0.8, 0.0, (0.0, 0.0, 0.2)),),  # its bottom is 0.2 m below the centre of mass
 )

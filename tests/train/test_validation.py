@@ -12,8 +12,11 @@ from typing import Any
 import pytest
 import torch
 
+from aquanav_tools.evaluate.episode_worker import EpisodeWorker, EvaluationSpec, Task, make_plan
 from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.task import choices_of
@@ -67,6 +70,20 @@ def test_trials_of_one_policy_after_another_are_of_that_policy(num_workers: int,
         ]
     assert rates == [0.0, 1.0, 0.0]
     assert not (tmp_path / TRIED_FILE).exists()
+
+
+def test_a_worker_that_read_a_policy_while_it_changed_reads_it_again(tmp_path: Path) -> None:
+    tube, path = tube_scenario(limits=LimitSettings(decisions=300)), tmp_path / "policy.zip"
+    path.write_bytes(policy_of(tube, IDLE))
+    options = EvaluateOptions((str(path),), (Path("tube"),), tmp_path, episodes=1, **choices_of(TINY))
+    spec = EvaluationSpec(options, str(path), None, load_policy, scenarios=(tube,))
+    plan = make_plan(spec)
+    path.write_bytes(policy_of(tube, AHEAD))
+    # The hash is taken after the file was read; here the file changes in between.
+    misread = dataclasses.replace(plan, policy=dataclasses.replace(plan.policy, sha256=file_hash(path)))
+    with closing(EpisodeWorker(spec, misread)) as worker:
+        row = worker.run(Task(0, "never", policy_sha256=file_hash(path)))
+    assert row["metrics"]["outcome"] == "success"
 
 
 def test_figures_are_those_of_aquanav_eval_on_the_same_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

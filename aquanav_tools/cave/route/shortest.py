@@ -23,11 +23,11 @@ BEYOND = 4.0
 """The map reaches so many spacings beyond the places that a vehicle's middle keeps from the wall, so that every cell of
 the water has eight corners."""
 
-_maps: WeakKeyDictionary[DistanceField, dict[tuple[float, ...], ShortestWays]] = WeakKeyDictionary()
+_maps: WeakKeyDictionary[DistanceField, dict[tuple[float, ...], ShortestPaths]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False)
-class ShortestWays:
+class ShortestPaths:
     """How far it is to the goal from everywhere."""
 
     lengths: DistanceField
@@ -42,7 +42,7 @@ class ShortestWays:
         return self.lengths.clearance_at(position)
 
 
-def shortest_ways(field: DistanceField, goal: Array, radius: float) -> ShortestWays:
+def shortest_paths(field: DistanceField, goal: Array, radius: float) -> ShortestPaths:
     """Return the ways to a (3,) goal for a vehicle of some radius, m; worked out once per field, goal and radius.
 
     Raises:
@@ -55,7 +55,7 @@ def shortest_ways(field: DistanceField, goal: Array, radius: float) -> ShortestW
     return known[key]
 
 
-def _find(field: DistanceField, goal: Array, radius: float) -> ShortestWays:
+def _find(field: DistanceField, goal: Array, radius: float) -> ShortestPaths:
     from scipy.ndimage import distance_transform_edt
 
     graph = WaterGraph(field, radius, MAX_SAMPLES)
@@ -78,4 +78,4 @@ def _find(field: DistanceField, goal: Array, radius: float) -> ShortestWays:
     far = np.argwhere(apart > reach)
     is_rock = field.clearance(field.origin + graph.spacing * (far + low)) <= 0.0
     filled[tuple(far[is_rock].T)] = -BAND * graph.spacing  # nobody asks there, and no memory is spent on it
-    return ShortestWays(field_from_dense(field.origin + graph.spacing * low, graph.spacing, filled), points, lengths)
+    return ShortestPaths(field_from_dense(field.origin + graph.spacing * low, graph.spacing, filled), points, lengths)

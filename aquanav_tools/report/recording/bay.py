@@ -11,7 +11,7 @@ from aquanav_tools.report.recording.cave import GOAL, ROUTE
 from aquanav_tools.report.recording.episode import RAY_RADIUS, TIMELINE, layout, log_state_colours, log_vehicle
 from aquanav_tools.report.recording.stream import Template
 from aquanav_tools.report.trajectory import Trajectory
-from aquanav_tools.sea.sea_map import SeaMap, Way, rock_solid
+from aquanav_tools.sea.sea_map import SeaMap, ShortestPath, rock_solid
 from aquanav_tools.types import Array, Mesh
 
 STROKE = 8.0
@@ -34,14 +34,20 @@ class BayScene:
     stroke = STROKE
 
     def __init__(
-        self, identity: str, bay: SeaMap, way: Way, boat: Mesh, beams: Array, rise: Callable[[Array, float], Array]
+        self,
+        identity: str,
+        bay: SeaMap,
+        path: ShortestPath,
+        boat: Mesh,
+        beams: Array,
+        rise: Callable[[Array, float], Array],
     ) -> None:
         """Prepare what of a voyage does not hang on the policy.
 
         Args:
             identity: Of the scenario.
             bay: Where it is.
-            way: The shortest one.
+            path: The shortest one.
             boat: How it looks, body frame, m, with colours.
             beams: (R, 3) directions of the sensor's beams, body frame.
             rise: Returns (N,) how far the sea stands above still water at (N, 2) places after a time, m and s.
@@ -52,7 +58,7 @@ class BayScene:
 
         def log_scene(stream: Any) -> None:
             stream.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-            _log_bay(stream, bay, way)
+            _log_bay(stream, bay, path)
             log_vehicle(stream, boat)
             stream.log("vehicle/rays", rr.LineStrips3D.from_fields(radii=RAY_RADIUS * STROKE), static=True, strict=True)
             log_state_colours(stream)
@@ -102,7 +108,7 @@ class BayScene:
         )
 
 
-def _log_bay(stream: Any, bay: SeaMap, way: Way) -> None:
+def _log_bay(stream: Any, bay: SeaMap, path: ShortestPath) -> None:
     import rerun as rr
 
     for kind, colour in (("rocks", ROCK), ("reefs", REEF)):
@@ -114,7 +120,7 @@ def _log_bay(stream: Any, bay: SeaMap, way: Way) -> None:
     corners = np.array([[west, south, -0.05], [east, south, -0.05], [east, north, -0.05], [west, north, -0.05]])
     still = rr.Mesh3D(vertex_positions=corners, triangle_indices=[[0, 1, 2], [0, 2, 3]], albedo_factor=STILL_SEA)
     stream.log("still-sea", still, static=True)
-    level = np.column_stack([way.points, np.full(len(way.points), 0.3)])
+    level = np.column_stack([path.points, np.full(len(path.points), 0.3)])
     stream.log("route/shortest-way", rr.LineStrips3D([level], colors=ROUTE, radii=0.012 * STROKE), static=True)
     posts = [[[*corner, -0.5], [*corner, BUOY_HEIGHT]] for corner in bay.goal.corners]
     stream.log("route/goal", rr.LineStrips3D(posts, colors=GOAL, radii=BUOY_RADIUS), static=True)

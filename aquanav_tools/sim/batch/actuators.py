@@ -26,7 +26,7 @@ class Controls:
 
     surge: f64
     """Full thrust ahead, N."""
-    reverse_share: f64
+    reverse_fraction: f64
     """Full thrust in reverse, as a fraction of that ahead."""
     yaw: f64
     """Moment of full steer, N m."""
@@ -50,13 +50,13 @@ def make_controls(vehicle: Vehicle, dt: float) -> Controls:
     controls = Controls()
     if isinstance(vehicle, FossenVehicle):
         actuators = vehicle.actuators
-        controls.surge, controls.reverse_share = actuators.surge_force, actuators.reverse_share
+        controls.surge, controls.reverse_fraction = actuators.surge_force, actuators.reverse_fraction
         controls.yaw, controls.steers_at_rest = vehicle.full_steer, 1
         controls.level_step, controls.heave_per_level = actuators.trim_rate * dt, actuators.heave_force
         controls.lowest, controls.neutral, controls.highest = -1.0, 0.0, 1.0
     elif isinstance(vehicle, OriginalVehicle):
         drive, ballast = vehicle.drive, vehicle.ballast
-        controls.surge, controls.reverse_share = drive.force, drive.reverse_share
+        controls.surge, controls.reverse_fraction = drive.force, drive.reverse_fraction
         controls.yaw, controls.steers_at_rest = drive.steer_moment, int(drive.steers_at_rest)
         if ballast is not None:
             controls.level_step, controls.heave_per_level = ballast.power_rate * dt, 1.0
@@ -76,7 +76,7 @@ def actuated(command: wp.vec3d, level: f64, controls: Controls):
     ballast, steer, ahead = command[0], command[1], command[2]
     surge, yaw = controls.surge * ahead, controls.yaw * steer
     if ahead < f64(0.0):
-        surge *= controls.reverse_share
+        surge *= controls.reverse_fraction
     if controls.steers_at_rest == 0:
         yaw *= ahead
     after = wp.clamp(level + ballast * controls.level_step, controls.lowest, controls.highest)

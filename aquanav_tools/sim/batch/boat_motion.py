@@ -105,7 +105,7 @@ def make_wind_load(windage: Windage | None) -> WindLoad:
 def _make_controls(boat: Boat) -> Controls:
     """Return the drives of a boat; it has no ballast, and steers without thrust."""
     controls = Controls()
-    controls.surge, controls.reverse_share = boat.surge_force, boat.reverse_share
+    controls.surge, controls.reverse_fraction = boat.surge_force, boat.reverse_fraction
     controls.yaw, controls.steers_at_rest = boat.yaw_moment, 1
     return controls
 

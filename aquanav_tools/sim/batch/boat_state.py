@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.sea.sea_map import Berth, SeaMap, Way
+from aquanav_tools.sea.sea_map import Berth, SeaMap, ShortestPath
 from aquanav_tools.sim.batch.boat_contact import Bay, HullOutline, OutlineWork
 from aquanav_tools.sim.batch.boat_hull import HullWork
 from aquanav_tools.sim.batch.boat_motion import BoatBody
@@ -61,7 +61,7 @@ class BoatEpisode:
     """Where the boat begins."""
     water: SeaWater
     """Its waves, and the gusts to come."""
-    way: Way | None = None
+    path: ShortestPath | None = None
     """The shortest from the berth to the goal."""
     start_index: int = -1
     """Of the berth in the bay's list; -1 where it is in none."""

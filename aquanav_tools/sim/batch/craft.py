@@ -162,7 +162,7 @@ class DrawnCrafts:
         nominal, controls, one = self._nominal["controls"][vehicles], rows["controls"], np.ones(len(vehicles))
         thrust = draws.get("thrust", one) if num_thrusters(vehicle) == 0 else one
         controls["surge"], controls["yaw"] = thrust * nominal["surge"], thrust * nominal["yaw"]
-        controls["reverse_share"] = draws.get("reverse", one) * nominal["reverse_share"]
+        controls["reverse_fraction"] = draws.get("reverse", one) * nominal["reverse_fraction"]
 
 
 def _put_dragged(rows: npt.NDArray[np.void], parameters: DraggedBodyParameters, dt: float) -> None:

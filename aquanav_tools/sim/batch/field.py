@@ -112,7 +112,7 @@ def clearance_at(grid: Grid, position: wp.vec3d):
 
 
 @wp.func
-def traced(grid: Grid, start: wp.vec3, way: wp.vec3, length: float, room: float):
+def traced(grid: Grid, start: wp.vec3, direction: wp.vec3, length: float, room: float):
     """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start.
 
     Each step goes as far as no wall can be met. The one that ends in the wall is shortened to where a straight line
@@ -123,7 +123,7 @@ def traced(grid: Grid, start: wp.vec3, way: wp.vec3, length: float, room: float)
     along = step
     distance = length
     while along < length:
-        place = start + along * way
+        place = start + along * direction
         ahead = surely_at(grid, place)
         if ahead < OPEN:
             ahead = room_at(grid, place)

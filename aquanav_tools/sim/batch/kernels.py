@@ -106,10 +106,10 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
             state.previous_positions[i] = moving.position
             state.previous_orientations[i] = moving.orientation
         free = without_wall(i, moving, command, current, state, craft, dt, settings, exchange)
-        way = largest_move(moving, free, hull)
-        if room <= way:
+        travel = largest_move(moving, free, hull)
+        if room <= travel:
             room = axis_clearance(grid, moving, hull) - hull.reach
-        if room <= way:
+        if room <= travel:
             if settings.has_engine == 1:
                 ask(i, step, moving, free, exchange, dt)
                 is_over = False
@@ -120,7 +120,7 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
             room = zero
         else:
             moving = free
-            room -= way  # what is surely left; looked up again when it is too little
+            room -= travel  # what is surely left; looked up again when it is too little
             if settings.has_engine == 1:
                 exchange.is_continued[i] = 0
     state.levels[i] = level
@@ -196,11 +196,11 @@ def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, s
     length = settings.fan.lengths[ray]
     distance, tag = length, int(NOTHING)
     if settings.observation == ORIGINAL:
-        exact_way, radius = rotation * settings.fan.exact_directions[ray], settings.fan.radii[ray]
-        come = cast(cave.grid, position, exact_way, f64(length), radius)
+        exact_direction, radius = rotation * settings.fan.exact_directions[ray], settings.fan.radii[ray]
+        come = cast(cave.grid, position, exact_direction, f64(length), radius)
         if come < f64(length):
             distance = float(come)
-            tag = tag_at(position + come * exact_way, radius + f64(0.5) * cave.grid.spacing, cave.ends)
+            tag = tag_at(position + come * exact_direction, radius + f64(0.5) * cave.grid.spacing, cave.ends)
     else:
         come_ray, _ = cast_ray(cave, origin, wp.mat33(rotation) * settings.fan.directions[ray], length)
         distance = come_ray

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.route.shortest import shortest_ways
+from aquanav_tools.cave.route.shortest import shortest_paths
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.chain import distances_along_centres, follow_chain
 from aquanav_tools.sim.batch.contact import Hull
@@ -47,7 +47,7 @@ def make_measure(name: ProgressMeasure, scenario: Scenario, capsule: Capsule, de
     measure.kind, measure.panels = MEASURES.index(name), make_panels(scenario.guide, device)
     if name == "geodesic":
         goal = np.array(scenario.settings.goal.position, dtype=np.float64)
-        measure.path_lengths = make_grid(shortest_ways(scenario.field, goal, capsule.radius).lengths, device)
+        measure.path_lengths = make_grid(shortest_paths(scenario.field, goal, capsule.radius).lengths, device)
     elif name == "original":
         distances = distances_along_centres(scenario.guide)
         measure.centre_distances = wp.array(distances, dtype=wp.float64, device=device)

@@ -38,7 +38,7 @@ def origin_of(cave: Cave, position: wp.vec3d):
 
 
 @wp.func
-def cast_ray(cave: Cave, origin: Origin, way: wp.vec3, length: float):
+def cast_ray(cave: Cave, origin: Origin, direction: wp.vec3, length: float):
     """Return how far a ray comes, at most `length` (m), and the normal of the face it meets, where rays go to a mesh.
 
     The normal is zero where rays go through the field; `normal_at` finds it there.
@@ -46,18 +46,18 @@ def cast_ray(cave: Cave, origin: Origin, way: wp.vec3, length: float):
     distance = length
     normal = wp.vec3()
     if cave.ray_wall != wp.uint64(0):
-        hit = wp.mesh_query_ray(cave.ray_wall, origin.centre, way, length)
+        hit = wp.mesh_query_ray(cave.ray_wall, origin.centre, direction, length)
         if hit.result:
             distance = hit.t
             normal = hit.normal
     else:
         spacing = float(cave.grid.spacing)
-        distance = spacing * traced(cave.grid, origin.place, way, length * (1.0 / spacing), origin.room)
+        distance = spacing * traced(cave.grid, origin.place, direction, length * (1.0 / spacing), origin.room)
     return distance, normal
 
 
 @wp.func
-def normal_at(cave: Cave, origin: Origin, way: wp.vec3, distance: float, normal: wp.vec3):
+def normal_at(cave: Cave, origin: Origin, direction: wp.vec3, distance: float, normal: wp.vec3):
     """Return the unit normal of the wall that a ray met, out of the wall, towards where the ray came from.
 
     Where no face is known, it is where the clearance grows. A ray that met a place where this has no direction has met
@@ -65,12 +65,12 @@ def normal_at(cave: Cave, origin: Origin, way: wp.vec3, distance: float, normal:
     """
     found = normal
     if wp.length_sq(found) == 0.0:
-        _, away = sloping_room(cave.grid, origin.position + wp.float64(distance) * wp.vec3d(way))
+        _, away = sloping_room(cave.grid, origin.position + wp.float64(distance) * wp.vec3d(direction))
         found = wp.vec3(away)
     size = wp.length(found)
     if size < 1.0e-6:
-        return -way
+        return -direction
     found = found / size
-    if wp.dot(found, way) > 0.0:
+    if wp.dot(found, direction) > 0.0:
         found = -found
     return found

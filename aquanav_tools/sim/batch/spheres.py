@@ -62,12 +62,12 @@ def make_ends(cavity: Cavity, entrance: Array, goal: Array, device: Any) -> Ends
 
 
 @wp.func
-def cast(grid: Grid, start: wp.vec3d, way: wp.vec3d, length: f64, radius: f64):
+def cast(grid: Grid, start: wp.vec3d, direction: wp.vec3d, length: f64, radius: f64):
     """Return how far a sphere's centre comes until it touches, m; twice the length when that is beyond `length`."""
     along, step, before = f64(0.0), f64(0.0), f64(0.0)
     distance = f64(2.0) * length
     while along < length:
-        room = clearance_at(grid, start + along * way) - radius
+        room = clearance_at(grid, start + along * direction) - radius
         if room <= f64(0.0):
             distance = along
             if along > f64(0.0):

@@ -110,13 +110,13 @@ def measure_velocity(
     count = int(0)
     altitude = float(0.0)
     for beam in range(4):
-        way = beams[beam]
-        distance, _ = cast_ray(cave, origin, turn * wp.vec3(way), errors.max_range)
+        direction = beams[beam]
+        distance, _ = cast_ray(cave, origin, turn * wp.vec3(direction), errors.max_range)
         if distance < errors.max_range and distance >= errors.min_range:
-            radial = wp.dot(way, velocity) + f64(errors.noise * drawn[beam])
-            matrix += wp.outer(way, way)
-            heard += radial * way
-            altitude -= distance * float(way[2])
+            radial = wp.dot(direction, velocity) + f64(errors.noise * drawn[beam])
+            matrix += wp.outer(direction, direction)
+            heard += radial * direction
+            altitude -= distance * float(direction[2])
             count += 1
     for n in range(5):
         out[i, n] = 0.0

@@ -67,19 +67,19 @@ def measure_ranges(
     errs = noise.constant > 0.0 or noise.proportional > 0.0 or noise.dropout > 0.0 or noise.grazing_dropout > 0.0
     for ray in range(index % num_parts, fan.lengths.shape[0], num_parts):
         length = fan.lengths[ray]
-        way = turn * fan.directions[ray]
+        direction = turn * fan.directions[ray]
         distance, face = float(length), wp.vec3()
         if fan.radii[ray] > f64(0.0):
             exact = rotation * fan.exact_directions[ray]
             distance = float(wp.min(cast(cave.grid, origin.position, exact, f64(length), fan.radii[ray]), f64(length)))
         else:
-            come, met = cast_ray(cave, origin, way, length)
+            come, met = cast_ray(cave, origin, direction, length)
             distance, face = come, met
         if errs:
             incidence = float(0.0)
             if noise.grazing_dropout > 0.0 and distance < length:
-                normal = normal_at(cave, origin, way, distance, face)
-                incidence = wp.acos(wp.clamp(-wp.dot(normal, way), 0.0, 1.0))
+                normal = normal_at(cave, origin, direction, distance, face)
+                incidence = wp.acos(wp.clamp(-wp.dot(normal, direction), 0.0, 1.0))
             seed, decision = state.seeds[i], state.decisions[i]
             distance = measured_range(distance, incidence, length, noise, seed, stream + ray, decision)
         out[i, ray] = distance

@@ -81,18 +81,18 @@ class FanSpec:
     def pattern(self) -> RayPattern:
         """The rays as arrays."""
         if self.directions:
-            ways = np.array(self.directions, dtype=np.float64)
-            ways /= np.linalg.norm(ways, axis=1, keepdims=True)
+            directions = np.array(self.directions, dtype=np.float64)
+            directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         else:
             azimuths = np.radians(self.azimuths_deg)
             elevations = np.broadcast_to(np.radians(self.elevations_deg), azimuths.shape)
             level = np.cos(elevations)
-            ways = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
+            directions = np.stack([level * np.cos(azimuths), level * np.sin(azimuths), np.sin(elevations)], axis=1)
         lengths, radii = (
-            np.broadcast_to(np.array(each, dtype=np.float64), (len(ways),)).copy()
+            np.broadcast_to(np.array(each, dtype=np.float64), (len(directions),)).copy()
             for each in (self.lengths, self.radii)
         )
-        return RayPattern(ways, lengths, radii)
+        return RayPattern(directions, lengths, radii)
 
 
 def paper_fan(noise: RangeErrors | None = None) -> FanSpec:
@@ -103,8 +103,8 @@ def paper_fan(noise: RangeErrors | None = None) -> FanSpec:
 def original_fan() -> FanSpec:
     """Return the 28 spheres of the preset "original"."""
     pattern = original_pattern()
-    ways = tuple((float(x), float(y), float(z)) for x, y, z in pattern.directions)
-    return FanSpec(tuple(pattern.lengths.tolist()), ways, radii=tuple(pattern.radii.tolist()))
+    directions = tuple((float(x), float(y), float(z)) for x, y, z in pattern.directions)
+    return FanSpec(tuple(pattern.lengths.tolist()), directions, radii=tuple(pattern.radii.tolist()))
 
 
 PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan()}

@@ -6,7 +6,7 @@ what comes back is its share of the beam's power times
     cos(t) / r^2 * 10^(-absorption * r / 5)
 
 A wall scatters by Lambert's law, in cos^2(t) per area; a sub-ray lights up an area of r^2 / cos(t) per solid angle; and
-spreading takes r^-2 on each way. The reference, intensity 1, is all of a beam's power back from a wall that it meets
+spreading takes r^-2 each way. The reference, intensity 1, is all of a beam's power back from a wall that it meets
 head on at 1 m, without absorption. The echo is spread evenly over the ranges that the sub-ray's patch of wall covers,
 or over one bin where that is more.
 
@@ -65,7 +65,7 @@ class SonarNumbers:
     noise: wp.float32
     dynamic_range: wp.float32
     """dB."""
-    ways: wp.array2d(dtype=wp.vec3)
+    directions: wp.array2d(dtype=wp.vec3)
     """(beams, sub-rays) unit vectors, body frame."""
     changes: wp.array2d(dtype=wp.vec3)
     """How they change with the elevation, per radian."""
@@ -83,8 +83,8 @@ def make_numbers(sheet: SonarSheet, device: Any) -> SonarNumbers:
     numbers.fading = 0.2 * np.log(10.0) * sheet.absorption_db_per_m
     numbers.tvg, numbers.speckle = int(sheet.tvg), int(sheet.speckle)
     numbers.noise, numbers.dynamic_range = 10.0 ** (0.1 * sheet.noise_db), sheet.dynamic_range_db
-    ways, changes = sheet.directions()
-    numbers.ways = wp.array(ways.astype(np.float32), dtype=wp.vec3, device=device)
+    directions, changes = sheet.directions()
+    numbers.directions = wp.array(directions.astype(np.float32), dtype=wp.vec3, device=device)
     numbers.changes = wp.array(changes.astype(np.float32), dtype=wp.vec3, device=device)
     numbers.weights = wp.array(sheet.weights.astype(np.float32), dtype=wp.float32, device=device)
     return numbers
@@ -143,11 +143,11 @@ def measure_echoes(
     for n in range(sonar.num_bins):
         out[i, beam, n] = 0.0
     for ray in range(sonar.weights.shape[0]):
-        way = turn * sonar.ways[beam, ray]
-        distance, face = cast_ray(cave, origin, way, sonar.max_range)
+        direction = turn * sonar.directions[beam, ray]
+        distance, face = cast_ray(cave, origin, direction, sonar.max_range)
         if distance < sonar.max_range and distance > 0.0:
-            normal = normal_at(cave, origin, way, distance, face)
-            cosine = -wp.dot(normal, way)
+            normal = normal_at(cave, origin, direction, distance, face)
+            cosine = -wp.dot(normal, direction)
             slant = wp.abs(wp.dot(normal, turn * sonar.changes[beam, ray])) / wp.max(cosine, MIN_COSINE)
             echo = sonar.weights[ray] * cosine / (distance * distance) * wp.exp(-sonar.fading * distance)
             spread_echo(echo, distance, distance * slant * sonar.sub_angle, sonar, i, beam, out)

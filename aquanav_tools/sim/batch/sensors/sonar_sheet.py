@@ -87,8 +87,8 @@ class SonarSheet:
         azimuth, elevation = self.azimuths[:, None], self.elevations[None, :]
         cos_a, sin_a, cos_e, sin_e = np.cos(azimuth), np.sin(azimuth), np.cos(elevation), np.sin(elevation)
         level = np.zeros_like(cos_a)
-        ways = np.stack([cos_e * cos_a, cos_e * sin_a, sin_e + level], axis=-1)
+        directions = np.stack([cos_e * cos_a, cos_e * sin_a, sin_e + level], axis=-1)
         changes = np.stack([-sin_e * cos_a, -sin_e * sin_a, cos_e + level], axis=-1)
         tilt = np.radians(self.tilt_deg)
         body_from_sonar = np.array([[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]])
-        return ways @ body_from_sonar.T, changes @ body_from_sonar.T
+        return directions @ body_from_sonar.T, changes @ body_from_sonar.T

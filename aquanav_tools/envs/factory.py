@@ -27,12 +27,12 @@ from aquanav_tools.sim.vehicle import vehicle_path
 
 logger = logging.getLogger(__name__)
 
-Place = Scenario | Bay
-Spec = str | Path | Place
-PlaceEnv = CaveEnv | SurfaceEnv
+AnyScenario = Scenario | Bay
+Spec = str | Path | AnyScenario
+TaskEnv = CaveEnv | SurfaceEnv
 
 
-def read_place(spec: str | Path) -> Place:
+def read_any_scenario(spec: str | Path) -> AnyScenario:
     """Return the cave or the bay of a name or path.
 
     Raises:
@@ -41,45 +41,45 @@ def read_place(spec: str | Path) -> Place:
     return read_bay(spec) if is_bay(spec) else read_scenario(spec)
 
 
-def with_vehicle(place: Place, vehicle: str | None) -> Place:
-    """Return a scenario with another vehicle, by name or path, in place of its own; itself without one.
+def with_vehicle(scenario: AnyScenario, vehicle: str | None) -> AnyScenario:
+    """Return a scenario with another vehicle, by name or path, in scenario of its own; itself without one.
 
     Raises:
         InputError: there is no such vehicle or boat, or its hull does not fit, as in `vehicles.with_room_for`.
     """
     if vehicle is None:
-        return place
-    if isinstance(place, Scenario):
-        return dived_by(place, vehicle)
+        return scenario
+    if isinstance(scenario, Scenario):
+        return dived_by(scenario, vehicle)
     boat = boat_of(vehicle)
-    if boat == boat_of(place.settings.vehicle):
-        return place
+    if boat == boat_of(scenario.settings.vehicle):
+        return scenario
     path = vehicle_path(vehicle) if vehicle == ORIGINAL_BOAT else boat_path(vehicle)
     other = OtherVehicle(getattr(boat, "name", path.stem), vehicle, file_hash(path))
-    return replace(place, settings=replace(place.settings, vehicle=vehicle), other_vehicle=other)
+    return replace(scenario, settings=replace(scenario.settings, vehicle=vehicle), other_vehicle=other)
 
 
-def say_left_out(places: Iterable[Place]) -> None:
+def say_left_out(scenarios: Iterable[AnyScenario]) -> None:
     """Log a warning for each scenario, once, in which another vehicle has fewer starts than the scenario's own."""
-    for place in dict.fromkeys(places):
-        other = place.other_vehicle
-        if other is not None and other.left_out and isinstance(place, Scenario):
-            logger.warning(left_out_sentence(place, other.name, len(other.left_out)))
+    for scenario in dict.fromkeys(scenarios):
+        other = scenario.other_vehicle
+        if other is not None and other.left_out and isinstance(scenario, Scenario):
+            logger.warning(left_out_sentence(scenario, other.name, len(other.left_out)))
 
 
-def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) -> PlaceEnv:
+def make_env(scenario: AnyScenario, *, max_decisions: int | None = None, **choices: Any) -> TaskEnv:
     """Return the environment of a scenario.
 
     Args:
-        place: The scenario.
+        scenario: The scenario.
         max_decisions: Episode limit; None takes the scenario's.
         choices: observation, action, and the fields of `TaskOptions`.
     """
-    if isinstance(place, Scenario):
-        return CaveEnv(place, max_decisions=max_decisions, **choices)
-    settings = place.settings
+    if isinstance(scenario, Scenario):
+        return CaveEnv(scenario, max_decisions=max_decisions, **choices)
+    settings = scenario.settings
     return SurfaceEnv(
-        place.map_path or settings.rocks,
+        scenario.map_path or settings.rocks,
         sea=settings.sea,
         vehicle=settings.vehicle,
         max_decisions=max_decisions or settings.decisions,
@@ -87,11 +87,13 @@ def make_env(place: Place, *, max_decisions: int | None = None, **choices: Any) 
     )
 
 
-def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | None = None, **choices: Any) -> Batch:
+def make_batch(
+    scenarios: Spec | Sequence[Spec], num: int, *, max_decisions: int | None = None, **choices: Any
+) -> Batch:
     """Return a batch of `num` vehicles in a scenario, in a cave or in bays; or in several.
 
     Args:
-        places: The scenario, its name or path; or several, over which the vehicles are shared out evenly, in order.
+        scenarios: The scenario, its name or path; or several, over which the vehicles are shared out evenly, in order.
         num: Vehicles.
         max_decisions: Episode limit; None takes each scenario's.
         choices: The other options of `CaveBatch` or `BoatBatch`.
@@ -100,12 +102,12 @@ def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | 
         ScenarioError: a scenario cannot be read, or has no start.
         InputError: an option is unknown, senseless or not batched; or scenarios do not go into one batch.
     """
-    several = [places] if isinstance(places, str | Path | Place) else list(places)
+    several = [scenarios] if isinstance(scenarios, str | Path | AnyScenario) else list(scenarios)
     if not several:
         raise InputError("A batch needs a scenario.")
-    read = [read_place(place) if isinstance(place, str | Path) else place for place in several]
-    caves = [place for place in read if isinstance(place, Scenario)]
-    bays = [place for place in read if isinstance(place, Bay)]
+    read = [read_any_scenario(scenario) if isinstance(scenario, str | Path) else scenario for scenario in several]
+    caves = [scenario for scenario in read if isinstance(scenario, Scenario)]
+    bays = [scenario for scenario in read if isinstance(scenario, Bay)]
     if caves and bays:
         raise InputError(
             f"{caves[0].name} is a cave and {bays[0].name} a bay: they do not go into one batch, as their actions and "
@@ -117,24 +119,24 @@ def make_batch(places: Spec | Sequence[Spec], num: int, *, max_decisions: int | 
     return makes[0](num, **choices) if len(makes) == 1 else JointBatch(makes, num, **choices)
 
 
-def _bay_maker(place: Bay, max_decisions: int | None) -> Callable[..., Batch]:
+def _bay_maker(scenario: Bay, max_decisions: int | None) -> Callable[..., Batch]:
     """Return what makes a bay's batch of a number of boats and further options."""
-    settings = place.settings
+    settings = scenario.settings
     return partial(
         BoatBatch,
-        place.map_path or settings.rocks,
+        scenario.map_path or settings.rocks,
         sea=settings.sea,
         vehicle=settings.vehicle,
         max_decisions=max_decisions or settings.decisions,
     )
 
 
-def cave_of(place: Place, what: str) -> Scenario:
+def cave_of(scenario: AnyScenario, what: str) -> Scenario:
     """Return a scenario that is a cave; `what` takes no other.
 
     Raises:
         InputError: it is a bay.
     """
-    if isinstance(place, Bay):
-        raise InputError(f"{what} takes caves only, and {place.name} is a bay. Leave it out, or name a cave.")
-    return place
+    if isinstance(scenario, Bay):
+        raise InputError(f"{what} takes caves only, and {scenario.name} is a bay. Leave it out, or name a cave.")
+    return scenario
