@@ -29,7 +29,7 @@ from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.sim.water import Water
+from aquanav_tools.sim.water import WaterParts, water_of
 from aquanav_tools.task import MEASURES, TaskOptions, task_options
 from aquanav_tools.types import Array, Pose
 
@@ -320,8 +320,8 @@ def _drawn(starts: Starts, seed: int) -> Pose:
     return starts.draw(np.random.default_rng(seed))
 
 
-def _water_of(scenario: Scenario, current: Current | None) -> Water:
+def _water_of(scenario: Scenario, current: Current | None) -> WaterParts:
     try:
-        return Water(scenario, current)
+        return water_of(scenario, current)
     except ValueError as cause:
         raise InputError(f"{cause} Choose another current.") from cause

@@ -111,7 +111,7 @@ def jonswap(rates: Array, significant_height: float, peak_rate: float) -> Array:
 
 
 def draw_sea(state: SeaState, depth: float, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Return waves whose sum is a sea: (N, 7) parameters of `waves.add_waves` and (N,) phases, rad.
+    """Return waves whose sum is a sea: (N, 7) parameters as of `waves.wave_parameters` and (N,) phases, rad.
 
     All have the same energy: frequencies stand closer where the spectrum is higher, one drawn from each of N parts.
     Directions are drawn likewise and dealt to the frequencies at random.

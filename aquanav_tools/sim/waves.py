@@ -1,4 +1,4 @@
-"""Waves on a free surface: small ones after Airy, with the orbits of the water below them.
+"""Small waves on a free surface, after Airy: their length, and what the laws of `sim/batch` need of them.
 
 Source: Dean and Dalrymple, Water Wave Mechanics for Engineers and Scientists (1991), chapters 3 and 4.
 """
@@ -33,35 +33,8 @@ def wave_number(period: float, depth: float) -> float:
 
 
 def wave_parameters(waves: WaveSettings, surface: float) -> Array:
-    """Return the (7,) parameters of `add_waves`: k along x and y, k, angular rate, amplitude, surface, depth."""
+    """Return the (7,) parameters of waves: k along x and y, k, angular rate, amplitude, surface, depth."""
     k = wave_number(waves.period, waves.depth)
     towards = math.radians(waves.direction_deg)
     rate = 2.0 * math.pi / waves.period
     return np.array([k * math.cos(towards), k * math.sin(towards), k, rate, 0.5 * waves.height, surface, waves.depth])
-
-
-@numba.njit(cache=True)
-def add_waves(parameters, phase, x, y, z, velocity):  # type: ignore[no-untyped-def]
-    """Add the velocity of the water under waves to a (3,) velocity, m/s; a place in the air has that of the surface.
-
-    Args:
-        parameters: From `wave_parameters`.
-        phase: Angular rate times time, plus what the episode began with, rad.
-        x: World, m.
-        y: World, m.
-        z: World, m.
-        velocity: Is added to.
-    """
-    kx, ky, k, rate, amplitude, surface, depth = parameters
-    below = max(surface - z, 0.0)
-    if k * depth >= DEEP:
-        level = rate * amplitude * np.exp(-k * below)
-        upright = level
-    else:
-        above = max(depth - below, 0.0)
-        level = rate * amplitude * np.cosh(k * above) / np.sinh(k * depth)
-        upright = rate * amplitude * np.sinh(k * above) / np.sinh(k * depth)
-    angle = kx * x + ky * y - phase
-    velocity[0] += level * np.cos(angle) * kx / k
-    velocity[1] += level * np.cos(angle) * ky / k
-    velocity[2] += upright * np.sin(angle)

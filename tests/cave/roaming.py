@@ -7,6 +7,7 @@ import numpy as np
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.types import Array
+from tests.sim.batch.guides import Tracker
 
 MOVE, FINEST = 0.01, 1e-4
 """m."""
@@ -22,41 +23,39 @@ def largest_change(guide: Guide, field: DistanceField, rng: np.random.Generator,
 
     Of a slope the second is a hundredth of the first, of a jump it is all of it.
     """
-    moves = []
+    tracker, moves = Tracker(guide), []
     for start in guide.centreline[np.linspace(0, len(guide.centreline) - 1, num_starts).astype(int)]:
-        moves += roam(guide, field, start, rng)
+        moves += roam(tracker, guide.locate(start), field, start, rng)
     moves.sort(key=lambda move: -abs(move[2]))
-    return np.array([abs(moves[0][2]), max(halved(guide, *move) for move in moves[:NUM_HALVED])])
+    return np.array([abs(moves[0][2]), max(halved(tracker, *move) for move in moves[:NUM_HALVED])])
 
 
 def roam(
-    guide: Guide, field: DistanceField, place: Array, rng: np.random.Generator
+    tracker: Tracker, gate: int, field: DistanceField, place: Array, rng: np.random.Generator
 ) -> list[tuple[Array, Array, float, int]]:
     """Return moves from a place of the route, straight on until a wall is near: from, to, change in m, gate before."""
-    way, moves = direction(rng), []
-    gate, before = guide.follow(place, guide.locate(place))
+    way, places = direction(rng), [place]
     for _ in range(ROAM):
-        after = place + MOVE * way
+        after = places[-1] + MOVE * way
         if field.clearance_at(after) < ROOM:
             way = direction(rng)
-            continue
-        gate_after, left = guide.follow(after, gate)
-        moves.append((place, after, left - before, gate))
-        place, gate, before = after, gate_after, left
-    return moves
+        else:
+            places.append(after)
+    gates, left = tracker.follow(places, gate)
+    changes = np.diff(left).tolist()
+    return list(zip(places[:-1], places[1:], changes, gates[:-1].tolist(), strict=True))
 
 
-def halved(guide: Guide, start: Array, end: Array, change: float, gate: int) -> float:
+def halved(tracker: Tracker, start: Array, end: Array, change: float, gate: int) -> float:
     """Return the change, m, over at most FINEST of a move: of its halves always the one that changes more."""
     while np.linalg.norm(end - start) > FINEST:
         middle = 0.5 * (start + end)
-        first = guide.follow(start, gate)[1]
-        gate_there, there = guide.follow(middle, gate)
-        last = guide.follow(end, gate_there)[1]
+        first = tracker.follow([start], gate)[1][0]
+        gates, (there, last) = tracker.follow([middle, end], gate)
         if abs(there - first) >= abs(last - there):
             end, change = middle, there - first
         else:
-            start, gate, change = middle, gate_there, last - there
+            start, gate, change = middle, int(gates[0]), last - there
     return abs(change)
 
 

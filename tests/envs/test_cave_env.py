@@ -19,6 +19,7 @@ from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.sim.sensors import original_pattern
 from tests.caves import TUBE_RADIUS, tube_clearance, tube_scenario
+from tests.sim.batch.guides import Tracker
 
 AHEAD, IDLE, LEFT_AHEAD, UP = [1, 1, 2], [1, 1, 1], [1, 0, 2], [0, 1, 1]
 
@@ -98,10 +99,11 @@ def test_start_can_be_chosen(env: CaveEnv) -> None:
 
 def test_an_episode_begins_at_the_gate_of_its_start_however_often_it_began_there(env: CaveEnv) -> None:
     guide, field, starts = env.scenario.guide, env.scenario.field, env.scenario.starts
+    tracker = Tracker(guide)
     for index in [*range(len(starts)), *range(len(starts))]:
         _, info = env.reset(options={"start": index})
         position = starts[index].pose.position
-        expected = guide.length - guide.remaining(position, guide.locate(position, field))
+        expected = guide.length - tracker.remaining(position, guide.locate(position, field))
         assert info["progress"] == pytest.approx(expected)
 
 

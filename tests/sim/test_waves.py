@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+import dataclasses
+from functools import cache
+
 import numpy as np
 import pytest
 
-from aquanav_tools.scenario.schema import WaveSettings
+from aquanav_tools.scenario.schema import WaterSettings, WaveSettings
 from aquanav_tools.sim.vehicle_base import GRAVITY
-from aquanav_tools.sim.waves import add_waves, wave_number, wave_parameters
+from aquanav_tools.sim.waves import wave_number
+from tests.caves import tube_scenario
+from tests.sim.batch.waters import Episodes
 
 SURFACE, DEPTH = 1.5, 4.0
-PARAMETERS = wave_parameters(WaveSettings(height=0.3, period=3.0, direction_deg=30.0, depth=DEPTH), SURFACE)
+WAVES = WaveSettings(height=0.3, period=3.0, direction_deg=30.0, depth=DEPTH)
+
+
+@cache
+def water() -> Episodes:
+    scenario = tube_scenario()
+    settings = dataclasses.replace(scenario.settings, water=WaterSettings(surface=SURFACE, waves=WAVES))
+    return Episodes(dataclasses.replace(scenario, settings=settings), "still")
 
 
 def velocity(point: np.ndarray, phase: float = 0.7) -> np.ndarray:
-    found = np.zeros(3)
-    add_waves(PARAMETERS, phase, *point, found)
+    found: np.ndarray = water().swell(phase, point[None])[0]
     return found
 
 

@@ -7,6 +7,7 @@ import warp as wp
 from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import fill_queue
+from aquanav_tools.sim.batch.guide import remaining_at
 from aquanav_tools.sim.batch.motion import rotation_of, vec6
 from aquanav_tools.sim.batch.progress import begin_measure, to_go
 from aquanav_tools.sim.batch.random import NEXT, START, choice, words
@@ -35,7 +36,6 @@ def put_at(i: int, start: int, state: BatchState, starts: Starts):
     for n in range(starts.extra.shape[1]):
         state.extra[i, n] = starts.extra[start, n]
     state.gates[i] = starts.gates[start]
-    state.remaining[i] = starts.remaining[start]
 
 
 @wp.func
@@ -68,6 +68,7 @@ def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft)
     state.beginnings[i] = state.positions[i]
     state.previous_positions[i] = state.positions[i]
     state.previous_orientations[i] = state.orientations[i]
+    state.remaining[i] = remaining_at(state.positions[i], cave.measure.panels, state.gates[i])
     begin_measure(i, state)
     ahead = axis_of(state.orientations[i])
     state.to_go[i] = to_go(i, state.positions[i], ahead, state.remaining[i], craft.hull, cave.measure, state)

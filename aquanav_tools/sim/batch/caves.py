@@ -17,7 +17,7 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import Ends, make_ends
 from aquanav_tools.sim.batch.water import Water, make_water
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.sim.water import Water as WaterModel
+from aquanav_tools.sim.water import WaterParts
 from aquanav_tools.task import ProgressMeasure
 from aquanav_tools.types import Array, Mesh
 
@@ -35,7 +35,6 @@ class Starts:
     extra: wp.array2d(dtype=f64)
     """(S, E) what the vehicle's model adds to the state."""
     gates: wp.array(dtype=wp.int32)
-    remaining: wp.array(dtype=f64)
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class CaveTask:
     """Of the reward's terms: progress, time, contact, proximity, goal, collision, timeout."""
     entrance: Array
     """(3,) first panel's centre, from whose height depth is measured, m."""
-    water: WaterModel
+    water: WaterParts
     """Its currents and waves; each vehicle has gusts and eddies of its own."""
     progress: ProgressMeasure = "panels"
     """What the reward's progress is measured by."""
@@ -108,11 +107,11 @@ def make_cave(scenario: Scenario, vehicle: Vehicle, task: CaveTask, *, has_exact
     if has_exact_rays:
         cave.ray_wall = shared_mesh(scenario.cavity.mesh, middle, device).id
     cave.ends = make_ends(scenario.cavity, task.entrance, task.goal, device)
-    cave.water = make_water(task.water, limits.dt * limits.substeps, device)
+    cave.water = make_water(task.water, scenario.field, cave.grid, limits.dt * limits.substeps, device)
     cave.measure = make_measure(task.progress, scenario, vehicle.capsule, device)
     states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
     gates = shared(scenario, "gates", lambda: _listed_gates(scenario))
-    cave.starts = make_starts(states, gates, scenario, device)
+    cave.starts = make_starts(states, gates, device)
     rules = cave.rules
     rules.goal, rules.tolerance, rules.max_decisions = wp.vec3d(*task.goal), task.tolerance, task.max_decisions
     rules.ends_on_collision = int(task.ends_on_collision)
@@ -121,15 +120,13 @@ def make_cave(scenario: Scenario, vehicle: Vehicle, task: CaveTask, *, has_exact
     return cave
 
 
-def make_starts(states: Array, gates: list[int], scenario: Scenario, device: Any) -> Starts:
+def make_starts(states: Array, gates: list[int], device: Any) -> Starts:
     """Return starts at (S, 13) states or more, in (S,) gates; the vehicle's model says what it adds."""
-    starts, guide = Starts(), scenario.guide
-    remaining = [guide.remaining(position, gate) for position, gate in zip(states[:, :3], gates, strict=True)]
+    starts = Starts()
     starts.positions = wp.array(states[:, :3], dtype=wp.vec3d, device=device)
     starts.orientations = wp.array(states[:, 3:7], dtype=wp.vec4d, device=device)
     starts.extra = wp.array(np.pad(states[:, 13:], ((0, 0), (0, 1))), dtype=wp.float64, ndim=2, device=device)
     starts.gates = wp.array(gates, dtype=wp.int32, device=device)
-    starts.remaining = wp.array(remaining, dtype=wp.float64, device=device)
     return starts
 
 

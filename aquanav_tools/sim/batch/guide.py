@@ -1,19 +1,39 @@
-"""Progress along the guide in Warp: the rules of `cave/route/guide.py`, in float64 as there."""
+"""Progress along the guide of a cave.
+
+The original adds the distance to the next panel's centre to the chain of centres behind it. That jumps when a panel
+is crossed off its centre, and its nearest-panel rule jumps at loops. Here progress between two panels is interpolated
+by the angle between their planes, so that it is continuous at every panel and even along a circle's arc, and a vehicle
+only changes its gate (the stretch between two panels) by passing through a panel's outline, forwards or backwards: in a
+dead end that runs beside the route it stays, and behind a loop it is found again where the route goes on.
+
+Progress has no jumps, but it is steeper than the way is long where panels stand closer than on the centreline: on the
+inside of a bend of radius R by R / (R - r) at r from its middle line, which is the price of being even along it. (The
+way that no move changes by more than its length is the shortest one: `cave/route/shortest.py`.) A vehicle that rounds
+a loop on its other side is credited all of it at once where it meets the route again.
+"""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
+import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.route import guide as route
+from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-CATCH = wp.constant(wp.float64(route.CATCH))
-PARALLEL = wp.constant(wp.float64(route.PARALLEL))
+CATCH = wp.constant(wp.float64(0.25))
+"""A vehicle within this distance of a panel is in it, m: half a step at 5 m/s and ten decisions per second, and less
+than the rock between two passages."""
+ARC_SAMPLES = 16
+"""Within a gate progress is even along the centreline by so many pieces: its panels may lean away from it."""
+PARALLEL = wp.constant(wp.float64(1.0 - 1e-9))
+"""Cosine above which two planes do not meet within a hundred kilometres."""
 
 
 @wp.struct
@@ -26,12 +46,12 @@ class Panels:
     """(P, 2) of the outlines' planes."""
     radii: wp.array(dtype=f64)
     arcs: wp.array2d(dtype=f64)
-    """Progress at even shares of each gate, m."""
+    """(P - 1, ARC_SAMPLES + 1) progress at even shares of the angle in each gate, m: even along the centreline."""
     corners: wp.array(dtype=wp.vec2d)
     ends: wp.array(dtype=wp.int32)
 
 
-def make_panels(guide: route.Guide, device: Any) -> Panels:
+def make_panels(guide: Guide, device: Any) -> Panels:
     """Return a guide on a device."""
     panels = Panels()
     corners, ends = guide.outlines
@@ -39,10 +59,29 @@ def make_panels(guide: route.Guide, device: Any) -> Panels:
     panels.normals = wp.array(guide.normals, dtype=wp.vec3d, device=device)
     panels.axes = wp.array(guide.axes, dtype=wp.vec3d, device=device)
     panels.radii = wp.array(guide.radii, dtype=wp.float64, device=device)
-    panels.arcs = wp.array(guide._arcs, dtype=wp.float64, device=device)
     panels.corners = wp.array(corners, dtype=wp.vec2d, device=device)
     panels.ends = wp.array(ends, dtype=wp.int32, device=device)
+    panels.arcs = wp.array(_arcs_of(guide, panels, device), dtype=wp.float64, device=device)
     return panels
+
+
+def _arcs_of(guide: Guide, panels: Panels, device: Any) -> Array:
+    """Return the table of `Panels.arcs`."""
+    stations = np.maximum.accumulate(guide.stations)
+    gates = np.arange(guide.num_gates).repeat(np.diff(stations) + 1)
+    points = np.concatenate([guide.centreline[first : last + 1] for first, last in pairwise(stations)])
+    found = wp.zeros(len(gates), dtype=f64, device=device)
+    inputs = [wp.array(points, dtype=wp.vec3d, device=device), wp.array(gates, dtype=wp.int32, device=device), panels]
+    wp.launch(_write_shares, dim=len(gates), inputs=inputs, outputs=[found], device=device)
+    shares, rows, even = found.numpy(), [], np.linspace(0.0, 1.0, ARC_SAMPLES + 1)
+    for gate, (begin, end) in enumerate(pairwise(guide.arc_lengths)):
+        line = points[gates == gate]
+        walked = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        part = np.maximum.accumulate([0.0, *shares[gates == gate][1:-1], 1.0])
+        if walked[-1] == 0.0:  # both panels stand at one point of the centreline
+            part = walked = np.array([0.0, 1.0])
+        rows.append(begin + np.interp(even, part, walked / walked[-1]) * (end - begin))
+    return np.array(rows)
 
 
 @wp.func
@@ -105,3 +144,11 @@ def remaining_at(position: wp.vec3d, panels: Panels, gate: int):
     n = wp.min(int(place), num - 1)
     before, after = panels.arcs[gate, n], panels.arcs[gate, n + 1]
     return panels.arcs[panels.arcs.shape[0] - 1, num] - (before + (place - f64(n)) * (after - before))
+
+
+@wp.kernel
+def _write_shares(
+    positions: wp.array(dtype=wp.vec3d), gates: wp.array(dtype=wp.int32), panels: Panels, shares: wp.array(dtype=f64)
+):
+    i = wp.tid()
+    shares[i] = share_of(positions[i], panels, gates[i])

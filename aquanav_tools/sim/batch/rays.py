@@ -5,9 +5,9 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.caves import Cave
+from aquanav_tools.sim.batch.eddies import sloping_room
 from aquanav_tools.sim.batch.field import on_grid, room_at, traced
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.water import sloping_room
 
 wp.set_module_options(OPTIONS)
 

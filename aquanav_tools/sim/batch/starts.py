@@ -62,7 +62,7 @@ class UnlistedStarts:
             rows, draws = chosen[caves == index], self._draws[index]
             poses = [draws.draw(seed) for seed in seeds[rows].tolist()]
             states = np.array([draws.vehicle.state_at(pose) for pose in poses])
-            drawn = make_starts(states, gates_at(draws.scenario, states[:, :3]), draws.scenario, "cpu")
+            drawn = make_starts(states, gates_at(draws.scenario, states[:, :3]), "cpu")
             for name in Starts.vars:  # type: ignore[attr-defined]  # Warp makes the class a struct
                 _put(getattr(self.starts, name), rows, getattr(drawn, name).numpy())
         _put(state.wanted_starts, chosen, int(UNLISTED))

@@ -1,4 +1,4 @@
-"""The moving water in Warp: the sums and processes of `sim/water.py`, in float64 as there.
+"""The moving water: flow, gusts, eddies and waves, summed as `sim/water.py` writes it out, and their processes in time.
 
 Every vehicle has water of its own: its episode's share of the current, and the coefficients of the gusts and eddies
 around it. They are drawn from what a number is for, so that a vehicle's water does not depend on the other vehicles.
@@ -12,20 +12,26 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.water import field as water_field
-from aquanav_tools.sim import water as reference
+from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.cave.water.flow import Flow as CaveFlow
 from aquanav_tools.sim import waves
+from aquanav_tools.sim.batch.eddies import draw_waves, eddies_at
 from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
 from aquanav_tools.sim.batch.random import EDDIES, SHARE, SWELL, normal_pair, share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.state import BatchState
+from aquanav_tools.sim.water import GUST_SIZE as GUSTINESS
+from aquanav_tools.sim.water import GUST_TIME, WaterParts
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
 ROCK = wp.constant(water_field.ROCK)
+SHORTEST, LONGEST = 0.5, 60.0
+"""Bounds on the correlation times of eddies, s."""
 DEEP = wp.constant(wp.float64(waves.DEEP))
-GUST_SIZE = wp.constant(wp.float64(reference.GUST_SIZE))
+GUST_SIZE = wp.constant(wp.float64(GUSTINESS))
 
 
 @wp.struct
@@ -75,29 +81,43 @@ class Water:
     """Of the waves in a decision, rad."""
 
 
-def make_water(source: reference.Water, duration: float, device: Any) -> Water:
+def make_water(parts: WaterParts, field: DistanceField, grid: Grid, duration: float, device: Any) -> Water:
     """Return a scenario's water on a device.
 
     Args:
-        source: The currents and waves.
+        parts: What it is made of.
+        field: The cave's clearance.
+        grid: The same on the device.
         duration: Of a decision, s.
         device: Warp's.
     """
-    water, parts = Water(), source.parts
-    water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(source.is_constant)
+    water = Water()
+    water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(parts.is_constant)
     water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell)
     water.phase_step = water.swell.rate * duration
     water.flow_scale, water.eddy_scale = parts.flow_scale, parts.eddy_scale
-    water.waves = wp.array(parts.waves, dtype=wp.float64, ndim=2, device=device)
-    kept = np.exp(-duration / parts.times)
+    waves, times = np.zeros((0, 8)), np.zeros(0)
+    if parts.eddy_scale:
+        waves = draw_waves(field, grid, parts.eddy_size, np.random.default_rng(parts.eddy_seed), device)
+        times = turnover_times(waves, parts.eddy_scale)
+    water.waves = wp.array(waves, dtype=wp.float64, ndim=2, device=device)
+    kept = np.exp(-duration / np.concatenate([[GUST_TIME], times, times]))
     water.kept = wp.array(kept, dtype=wp.float64, device=device)
     water.fresh = wp.array(np.sqrt(1.0 - kept**2), dtype=wp.float64, device=device)
     return water
 
 
-def _make_flow(grid: tuple[Any, Any, Array, float], device: Any) -> Flow:
+def turnover_times(waves: Array, speed: float) -> Array:
+    """Return the (W,) times in which eddies of (W, 8) waves turn over, s, for which each keeps its phase."""
+    times: Array = np.clip(waves[:, 6] / (2.0 * np.pi * speed), SHORTEST, LONGEST)
+    return times
+
+
+def _make_flow(source: CaveFlow | None, device: Any) -> Flow:
     flow = Flow()
-    bricks, samples, origin, flow.spacing = grid
+    if source is None:
+        return flow
+    bricks, samples, origin, flow.spacing = source.grid
     flow.origin, flow.num = wp.vec3d(*origin), wp.vec3i(*bricks.shape)
     flow.bricks = wp.array(bricks.ravel(), dtype=wp.int32, device=device)
     flow.samples = wp.array(samples.reshape(-1, 3), dtype=wp.vec3, device=device)
@@ -174,55 +194,6 @@ def flow_at(flow: Flow, position: wp.vec3d):
 
 
 @wp.func
-def sloping_room(grid: Grid, position: wp.vec3d):
-    """Return the clearance at a place, m, and its gradient, as `eddies.slope` has them."""
-    place = (position - grid.origin) / grid.spacing
-    x = wp.clamp(place[0], f64(0.0), f64(grid.last[0]))
-    y = wp.clamp(place[1], f64(0.0), f64(grid.last[1]))
-    z = wp.clamp(place[2], f64(0.0), f64(grid.last[2]))
-    i, j, k = int(x), int(y), int(z)
-    fx, fy, fz = x - f64(i), y - f64(j), z - f64(k)
-    one = f64(1.0)
-    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
-    m = n + PLANE
-    a, b = f64(grid.samples[n]), f64(grid.samples[n + 1])
-    c, d = f64(grid.samples[n + ROW]), f64(grid.samples[n + ROW + 1])
-    e, f = f64(grid.samples[m]), f64(grid.samples[m + 1])
-    g, h = f64(grid.samples[m + ROW]), f64(grid.samples[m + ROW + 1])
-    ab, cd, ef, gh = a + (b - a) * fz, c + (d - c) * fz, e + (f - e) * fz, g + (h - g) * fz
-    low, high = ab + (cd - ab) * fy, ef + (gh - ef) * fy
-    along_y = (cd - ab) * (one - fx) + (gh - ef) * fx
-    along_z = ((b - a) * (one - fy) + (d - c) * fy) * (one - fx) + ((f - e) * (one - fy) + (h - g) * fy) * fx
-    return (low + (high - low) * fx) * grid.spacing, wp.vec3d(high - low, along_y, along_z)
-
-
-@wp.func
-def eddies_at(water: Water, grid: Grid, coefficients: wp.array2d(dtype=f64), vehicle: int, position: wp.vec3d):
-    """Return the eddies' velocity at a place, m/s, before it is scaled."""
-    room, away = sloping_room(grid, position)
-    width = water.waves[0, 7]
-    share = room / width
-    if share <= f64(0.0):
-        return wp.vec3d()
-    ramp, steep = f64(1.0), f64(0.0)
-    if share < f64(1.0):
-        ramp = share * share * (f64(3.0) - f64(2.0) * share)
-        steep = f64(6.0) * share * (f64(1.0) - share) / width
-    count = water.waves.shape[0]
-    potential, velocity = wp.vec3d(), wp.vec3d()
-    for n in range(count):
-        vector = wp.vec3d(water.waves[n, 0], water.waves[n, 1], water.waves[n, 2])
-        across = wp.vec3d(water.waves[n, 3], water.waves[n, 4], water.waves[n, 5])
-        angle = wp.dot(vector, position)
-        cosine, sine = wp.cos(angle), wp.sin(angle)
-        even, odd = coefficients[vehicle, 1 + n], coefficients[vehicle, 1 + count + n]
-        potential += (even * cosine + odd * sine) * across
-        velocity += (odd * cosine - even * sine) * wp.cross(vector, across)
-    return ramp * velocity + steep * wp.cross(away, potential)
-
-
-@wp.func
 def swell_at(swell: Swell, phase: f64, position: wp.vec3d):
     """Return the velocity of the water under waves, m/s; a place in the air has that of the surface."""
     k, zero = swell.number, f64(0.0)
@@ -239,14 +210,32 @@ def swell_at(swell: Swell, phase: f64, position: wp.vec3d):
 
 
 @wp.func
-def current_at(i: int, water: Water, grid: Grid, state: BatchState):
-    """Return the velocity of the water where vehicle `i` is, world frame, m/s."""
-    velocity, position = f64(1.0) * water.uniform, state.positions[i]
+def water_at(
+    water: Water, grid: Grid, coefficients: wp.array2d(dtype=f64), vehicle: int, phase: f64, position: wp.vec3d
+):
+    """Return the velocity of the water at a place, world frame, m/s, before the episode's fraction of it is taken.
+
+    Args:
+        water: The cave's.
+        grid: Clearance.
+        coefficients: (N, 1 + 2 W) of gusts and eddies.
+        vehicle: Which row of the coefficients.
+        phase: Of the surface's waves, rad.
+        position: World, m.
+    """
+    velocity = f64(1.0) * water.uniform
     if water.flow_scale != f64(0.0):
-        gust = f64(1.0) + GUST_SIZE * state.eddies[i, 0]
+        gust = f64(1.0) + GUST_SIZE * coefficients[vehicle, 0]
         velocity += water.flow_scale * gust * flow_at(water.flow, position)
     if water.eddy_scale != f64(0.0):
-        velocity += water.eddy_scale * eddies_at(water, grid, state.eddies, i, position)
+        velocity += water.eddy_scale * eddies_at(water.waves, grid, coefficients, vehicle, position)
     if water.swell.amplitude != f64(0.0):
-        velocity += swell_at(water.swell, state.phases[i], position)
+        velocity += swell_at(water.swell, phase, position)
+    return velocity
+
+
+@wp.func
+def current_at(i: int, water: Water, grid: Grid, state: BatchState):
+    """Return the velocity of the water where vehicle `i` is, world frame, m/s."""
+    velocity = water_at(water, grid, state.eddies, i, state.phases[i], state.positions[i])
     return state.current_fractions[i] * velocity

@@ -10,14 +10,11 @@ from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from tests.cave.closed_caves import BRANCH, MAIN, field_of, fork, route_along
 from tests.caves import tube_guide
+from tests.sim.batch.guides import Tracker, swum
 
 
 def swim(guide: Guide, points: np.ndarray) -> list[float]:
-    gate = guide.locate(points[0])
-    progress = []
-    for point in points:
-        gate = guide.track(point, gate)
-        progress.append(guide.progress(point, gate))
+    progress: list[float] = (guide.length - swum(guide, points)).tolist()
     return progress
 
 
@@ -40,8 +37,8 @@ def test_swimming_back_takes_back_all_progress() -> None:
 
 def test_progress_is_zero_before_the_first_panel_and_full_after_the_last() -> None:
     guide = tube_guide()
-    assert guide.progress(np.array([0.2, 0.0, 0.0]), 0) == 0.0
-    assert guide.remaining(np.array([19.9, 0.0, 0.0]), guide.num_gates - 1) == 0.0
+    assert Tracker(guide).remaining(np.array([0.2, 0.0, 0.0]), 0) == guide.length
+    assert Tracker(guide).remaining(np.array([19.9, 0.0, 0.0]), guide.num_gates - 1) == 0.0
 
 
 def test_a_start_is_located_in_the_gate_around_it() -> None:
@@ -77,6 +74,4 @@ def test_a_dead_end_is_located_where_it_leaves_the_route_and_not_where_it_runs_b
         assert guide.arc_lengths[gate] >= 2.0
     way_out = np.concatenate([BRANCH[::-1], MAIN[MAIN[:, 0] > 5.0]])
     gate = guide.locate(way_out[0], field)
-    for position in way_out:
-        gate = guide.track(position, gate)
-    assert guide.remaining(way_out[-1], gate) == 0.0
+    assert swum(guide, way_out, gate)[-1] == 0.0

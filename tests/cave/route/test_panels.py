@@ -19,6 +19,7 @@ from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, Mesh
 from tests.cave.closed_caves import closed, field_of, lathe, route_along, swept, walk
+from tests.sim.batch.guides import swum
 
 RADIUS = 0.25
 """Of the vehicle."""
@@ -100,10 +101,7 @@ def test_neighbouring_panels_do_not_cross(swept_guide: tuple[Cavity, Guide, floa
 
 def test_progress_rises_all_along_the_centreline(swept_guide: tuple[Cavity, Guide, float]) -> None:
     _, guide, _ = swept_guide
-    gate, progress = guide.locate(guide.centreline[0]), []
-    for point in guide.centreline:
-        gate = guide.track(point, gate)
-        progress.append(guide.progress(point, gate))
+    progress = guide.length - swum(guide, guide.centreline)
     assert progress[0] == 0.0
     assert progress[-1] == pytest.approx(guide.length)
     assert np.diff(progress).min() > 0.0
@@ -163,12 +161,9 @@ def test_a_panel_goes_on_behind_a_pillar_and_a_vehicle_may_pass_on_either_side()
     assert abreast.polygon[:, 1].min() == pytest.approx(-2.0, abs=0.05)
     assert np.abs(abreast.polygon[:, 1]).min() == pytest.approx(0.4, abs=1e-6)
     for side in (1.0, -1.0):
-        gate, progress = 0, []
         way = walk((1, 0, 0), (6, 1.2 * side, 0), (10, 1.2 * side, 0), (15.3, 0, 0), turn=3.0)
         fine = np.concatenate([np.linspace(a, b, 10, endpoint=False) for a, b in pairwise(way)])  # 1 cm apart
-        for point in fine:
-            gate = guide.track(point, gate)
-            progress.append(guide.progress(point, gate))
+        progress = guide.length - swum(guide, fine, 0)
         assert progress[-1] == pytest.approx(guide.length, abs=0.3)
         assert np.diff(progress).min() > -0.005
         # The panels lean with the route's bends, so behind the pillar they stand closer, as on the inside of a bend: by

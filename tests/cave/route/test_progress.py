@@ -17,6 +17,7 @@ from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.types import Array
 from tests.cave.closed_caves import closed, field_of, joined, route_along, swept, walk
 from tests.cave.roaming import FINEST, MOVE, ROOM, largest_change
+from tests.sim.batch.guides import Tracker
 
 INSET = 0.6
 
@@ -34,12 +35,10 @@ def fine(line: Array) -> Array:
 
 def swim(guide: Guide, points: Array, gate: int | None = None) -> Array:
     """The metres to go all along some points."""
-    gate, remaining = guide.locate(points[0]) if gate is None else gate, []
-    for point in points:
-        gate, left = guide.follow(point, gate)
-        assert left == pytest.approx(guide.remaining(point, gate))
-        remaining.append(left)
-    return np.array(remaining)
+    tracker = Tracker(guide)
+    gates, remaining = tracker.follow(points, guide.locate(points[0]) if gate is None else gate)
+    assert remaining[-1] == tracker.remaining(points[-1], int(gates[-1]))
+    return remaining
 
 
 ARC = np.stack([3 * np.sin(t := np.linspace(0, np.pi / 2, 60)), 3 - 3 * np.cos(t), 0 * t], axis=1)
@@ -160,9 +159,7 @@ def test_it_is_followed_at_five_metres_per_second() -> None:
 
 def test_every_panel_of_the_route_is_met_in_its_order() -> None:
     guide = guide_in("helix")
-    gates = [0]
-    for point in fine(guide.centreline):
-        gates.append(guide.track(point, gates[-1]))
+    gates = [0, *Tracker(guide).follow(fine(guide.centreline), 0)[0].tolist()]
     assert all(0 <= after - before <= 1 for before, after in pairwise(gates))
     assert gates[-1] == guide.num_gates - 1
 

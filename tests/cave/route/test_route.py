@@ -23,6 +23,7 @@ from aquanav_tools.errors import InputError, MeshError, UnseenWallsError
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
 from tests.cave.open_caves import LENGTH, RADIUS, bend, straight
 from tests.caves import tube_cavity, tube_field, tube_guide
+from tests.sim.batch.guides import swum
 
 CAPSULE = Capsule(0.2, 0.2)
 TURN_RADIUS = 4.0
@@ -53,10 +54,7 @@ def test_progress_rises_along_the_centreline_and_panels_do_not_cross(turn: Cavit
     field = distance_field(turn, 0.08)
     route = find_route(turn, field, CAPSULE.radius)
     guide = place_panels(turn, field, route, 0.5, PanelOptions(spacing=0.5))
-    gate, progress = guide.locate(guide.centreline[0]), []
-    for point in guide.centreline:
-        gate = guide.track(point, gate)
-        progress.append(guide.progress(point, gate))
+    progress = guide.length - swum(guide, guide.centreline)
     assert progress[0] == 0.0
     assert progress[-1] == pytest.approx(guide.length)
     assert np.diff(progress).min() > 0.0

@@ -1,4 +1,4 @@
-"""The batch's water is that of `sim/water.py`: the same velocity everywhere, and the same processes in time."""
+"""The water around the vehicles of a batch: its processes in time, each vehicle's own, and where it is."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from aquanav_tools.scenario.schema import Current, Scenario, WaterSettings, WaveSettings
+from aquanav_tools.sim.batch.water import turnover_times
 from aquanav_tools.sim.batch.world import BatchWorld
 from aquanav_tools.sim.vehicle import load_vehicle
-from aquanav_tools.sim.water import GUST_TIME, Water
+from aquanav_tools.sim.water import GUST_TIME
 from tests.caves import tube_scenario
+from tests.sim.batch.waters import Episodes
 from tests.sim.batch.worlds import make_world, place
 from tests.sim.test_water import flowing
 
@@ -32,32 +34,19 @@ def wait(world: BatchWorld, decisions: int) -> None:
         world.step()
 
 
-@pytest.mark.parametrize("current", ["still", "half", "full", "flood", -0.3, (0.1, -0.2, 0.05)])
-@pytest.mark.parametrize("water", [{}, {"turbulence": 0.0}, SWELL, DEEP_SWELL])
-@pytest.mark.parametrize("has_flow", [True, False])
-def test_water_moves_everywhere_as_the_references_does(
-    current: Current, water: dict[str, Any], has_flow: bool, rng: np.random.Generator
-) -> None:
-    """The batch keeps clearances in spacings, in float32: their slopes, and so the eddies, differ by 1e-6."""
-    cavity = dataclasses.replace(flowing().cavity, portals=flowing().cavity.portals[: 2 if has_flow else 1])
+@pytest.mark.parametrize("water", [{}, SWELL, DEEP_SWELL])
+def test_a_vehicle_is_in_the_water_of_where_it_is(water: dict[str, Any], rng: np.random.Generator) -> None:
     settings = dataclasses.replace(flowing().settings, water=WaterSettings(**water))
-    scenario = dataclasses.replace(flowing(), settings=settings, cavity=cavity)
-    scenario = scenario if has_flow else dataclasses.replace(scenario, flow=None)
-    num = 40
-    world, reference = many(num, current, scenario), Water(scenario, current)
+    scenario, num = dataclasses.replace(flowing(), settings=settings), 40
+    world, seeds = many(num, "full", scenario), np.arange(num)
     indices, _ = scenario.field.water()
-    places = scenario.field.positions(indices[rng.choice(len(indices), num)]) + rng.uniform(0, 0.05, (num, 3))
-    place(world, places)
-    phases = world.as_numpy("phases").copy()
-    wait(world, 1)
-    coefficients = world.as_numpy("eddies")
-    for n, moved in enumerate(world.as_numpy("currents")):
-        reference._coefficients[:], reference._swell_phase = coefficients[n], world.as_numpy("phases")[n]
-        assert np.abs(reference.velocity(world.as_numpy("positions")[n]) - moved).max() < 2e-6
-    reference._swell_phase = phases[-1]
-    reference.advance(DECISION)
-    shift = reference._swell_phase - phases[-1]
-    assert np.abs(world.as_numpy("phases") - phases - shift).max() < 1e-12
+    place(world, scenario.field.positions(indices[rng.choice(len(indices), num)]) + rng.uniform(0, 0.05, (num, 3)))
+    episodes = Episodes(scenario, "full", seeds, DECISION)
+    for _ in range(3):
+        wait(world, 1)
+        episodes.advance()
+    found = episodes.velocities(world.as_numpy("positions"))
+    np.testing.assert_allclose(world.as_numpy("currents"), found[seeds, seeds], atol=1e-12)
 
 
 def test_gusts_and_eddies_are_normal_and_forget_as_they_should() -> None:
@@ -67,8 +56,10 @@ def test_gusts_and_eddies_are_normal_and_forget_as_they_should() -> None:
     before = world.as_numpy("eddies").copy()
     wait(world, decisions)
     after = world.as_numpy("eddies")
-    reference = Water(flowing(), "full")
-    assert after.shape[1] == len(reference.parts.times)
+    waves = Episodes(flowing(), "full").water.waves.numpy()
+    turnover = turnover_times(waves, 0.5 * flowing().settings.water.turbulence)  # "full" is 0.5 m/s
+    times = np.concatenate([[GUST_TIME], turnover, turnover])
+    assert after.shape[1] == len(times)
     for values in (before, after):
         assert np.abs(values.mean(axis=0)).max() < 0.055
         assert np.abs(values.var(axis=0) - 1.0).max() < 0.08
@@ -77,9 +68,8 @@ def test_gusts_and_eddies_are_normal_and_forget_as_they_should() -> None:
         assert np.abs(relation).max() < 0.06
         neighbours = (values[1:] * values[:-1]).mean(axis=0)
         assert np.abs(neighbours).max() < 0.06
-    kept = np.exp(-decisions * DECISION / reference.parts.times)
+    kept = np.exp(-decisions * DECISION / times)
     assert np.abs((before * after).mean(axis=0) - kept).max() < 0.08
-    assert reference.parts.times[0] == GUST_TIME
 
 
 def test_a_vehicles_water_depends_on_no_other_vehicle() -> None:

@@ -21,6 +21,7 @@ from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Mesh, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS
+from tests.sim.batch.guides import Tracker
 from tests.sim.batch.worlds import make_world, place, random_turns
 
 
@@ -128,7 +129,9 @@ def helix_guide(rng: np.random.Generator) -> Guide:
 
 
 def test_progress_follows_the_guide_through_every_jump(tube: Scenario, rng: np.random.Generator) -> None:
+    """In a batch every vehicle is followed as it is alone."""
     guide, num = helix_guide(rng), 64
+    tracker = Tracker(guide)
     world = make_world(dataclasses.replace(tube, guide=guide), load_vehicle("bluerov2"), num, has_goal=False)
     gates = world.as_numpy("gates").copy()
     wander = guide.centres[rng.integers(0, 60, (30, num))] + rng.normal(0, 0.4, (30, num, 3))
@@ -137,10 +140,10 @@ def test_progress_follows_the_guide_through_every_jump(tube: Scenario, rng: np.r
         place(world, places)
         world.step()
         reached = world.as_numpy("positions")
-        gates = np.array([guide.track(place_, gate) for place_, gate in zip(reached, gates, strict=True)])
-        remaining = [guide.remaining(place_, gate) for place_, gate in zip(reached, gates, strict=True)]
+        followed = [tracker.follow([one], int(gate)) for one, gate in zip(reached, gates, strict=True)]
+        gates, remaining = (np.concatenate(values) for values in zip(*followed, strict=True))
         assert np.array_equal(world.as_numpy("gates"), gates)
-        assert np.abs(world.as_numpy("remaining") - remaining).max() < 1e-9
+        assert np.array_equal(world.as_numpy("remaining"), remaining)
     assert len(np.unique(gates)) > 10
 
 

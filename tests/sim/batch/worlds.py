@@ -11,7 +11,7 @@ from aquanav_tools.sim.batch.caves import CaveTask
 from aquanav_tools.sim.batch.world import BatchWorld, CaveSetup, WorldOptions
 from aquanav_tools.sim.bullet import BulletContacts
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.sim.water import Water
+from aquanav_tools.sim.water import water_of
 from aquanav_tools.task import ProgressMeasure
 
 
@@ -37,7 +37,7 @@ def make_world(
         ends_on_collision=False,
         weights=(10.0, -0.01, -0.01, -0.02, 500.0, -1000.0, 0.0),
         entrance=np.array(entrance),
-        water=Water(scenario, current),
+        water=water_of(scenario, current),
         progress=progress,
     )
     engines = [BulletContacts(scenario, vehicle) for _ in range(num)] if contacts == "bullet" else []
