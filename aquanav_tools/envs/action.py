@@ -1,4 +1,4 @@
-"""From an action to a command: ballast (up), steer (left) and thrust (ahead), each in [-1, 1]."""
+"""From actions to commands: ballast (up), steer (left) and thrust (ahead), each in [-1, 1]."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.choices import check_choice
@@ -44,11 +45,13 @@ class ActionModel:
     def __init__(self, name: str, parts: Sequence[str] = DIVING) -> None:
         """Prepare a form of an action; `parts` is DIVING or AFLOAT."""
         check_choice("action form", name, ACTIONS)
-        self._num = num = len(parts)
-        self._commands = {choices: _command_of(parts, choices) for choices in np.ndindex((NUM_CHOICES,) * num)}
+        self._num, self._form = len(parts), name
+        self._choices = (NUM_CHOICES,) * len(parts)
+        self._commands = {choices: _command_of(parts, choices) for choices in np.ndindex(self._choices)}
+        self._table = np.array(list(self._commands.values()), dtype=np.float32)
         self._numbered: dict[float, Command] = dict(enumerate(self._commands.values()))
         """By the number of the action; making a new one each time takes longer than all of the choices' checks."""
-        self._rest = (0.0,) * (len(DIVING) - num)
+        self._absent = (0.0,) * (len(DIVING) - len(parts))
         self.space, self._convert = self._forms()[name]
 
     def command(self, action: Any) -> Command:
@@ -58,6 +61,33 @@ class ActionModel:
             InputError: the action is not in the space.
         """
         return self._convert(action)
+
+    def commands(self, actions: Any, num: int) -> npt.NDArray[np.float32]:
+        """Return the (N, 3) commands of the actions of `num` vehicles.
+
+        Raises:
+            InputError: one is not in the space.
+        """
+        given = np.asarray(actions)
+        shape = (num,) if self._form == "discrete" else (num, self._num)
+        if given.shape != shape or given.dtype.kind not in "biuf":
+            raise InputError(
+                f"Actions must be numbers of shape {shape} for {num} vehicles, got {given.dtype} of {given.shape}."
+            )
+        if self._form == "continuous":
+            if not np.isfinite(given).all():
+                raise InputError("An action is not finite. Did the policy diverge?")
+            commands = np.zeros((num, len(DIVING)), dtype=np.float32)
+            np.clip(given, -1.0, 1.0, out=commands[:, len(self._absent) :], casting="same_kind")
+            return commands
+        most, form = (NUM_CHOICES, "choices") if self._form == "multidiscrete" else (len(self._table), "numbers")
+        with np.errstate(invalid="ignore"):
+            numbers = given.astype(np.int64)
+        if given.size and not ((numbers == given).all() and 0 <= given.min() and given.max() < most):
+            raise InputError(f"Actions must be whole {form} from 0 to {most - 1}, got {given.min()} to {given.max()}.")
+        if self._form == "multidiscrete":
+            numbers = np.ravel_multi_index(tuple(numbers.T), self._choices)
+        return self._table[numbers]
 
     def _forms(self) -> dict[str, tuple[spaces.Space[Any], Callable[[Any], Command]]]:
         return {
@@ -88,7 +118,7 @@ class ActionModel:
             levels = np.empty(0)
         if levels.shape != (self._num,) or not np.isfinite(levels).all():
             raise InputError(f"An action must be {self._num} finite numbers, got {action!r}. Did the policy diverge?")
-        return Command(*self._rest, *np.clip(levels, -1.0, 1.0).tolist())
+        return Command(*self._absent, *np.clip(levels, -1.0, 1.0).tolist())
 
 
 def _command_of(parts: Sequence[str], choices: tuple[int, ...]) -> Command:

@@ -9,13 +9,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import DIVING, NUM_CHOICES, ActionModel
-from aquanav_tools.errors import InputError, OwnCodeError
+from aquanav_tools.errors import OwnCodeError
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
-DOWN_AND_RIGHT = np.array([-1.0, -1.0, 1.0], dtype=np.float32)
-"""What a choice's middle plus one means for ballast, steer and thrust: choices count from up, left and reverse."""
 
 
 class Batch(Protocol):
@@ -110,43 +107,6 @@ def copied(values: Any) -> Any:
 def row_of(values: Any, row: int) -> Any:
     """Return a copy of a row of an array, or of each array of a dictionary."""
     return {name: part[row].copy() for name, part in values.items()} if isinstance(values, dict) else values[row].copy()
-
-
-class BatchActions:
-    """One of the forms of `ActionModel` for N vehicles at once."""
-
-    def __init__(self, form: str, num: int, parts: Sequence[str] = DIVING) -> None:
-        """Prepare a form for `num` vehicles; `parts` is DIVING or AFLOAT."""
-        self.space = ActionModel(form, parts).space
-        self._form, self._num, self._parts = form, num, len(parts)
-
-    def commands(self, actions: Any) -> Floats:
-        """Return the (N, 3) commands of actions.
-
-        Raises:
-            InputError: one is not in the action space.
-        """
-        given = np.asarray(actions)
-        shape = (self._num,) if self._form == "discrete" else (self._num, self._parts)
-        if given.shape != shape:
-            raise InputError(f"Actions must be one for each of the {self._num} vehicles, got {given.shape}.")
-        commands = np.zeros((self._num, len(DIVING)), dtype=np.float32)
-        commands[:, -self._parts :] = self._levels(given)
-        return commands
-
-    def _levels(self, actions: npt.NDArray[Any]) -> Floats:
-        if self._form == "continuous":
-            if not np.isfinite(actions).all():
-                raise InputError("An action is not finite. Did the policy diverge?")
-            return np.clip(actions, -1.0, 1.0).astype(np.float32)
-        most = (NUM_CHOICES if self._form == "multidiscrete" else NUM_CHOICES**self._parts) - 1
-        if actions.size and not (0 <= actions.min() and actions.max() <= most):
-            form = "choices" if self._form == "multidiscrete" else "numbers"
-            raise InputError(f"Actions must be {form} from 0 to {most}, got {actions.min()} to {actions.max()}.")
-        if self._form == "discrete":
-            actions = np.stack(np.unravel_index(actions, (NUM_CHOICES,) * self._parts), axis=-1)
-        levels: Floats = (actions - 1.0).astype(np.float32) * DOWN_AND_RIGHT[-self._parts :]
-        return levels
 
 
 def raise_failures(batch: Batch) -> None:

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import AFLOAT
-from aquanav_tools.envs.batch import BatchActions, Floats
+from aquanav_tools.envs.action import AFLOAT, ActionModel
+from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.reward import TERMS
 from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.envs.surface_task import Bay, SurfaceTask, split_options
@@ -62,7 +62,7 @@ class BoatBatch:
         self.ray_lengths = self._task.pattern.lengths
         self.observation_space = self._task.observation_space
         self.parts: tuple[str, ...] = AFLOAT
-        self._actions = BatchActions(action, num, AFLOAT)
+        self._actions = ActionModel(action, AFLOAT)
         self.action_space = self._actions.space
         self._arrays: dict[str, npt.NDArray[Any]] = {
             name: np.zeros(num, dtype=np.int64) for name in ("seeds", "episodes", "asked", "start_indices")
@@ -118,7 +118,7 @@ class BoatBatch:
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all boats to the next step."""
-        self.set_commands(self._actions.commands(actions))
+        self.set_commands(self._actions.commands(actions, self.num))
 
     def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""

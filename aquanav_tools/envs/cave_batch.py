@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import DIVING
-from aquanav_tools.envs.batch import BatchActions, Floats, copied
+from aquanav_tools.envs.action import DIVING, ActionModel
+from aquanav_tools.envs.batch import Floats, copied
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import DictObservation, Parts
@@ -92,7 +92,7 @@ class CaveBatch:
         self.task = options = task_options(task)
         _check_choices(options, rays, contacts, device)
         self.parts: tuple[str, ...] = DIVING
-        self._actions = BatchActions(action, num)
+        self._actions = ActionModel(action)
         self.action_space = self._actions.space
         self._parts = _parts_of(observation, options.observation_delay)
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
@@ -205,7 +205,7 @@ class CaveBatch:
 
     def command(self, actions: Any) -> None:
         """Hand the actions of all vehicles to the next step."""
-        self.set_commands(self._actions.commands(actions))
+        self.set_commands(self._actions.commands(actions, self.num))
 
     def set_commands(self, commands: Floats) -> None:
         """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.action import ActionModel, Command
+from aquanav_tools.envs.action import ACTIONS, AFLOAT, DIVING, ActionModel, Command
 from aquanav_tools.errors import InputError
 
 
@@ -56,6 +56,36 @@ def test_continuous_is_clipped_to_full_command() -> None:
 def test_actions_outside_the_space_are_refused(form: str, action: object) -> None:
     with pytest.raises(InputError, match="An action must be"):
         ActionModel(form).command(action)
+
+
+@pytest.mark.parametrize("parts", [DIVING, AFLOAT])
+@pytest.mark.parametrize("form", ACTIONS)
+def test_many_actions_mean_what_each_means_alone(form: str, parts: tuple[str, ...], rng: np.random.Generator) -> None:
+    model, num = ActionModel(form, parts), 50
+    model.space.seed(3)
+    actions = np.array([model.space.sample() for _ in range(num)])
+    alone = np.array([model.command(action) for action in actions], dtype=np.float32)
+    np.testing.assert_array_equal(model.commands(actions, num), alone)
+
+
+@pytest.mark.parametrize(
+    ("form", "actions"),
+    [
+        ("multidiscrete", [[0, 1, 3]]),
+        ("multidiscrete", [[0, 1, -1]]),
+        ("multidiscrete", [[1.7, 0.0, 2.0]]),
+        ("multidiscrete", [[np.nan, 0.0, 0.0]]),
+        ("multidiscrete", [0, 1, 2]),
+        ("discrete", [27]),
+        ("discrete", [3.5]),
+        ("discrete", ["ahead"]),
+        ("continuous", [[0.0, np.nan, 0.0]]),
+        ("continuous", [[0.0, 0.0]]),
+    ],
+)
+def test_of_many_actions_none_may_be_outside_the_space(form: str, actions: list[object]) -> None:
+    with pytest.raises(InputError, match=r"Actions must be|An action is not finite"):
+        ActionModel(form).commands(actions, 1)
 
 
 def test_unknown_form_suggests_the_closest() -> None:
