@@ -55,8 +55,8 @@ def main() -> None:
         if ended.exit_code != 0:
             failed.append(name)
             print(ended.output[-1000:] + ended.errors[-3000:], file=sys.stderr, flush=True)
-    told = f" Failed: {', '.join(failed)}." if failed else ""
-    print(f"{len(wanted) - len(failed)} of {len(wanted)} ran.{told}")
+    failures = f" Failed: {', '.join(failed)}." if failed else ""
+    print(f"{len(wanted) - len(failed)} of {len(wanted)} ran.{failures}")
     sys.exit(bool(failed) or not wanted)
 
 

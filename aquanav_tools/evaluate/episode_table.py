@@ -108,10 +108,10 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         start = place * DIGEST_LENGTH
         values: dict[str, Any] = {"digest": self._digests[start : start + DIGEST_LENGTH].decode().rstrip()}
         for name, column in self._columns.items():
-            values[name] = self._told(name, column[place])
+            values[name] = self._as_value(name, column[place])
         return EpisodeMetrics(**values)
 
-    def _told(self, name: str, value: float) -> Any:
+    def _as_value(self, name: str, value: float) -> Any:
         """Return a value as it was given."""
         kind = _TYPES[name]
         if kind == "str":

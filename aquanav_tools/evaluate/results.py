@@ -46,8 +46,8 @@ class Provenance:
 
     def identity(self, versions: dict[str, str]) -> dict[str, Any]:
         """Return what must be the same for two runs to give the same episodes."""
-        told = ("name", "content_hash", "vehicle")
-        hashes = [{key: scenario[key] for key in told if key in scenario} for scenario in self.scenarios]
+        kept = ("name", "content_hash", "vehicle")
+        hashes = [{key: scenario[key] for key in kept if key in scenario} for scenario in self.scenarios]
         policy = {key: self.policy[key] for key in ("name", "sha256")}
         return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
 

@@ -111,8 +111,8 @@ def answer(study: Study, runs: Runs, question: Question) -> list[str]:
         )
         rows.append(f"| {title}, {study.safety_place} | {' | '.join(shown)} | {chance(better)} |")
     few = [variant for variant in pair if len(of(runs, variant)) < MIN_RUNS]
-    told = f"Nothing is concluded from fewer than {MIN_RUNS} runs: {', '.join(few)}." if few else verdict(measures)
-    return [*rows, "", told]
+    answer = f"Nothing is concluded from fewer than {MIN_RUNS} runs: {', '.join(few)}." if few else verdict(measures)
+    return [*rows, "", answer]
 
 
 def verdict(measures: dict[str, Estimate]) -> str:

@@ -75,7 +75,9 @@ def main() -> None:
             with store.open("a", encoding="utf-8") as stream:
                 stream.write(json.dumps(run) + "\n")
             left = (time.monotonic() - began) / place * (len(todo) - place)
-            text = f"{place}/{len(todo)} {run['variant']}, seed {run['seed']}: {told(run)}; {left / 60:.0f} min left"
+            text = (
+                f"{place}/{len(todo)} {run['variant']}, seed {run['seed']}: {scores_of(run)}; {left / 60:.0f} min left"
+            )
             print(text, flush=True)
     write_page(arguments.study, study, read_runs(store, study), RESULTS)
 
@@ -156,7 +158,7 @@ def scores(study: Study, episodes: list[dict[str, Any]]) -> dict[str, dict[str, 
     return found
 
 
-def told(run: dict[str, Any]) -> str:
+def scores_of(run: dict[str, Any]) -> str:
     """Return a run in a few words."""
     rates = [score for place in run["scores"].values() for score in place.values()]
     success, clean = (float(np.mean([rate[name] for rate in rates])) for name in ("success", "collision_free_success"))

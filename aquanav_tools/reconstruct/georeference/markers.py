@@ -10,7 +10,7 @@ import numpy as np
 
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.reconstruct.georeference.clues import Lengths
-from aquanav_tools.reconstruct.georeference.rays import Meeting, Rays, join, meet, rays_through
+from aquanav_tools.reconstruct.georeference.rays import Intersection, Rays, join, meet, rays_through
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.mapping import SparseModel
 from aquanav_tools.types import Array, Progress, ignore_progress
@@ -146,7 +146,7 @@ def _side(sparse: SparseModel, seen: Mapping[str, Array]) -> tuple[float, float]
     return side, float(np.hypot(_noise(corners, points) / side, EDGE_BIAS_PX / _usual_side_px(seen)))
 
 
-def _noise(corners: Sequence[Meeting], points: Array) -> float:
+def _noise(corners: Sequence[Intersection], points: Array) -> float:
     """Return the standard deviation of the mean side by noise of the corners alone."""
     ahead = np.roll(points, -1, axis=0) - points
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.reconstruct.georeference.clues import Anchors, Lengths
-from aquanav_tools.reconstruct.georeference.rays import Meeting, join, meet, rays_through
+from aquanav_tools.reconstruct.georeference.rays import Intersection, join, meet, rays_through
 from aquanav_tools.reconstruct.georeference.rows import read_rows
 from aquanav_tools.reconstruct.mapping import SparseModel
 from aquanav_tools.types import Array
@@ -31,7 +31,7 @@ class Picks:
     pixels: Mapping[str, Mapping[str, Array]]
     """(2,) px from the upper left corner, by point and photo."""
 
-    def points(self, sparse: SparseModel, names: Iterable[str]) -> dict[str, Meeting]:
+    def points(self, sparse: SparseModel, names: Iterable[str]) -> dict[str, Intersection]:
         """Return where points are in the model.
 
         Raises:

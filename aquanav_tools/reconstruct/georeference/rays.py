@@ -42,7 +42,7 @@ class Rays:
 
 
 @dataclass(frozen=True, eq=False)
-class Meeting:
+class Intersection:
     """A point that was seen from several places."""
 
     point: Array
@@ -79,7 +79,7 @@ def join(parts: list[Rays]) -> Rays:
     )
 
 
-def meet(rays: Rays, tolerance_px: float) -> Meeting | None:
+def meet(rays: Rays, tolerance_px: float) -> Intersection | None:
     """Return the point that most lines meet at within a tolerance; None where no two meet at an angle that tells.
 
     Every pair of lines (MAX_PAIRS of them, evenly chosen) proposes a point; the one with most lines is refined.
@@ -102,7 +102,7 @@ def meet(rays: Rays, tolerance_px: float) -> Meeting | None:
     seen = rays.only(best)
     if _widest_angle(seen, point) < MIN_ANGLE:
         return None
-    return Meeting(point, np.linalg.inv(_information(seen, point)).astype(np.float64), best)
+    return Intersection(point, np.linalg.inv(_information(seen, point)).astype(np.float64), best)
 
 
 def _nearest(rays: Rays, widths: Array | None = None) -> Array:

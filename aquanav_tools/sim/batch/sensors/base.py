@@ -111,19 +111,19 @@ class KernelSensor:
         self._kernel, self._min_slice = kernel, min_slice
         self._batch: SensorBatch | None = None
         self._launches: list[Any] = []
-        self._told: tuple[int, int] = (0, 0)
+        self._passed: tuple[int, int] = (0, 0)
         self._out: Any = None
 
     def measure(self, batch: SensorBatch) -> Reading:
         """Return the readings of all vehicles, (N, ...), in memory that the next measurement changes."""
         if self._batch is not batch:
             self._prepare(batch)
-        told = (int(batch.only_restarted), batch.stream)
-        if told != self._told:
-            self._told = told
+        passed = (int(batch.only_restarted), batch.stream)
+        if passed != self._passed:
+            self._passed = passed
             for launch in self._launches:
-                launch.set_param_by_name("only_restarted", told[0])
-                launch.set_param_by_name("stream", told[1])
+                launch.set_param_by_name("only_restarted", passed[0])
+                launch.set_param_by_name("stream", passed[1])
         batch.run(self._launches)
         readings: Reading = self._out.numpy()
         return readings
@@ -147,12 +147,12 @@ class KernelSensor:
         self._out = wp.zeros((batch.num, *self._shape()), dtype=wp.float32, device=batch.device)
         own = self._inputs(batch)
         bounds = np.linspace(0, count, max(1, min(batch.num_threads, count // self._min_slice)) + 1).astype(int)
-        self._told = (int(batch.only_restarted), batch.stream)
+        self._passed = (int(batch.only_restarted), batch.stream)
         self._launches = [
             wp.launch(
                 self._kernel,
                 dim=last - first,
-                inputs=[first, *self._told, batch.state, batch.caves, *own, self._out],
+                inputs=[first, *self._passed, batch.state, batch.caves, *own, self._out],
                 device=batch.device,
                 record_cmd=True,
             )
