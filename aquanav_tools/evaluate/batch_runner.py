@@ -120,6 +120,9 @@ class BatchRunner:
             EpisodeSlot(loaded.policy, plan)
             for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
         ]
+        for name, values in task.dynamics.items():
+            for slot, value in zip(slots, values.tolist(), strict=True):
+                slot.dynamics[name] = float(value)
         with self._timeout.armed():
             states = self._run(task, slots)
         reference = reference_of(batch[0], task_of(batch[0], self._options))
@@ -223,6 +226,8 @@ class EpisodeSlot:
     commands: list[tuple[float, ...]] = field(default_factory=list)
     reason: str = ""
     """Why it failed; empty unless it did."""
+    dynamics: dict[str, float] = field(default_factory=dict)
+    """What the episode drew of its vehicle's, by name."""
 
 
 def _unfailed(task: Batch, slots: Sequence[EpisodeSlot], places: Sequence[int]) -> list[int]:
@@ -260,4 +265,5 @@ def _trajectory(
         reward_terms={name: rows["terms"][1:, n].astype(np.float64) for n, name in enumerate(task.term_names)},
         num_collisions=int(rows["collisions"][-1]),
         reason=slot.reason,
+        dynamics=slot.dynamics,
     )

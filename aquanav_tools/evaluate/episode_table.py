@@ -14,7 +14,9 @@ from aquanav_tools.types import Array
 
 DIGEST_LENGTH = 64
 """Of a SHA-256 in hexadecimal digits."""
-_TYPES = {field.name: str(field.type) for field in dataclasses.fields(EpisodeMetrics)}
+DYNAMICS = "dynamics/"
+"""Before a name in the columns of what was drawn of the vehicle's dynamics."""
+_TYPES = {field.name: str(field.type) for field in dataclasses.fields(EpisodeMetrics) if field.name != "dynamics"}
 _CODES = {"float": "d", "float | None": "d", "int": "q", "int | None": "d", "str": "i"}
 """How a column is kept. Texts are numbered; where a number is missing, nan stands for it."""
 
@@ -28,6 +30,8 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         texts = [name for name, kind in kinds.items() if kind == "str"]
         self._texts: dict[str, list[str]] = {name: [] for name in texts}
         self._numbers: dict[str, dict[str, int]] = {name: {} for name in texts}
+        self._drawn: dict[str, array[Any]] = {}
+        """Of each of the vehicle's dynamics that was drawn in any episode; nan in those that did not draw it."""
         self._digests = bytearray()
         self._num = 0
         for episode in episodes:
@@ -62,11 +66,22 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
             if name in self._texts:
                 value = self._number(name, value)
             column.append(np.nan if value is None else value)
+        for name in episode.dynamics.keys() - self._drawn.keys():
+            self._drawn[name] = array("d", [np.nan]) * self._num
+        for name, column in self._drawn.items():
+            column.append(episode.dynamics.get(name, np.nan))
         self._num += 1
 
     def column(self, name: str) -> Array:
         """Return (N,) values of a metric; nan where an episode lacks it, and of texts their numbers."""
+        if name.startswith(DYNAMICS):
+            return np.array(self._drawn[name.removeprefix(DYNAMICS)])
         return np.array(self._columns[name])
+
+    @property
+    def drawn(self) -> list[str]:
+        """Names of what any episode drew of its vehicle's dynamics, in alphabetical order."""
+        return sorted(self._drawn)
 
     def names(self, name: str) -> list[str]:
         """Return the different texts in a column, in the order in which they first came."""
@@ -83,6 +98,7 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         found = EpisodeTable()
         for name, column in self._columns.items():
             found._columns[name] = array(column.typecode, np.array(column)[which].tobytes())
+        found._drawn = {name: array("d", np.array(column)[which].tobytes()) for name, column in self._drawn.items()}
         digests = np.frombuffer(bytes(self._digests), dtype=f"V{DIGEST_LENGTH}")[which]
         found._digests, found._num = bytearray(digests.tobytes()), len(digests)
         found._texts, found._numbers = self._texts, self._numbers
@@ -109,6 +125,7 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         values: dict[str, Any] = {"digest": self._digests[start : start + DIGEST_LENGTH].decode().rstrip()}
         for name, column in self._columns.items():
             values[name] = self._as_value(name, column[place])
+        values["dynamics"] = {name: value for name in self.drawn if not np.isnan(value := self._drawn[name][place])}
         return EpisodeMetrics(**values)
 
     def _as_value(self, name: str, value: float) -> Any:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -96,6 +96,9 @@ class EpisodeMetrics:
     """Decisions in which a safety shield took another action than the policy's; None without a shield."""
     digest: str
     """SHA-256 of its states, actions and rewards: equal only where an episode repeats to the bit."""
+    dynamics: dict[str, float] = field(default_factory=dict, hash=False)
+    """What it drew of its vehicle's dynamics, by name, in alphabetical order: `sim.randomisation` has the names and
+    units. Nothing without a randomisation."""
 
     @property
     def is_success(self) -> bool:
@@ -155,6 +158,7 @@ def measure(trajectory: Trajectory, geodesic: float, reference: EpisodeReference
         jerk=_jerk(trajectory),
         interventions=trajectory.interventions,
         digest=digest_of(trajectory),
+        dynamics=dict(sorted(trajectory.dynamics.items())),
     )
 
 

@@ -28,6 +28,9 @@ class Grid:
     """Standard deviations of the error of each ray's distance, m."""
     action_delay: tuple[int, ...] = ()
     """Decisions between choosing an action and its effect."""
+    randomisation: tuple[str, ...] = ()
+    """Ranges of the vehicle's dynamics: mild, wide or a TOML file; none is the vehicle as its file has it. Those that
+    draw the delay of actions themselves are evaluated once, not with each action_delay."""
     region: tuple[Region, ...] = ()
     """Thirds of the route to start in, by the path to the goal; needs the scenario's own starts, of which those that
     aquanav chooses keep off the last third."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,14 @@ from aquanav_tools.evaluate.options import MAX_CONDITIONS, Case, Grid, ProtocolO
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.shipped import shipped_path
+from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.task import TaskOptions, choices_of, named_code, task_options
 
 FOLDER = "eval/protocols"
 NOMINAL = "as given"
+NO_RANGES = "none"
+"""In a grid: the vehicle's dynamics as its file has them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,18 +71,25 @@ def conditions_of(grid: Grid) -> tuple[Condition, ...]:
     """Return every combination of a grid's values; a single one without changes for an empty grid.
 
     Raises:
-        InputError: they are more than MAX_CONDITIONS.
+        InputError: they are more than MAX_CONDITIONS, or there are no ranges of dynamics of a name.
     """
+    drawing_delays = {
+        name for name in grid.randomisation if name != NO_RANGES and read_randomisation(name).action_delay is not None
+    }
     axes: list[list[tuple[str, Any, str]]] = [
         [("current", value, f"current x{value:g}") for value in grid.current],
         [("sensor_noise", value, f"noise {value:g} m") for value in grid.sensor_noise],
         [("action_delay", value, f"delay {value}") for value in grid.action_delay],
+        [("randomisation", value, f"{value} dynamics") for value in grid.randomisation],
         [("region", value, str(value)) for value in grid.region],
     ]
-    combinations = list(itertools.product(*(axis for axis in axes if axis)))
-    if len(combinations) > MAX_CONDITIONS:
-        raise InputError(f"The grid has {len(combinations)} conditions, more than {MAX_CONDITIONS}. Give fewer values.")
-    return tuple(_condition(combination) for combination in combinations)
+    num = math.prod(len(axis) for axis in axes if axis)
+    if num > MAX_CONDITIONS:
+        raise InputError(f"The grid has {num} conditions, more than {MAX_CONDITIONS}. Give fewer values.")
+    conditions = [
+        _condition(combination, drawing_delays) for combination in itertools.product(*(axis for axis in axes if axis))
+    ]
+    return tuple(condition for n, condition in enumerate(conditions) if condition not in conditions[:n])
 
 
 def case_condition(case: Case) -> Condition:
@@ -166,10 +177,20 @@ def _mapped(plans: Sequence[EpisodePlan], starts: Sequence[int]) -> Iterator[Epi
         yield dataclasses.replace(plan, start_index=chosen)
 
 
-def _condition(combination: tuple[tuple[str, Any, str], ...]) -> Condition:
+def _condition(combination: tuple[tuple[str, Any, str], ...], drawing_delays: Collection[str]) -> Condition:
+    """Return the condition of one value of each axis; without the delay of actions where the dynamics draw one."""
     values = {key: value for key, value, _ in combination}
+    texts = {key: text for key, _, text in combination}
+    if values.get("randomisation") in drawing_delays:
+        values.pop("action_delay", None)
+        texts.pop("action_delay", None)
+    if values.get("randomisation") == NO_RANGES:
+        # Left out of the name beside others, so that results from before there were ranges have the same condition.
+        values["randomisation"] = None
+        del texts["randomisation"]
+        texts = texts or {"randomisation": "the file's dynamics"}
     region = values.pop("region", None)
     if "current" in values:
         fraction = values.pop("current")
         values["current_range"] = (fraction, fraction)
-    return Condition(", ".join(text for *_, text in combination) or NOMINAL, values, region)
+    return Condition(", ".join(texts.values()) or NOMINAL, values, region)

@@ -12,6 +12,7 @@ import numpy as np
 
 from aquanav_tools import __version__
 from aquanav_tools.envs.factory import AnyScenario
+from aquanav_tools.evaluate.dynamics_table import dynamics_tables
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX
 from aquanav_tools.evaluate.failures import failure_text
@@ -101,6 +102,7 @@ def write_report(
             _worst_table(episodes, recordings),
             _mean_table(summary, provenance.protocol["reward"]),
             *_group_tables(groups),
+            *dynamics_tables(episodes),
         ),
         sections=(
             *_film_section(episodes, recordings, folder),

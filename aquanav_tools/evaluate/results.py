@@ -19,11 +19,13 @@ from typing import Any
 from aquanav_tools import __version__
 from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.episode_table import DYNAMICS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.summary import Group, Summary
 from aquanav_tools.text_files import read_json
 
-FORMAT = 4
+FORMAT = 5
+"""4 had neither what episodes drew of their vehicles' dynamics nor hashes of the user's own code; it is still read."""
 SCHEMA = Path(__file__).with_name("results.schema.json")
 ROWS_AT_A_TIME = 1000
 """Of the Parquet file; memory need not hold them all."""
@@ -135,11 +137,16 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
 
     types = {"int": pa.int64(), "str": pa.string(), "float": pa.float64(), "float | None": pa.float64()}
     types["int | None"] = pa.int64()
-    schema = pa.schema([(field.name, types[str(field.type)]) for field in dataclasses.fields(EpisodeMetrics)])
+    drawn = sorted({name for episode in episodes for name in episode.dynamics})
+    columns = [field for field in dataclasses.fields(EpisodeMetrics) if field.name != "dynamics"]
+    schema = pa.schema(
+        [(field.name, types[str(field.type)]) for field in columns]
+        + [(DYNAMICS + name, types["float"]) for name in drawn]
+    )
     partial = path.with_name(path.name + ".partial")
     with pq.ParquetWriter(partial, schema) as writer:
         for first in range(0, len(episodes), ROWS_AT_A_TIME):
-            rows = [_row(episode) for episode in episodes[first : first + ROWS_AT_A_TIME]]
+            rows = [_flat(_row(episode)) for episode in episodes[first : first + ROWS_AT_A_TIME]]
             writer.write_table(pa.Table.from_pylist(rows, schema=schema))
     os.replace(partial, path)
 
@@ -162,7 +169,14 @@ def _validator(part: str = "") -> Any:
 
 def _row(episode: EpisodeMetrics) -> dict[str, Any]:
     row: dict[str, Any] = _rounded(dataclasses.asdict(episode))
+    if not row["dynamics"]:
+        del row["dynamics"]
     return row
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    """Return a row with a column for each of the drawn dynamics."""
+    return row | {DYNAMICS + name: value for name, value in row.pop("dynamics", {}).items()}
 
 
 def _rounded(value: Any) -> Any:

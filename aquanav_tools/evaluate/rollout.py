@@ -24,7 +24,8 @@ from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.registry import error_text
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 
-TERM_PREFIX = "reward/"
+TERM_PREFIX, DYNAMICS_PREFIX = "reward/", "dynamics/"
+"""Of names in an info."""
 ACTION_TIME_LIMIT = 30.0
 """Wall time in which a policy must give an action, s: hundreds of times what any network here takes."""
 LOOKS = 4
@@ -166,7 +167,7 @@ def _collect(
     reason: str,
 ) -> Trajectory:
     actions, commands, rewards = done
-    terms = [name for name in infos[0] if name.startswith(TERM_PREFIX)]
+    terms, drawn = ([name for name in infos[0] if name.startswith(of)] for of in (TERM_PREFIX, DYNAMICS_PREFIX))
 
     def column(name: str) -> Any:
         return np.array([info[name] for info in infos])
@@ -191,4 +192,5 @@ def _collect(
         reward_terms={name.removeprefix(TERM_PREFIX): column(name)[1:] for name in terms},
         num_collisions=infos[-1]["num_collisions"],
         reason=reason,
+        dynamics={name.removeprefix(DYNAMICS_PREFIX): float(infos[0][name]) for name in drawn},
     )

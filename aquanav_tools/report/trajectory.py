@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -70,6 +70,9 @@ class Trajectory(TrajectorySummary):
     """Why the policy failed; empty unless it did."""
     interventions: int | None = None
     """Decisions in which a safety shield took another action than the policy's; None without a shield."""
+    dynamics: dict[str, float] = field(default_factory=dict)
+    """What the episode drew of its vehicle's dynamics, by name (`sim.randomisation`); nothing without a
+    randomisation."""
 
     @property
     def num_decisions(self) -> int:

@@ -65,6 +65,10 @@ class BayScene:
 
         self.template = Template(log_scene, self._layout())
 
+    def layout_of(self, trajectory: Trajectory) -> Any:
+        """Return the layout, which is the same for all."""
+        return self.template.layout
+
     def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Log the water around the boat as it rises and falls."""
         import rerun as rr

@@ -7,8 +7,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from aquanav_tools.report.dynamics import dynamics_document
 from aquanav_tools.report.recording.cave import CaveModel, eye, log_cave, log_route
-from aquanav_tools.report.recording.stream import Template, recording
+from aquanav_tools.report.recording.stream import Template, kept_layout, recording
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.types import Array, Mesh
 
@@ -47,13 +48,16 @@ class Scene(Protocol):
     identity: str
     """Of the place: recordings with the same one replace each other, where seed and start are the same too."""
     template: Template
-    """The place, the hull, and the layout."""
+    """The place and the hull."""
     ray_directions: Array
     """(R, 3) unit vectors in the body frame, in the order of the trajectories' rays."""
     commands: tuple[str, ...]
     """Those of COMMANDS that the vehicle obeys."""
     stroke: float
     """How much thicker lines are, and how much farther from a wall is near, than for a vehicle in a cave."""
+
+    def layout_of(self, trajectory: Trajectory) -> Any:
+        """Return the layout of a trajectory's recording."""
 
     def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Log the surface of the water over time, where there is one."""
@@ -86,6 +90,16 @@ class DiveScene:
             log_state_colours(stream)
 
         self.template = Template(log_scene, dive_blueprint(cave))
+        self._drawn_layout: Any = None
+        self._cave = cave
+
+    def layout_of(self, trajectory: Trajectory) -> Any:
+        """Return the layout: with the vehicle's dynamics beside the plots where the episode drew them."""
+        if not trajectory.dynamics:
+            return self.template.layout
+        if self._drawn_layout is None:
+            self._drawn_layout = kept_layout(dive_blueprint(self._cave, has_dynamics=True))
+        return self._drawn_layout
 
     def log_sea(self, stream: Any, trajectory: Trajectory) -> None:
         """Do nothing: a cave is full of water."""
@@ -100,9 +114,10 @@ def record_episode(scene: Scene, trajectory: Trajectory, path: Path) -> None:
         path: The .rrd file; replaced when it exists.
     """
     identity = f"episode {scene.identity} {trajectory.seed} {trajectory.start_index}"
-    with recording(path, identity, scene.template.layout) as stream:
+    with recording(path, identity, scene.layout_of(trajectory)) as stream:
         scene.template.send(stream)
         _log_properties(stream, trajectory)
+        _log_dynamics(stream, trajectory)
         scene.log_sea(stream, trajectory)
         _log_motion(stream, trajectory, scene.stroke)
         _log_contacts(stream, trajectory, scene.stroke)
@@ -125,6 +140,16 @@ def _log_properties(stream: Any, trajectory: Trajectory) -> None:
             collisions=trajectory.num_collisions,
         ),
     )
+
+
+def _log_dynamics(stream: Any, trajectory: Trajectory) -> None:
+    """Log what the episode drew of its vehicle's dynamics, as a text to read and as properties."""
+    import rerun as rr
+
+    if trajectory.dynamics:
+        text = rr.TextDocument(dynamics_document(trajectory.dynamics), media_type=rr.MediaType.MARKDOWN)
+        stream.log("dynamics", text, static=True, strict=True)
+        stream.send_property("dynamics", rr.AnyValues(**trajectory.dynamics))
 
 
 def _log_motion(stream: Any, trajectory: Trajectory, stroke: float) -> None:
@@ -255,21 +280,22 @@ def _time_column(times: Array) -> Any:
     return rr.TimeColumn(TIMELINE, duration=times)
 
 
-def dive_blueprint(cave: CaveModel, is_live: bool = False) -> Any:
+def dive_blueprint(cave: CaveModel, is_live: bool = False, has_dynamics: bool = False) -> Any:
     """Return the layout: the whole cave, a close view that follows the vehicle, and the plots beside them.
 
     Args:
         cave: Where the dive is.
         is_live: Whether the viewer shows what comes last.
+        has_dynamics: Whether the episode drew its vehicle's dynamics, which are then told below the plots.
     """
-    return layout(cave.scenario.name, eye(cave), _following_eye(cave), is_live)
+    return layout(cave.scenario.name, eye(cave), _following_eye(cave), is_live, has_dynamics)
 
 
-def layout(name: str, whole_eye: Any, following_eye: Any, is_live: bool = False) -> Any:
-    """Return a layout of two views, each with its camera, and the plots beside them."""
+def layout(name: str, whole_eye: Any, following_eye: Any, is_live: bool = False, has_dynamics: bool = False) -> Any:
+    """Return a layout of two views, each with its camera, and the plots beside them; see `dive_blueprint`."""
     import rerun.blueprint as rrb
 
-    contents = ["+ /**", "- /plots/**", "- /state"]
+    contents = ["+ /**", "- /plots/**", "- /state", "- /dynamics"]
     lasting = ["+ /plots/reward/**", *(f"- /plots/reward/{term}" for term in PAID_ONCE)]
     scenes = rrb.Vertical(
         rrb.Spatial3DView(contents=contents, name=name, eye_controls=whole_eye, line_grid=False),
@@ -285,7 +311,11 @@ def layout(name: str, whole_eye: Any, following_eye: Any, is_live: bool = False)
     ]
     if not is_live:  # where an environment does not tell its commands
         plots.append(rrb.TimeSeriesView(origin="plots/command", name="command, share of the full"))
-    beside = rrb.Vertical(*plots, row_shares=[1] + [2] * (len(plots) - 1))
+    shares = [1] + [2] * (len(plots) - 1)
+    if has_dynamics:
+        plots.append(rrb.TextDocumentView(origin="dynamics", name="dynamics"))
+        shares.append(4)
+    beside = rrb.Vertical(*plots, row_shares=shares)
     play_state = "following" if is_live else None
     panel = rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state=play_state)
     return rrb.Blueprint(rrb.Horizontal(scenes, beside, column_shares=[2, 1]), panel, collapse_panels=True)

@@ -50,6 +50,11 @@ class Template:
         stream.send_chunks(self._chunks)
 
 
+def kept_layout(blueprint: Any) -> Any:
+    """Return a layout to open many recordings with, made once."""
+    return Template(lambda stream: stream.send_recording_name("layout"), blueprint).layout
+
+
 class _KeptLayout:
     """Stands for a blueprint: building one takes longer than the rest of a short recording."""
 
