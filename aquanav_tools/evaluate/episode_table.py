@@ -10,7 +10,7 @@ from typing import Any, overload
 import numpy as np
 
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, BoolArray
 
 DIGEST_LENGTH = 64
 """Of a SHA-256 in hexadecimal digits."""
@@ -88,12 +88,12 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         found, first = np.unique(self.column(name), return_index=True)
         return [self._texts[name][code] for code in found[np.argsort(first)]]
 
-    def are(self, name: str, text: str) -> Array:
+    def are(self, name: str, text: str) -> BoolArray:
         """Return (N,) whether episodes have a text in a column."""
-        same: Array = self.column(name) == self._numbers[name].get(text, -1)
+        same: BoolArray = self.column(name) == self._numbers[name].get(text, -1)
         return same
 
-    def rows(self, which: Array) -> EpisodeTable:
+    def rows(self, which: Array | BoolArray) -> EpisodeTable:
         """Return the episodes at some places, or those where a mask holds."""
         found = EpisodeTable()
         for name, column in self._columns.items():
