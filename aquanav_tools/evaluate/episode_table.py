@@ -10,7 +10,7 @@ from typing import Any, overload
 import numpy as np
 
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.types import Array, BoolArray
+from aquanav_tools.types import Array, BoolArray, IntArray
 
 DIGEST_LENGTH = 64
 """Of a SHA-256 in hexadecimal digits."""
@@ -93,7 +93,7 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         same: BoolArray = self.column(name) == self._numbers[name].get(text, -1)
         return same
 
-    def rows(self, which: Array | BoolArray) -> EpisodeTable:
+    def rows(self, which: IntArray | BoolArray) -> EpisodeTable:
         """Return the episodes at some places, or those where a mask holds."""
         found = EpisodeTable()
         for name, column in self._columns.items():
