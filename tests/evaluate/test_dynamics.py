@@ -209,7 +209,7 @@ def test_a_grid_sets_ranges_beside_the_other_conditions() -> None:
 
 
 def test_ranges_that_there_are_not_are_refused_before_anything_runs(folder: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no randomisation 'mildd'. Did you mean 'mild'"):
+    with pytest.raises(InputError, match=r"no randomisation 'mildd'\. Did you mean 'mild'"):
         run(folder, tmp_path / "out", grid=Grid(randomisation=("mildd",)))
     assert not (tmp_path / "out").exists()
 
