@@ -21,6 +21,8 @@ from aquanav_tools.errors import InputError, did_you_mean
 
 OWN = re.compile(r"([A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*):([A-Za-z_]\w*)")
 """module:Name."""
+NAME_OF_PART = "="
+"""Ends the name that a part of an observation is given: "front=fan"."""
 _ADDRESS = re.compile(r" at 0x[0-9a-f]+")
 """In texts of objects; it changes from run to run."""
 _MAX_ERROR = 500
@@ -60,6 +62,12 @@ def is_own(name: object) -> bool:
     return isinstance(name, str) and OWN.fullmatch(name) is not None
 
 
+def named_part(text: str) -> tuple[str, str]:
+    """Return the name of an observation's part and what it is, of "front=fan"; of "fan" alone both are that."""
+    name, mark, part = text.partition(NAME_OF_PART)
+    return (name, part) if mark else (text, text)
+
+
 def import_own(spec: str, kind: str) -> Any:
     """Return what module:Name means, the working directory first; of a class an instance, made without arguments.
 
@@ -92,7 +100,7 @@ def refuse_recorded(names: Iterable[object], where: str, advice: str) -> None:
     Raises:
         InputError: there is such a name.
     """
-    own = [str(name) for name in names if is_own(name)]
+    own = [str(name) for name in names if is_own(named_part(str(name))[1])]
     if own:
         raise InputError(
             f"{where} names code: {', '.join(own)}. A file runs none by itself, as anyone may have written it. {advice}"

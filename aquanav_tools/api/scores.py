@@ -14,6 +14,7 @@ from aquanav_tools.evaluate import comparing, evaluation, replaying
 from aquanav_tools.evaluate.comparing import Compared
 from aquanav_tools.evaluate.evaluation import Evaluation
 from aquanav_tools.evaluate.options import EvaluateOptions, ReplayOptions, View
+from aquanav_tools.evaluate.policies import observing
 from aquanav_tools.evaluate.protocol import read_protocol
 from aquanav_tools.evaluate.replaying import Replayed
 from aquanav_tools.tables import from_table
@@ -58,7 +59,7 @@ def evaluate(
     loaded = None if isinstance(policy, str | Path) else load_policy(policy, trust=trust)
     if loaded is not None:
         options = _in_this_process(options)
-        loaded = replace(loaded, observation=options.get("observation") or loaded.observation)
+        loaded = observing(loaded, options.get("observation"), options.get("sensors", ()))
     table = {
         **options,
         "policies": (str(policy) if loaded is None else loaded.name,),

@@ -104,8 +104,8 @@ def copied(values: Any) -> Any:
     return {name: part.copy() for name, part in values.items()} if isinstance(values, dict) else np.array(values)
 
 
-def row_of(values: Any, row: int) -> Any:
-    """Return a copy of a row of an array, or of each array of a dictionary."""
+def row_of(values: Any, row: int | Sequence[int]) -> Any:
+    """Return a copy of a row, or of some rows, of an array, or of each array of a dictionary."""
     return {name: part[row].copy() for name, part in values.items()} if isinstance(values, dict) else values[row].copy()
 
 

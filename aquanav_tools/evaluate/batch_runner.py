@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.batch import Batch
+from aquanav_tools.envs.batch import Batch, row_of
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.factory import AnyScenario, make_batch
 from aquanav_tools.errors import InputError
@@ -34,17 +34,18 @@ from aquanav_tools.evaluate.policies import (
     PrivilegedPolicy,
     Vectorised,
     check_size,
+    observed_by,
 )
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
 from aquanav_tools.report.trajectory import FAILED, Trajectory
-from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.task import TaskOptions
 
 BATCH_SIZE = 256
 """Episodes side by side: chosen; more take memory, about 0.4 kB for each decision of each."""
 KEPT = (
     "positions", "orientations", "velocities", "currents", "clearances", "touched", "collisions", "remaining",
-    "rays", "observations", "terms", "rewards", "outcomes",
+    "rays", "terms", "rewards", "outcomes",
 )  # fmt: skip
 """Arrays of the batch that a trajectory is made of."""
 
@@ -148,10 +149,8 @@ class BatchRunner:
                 key[0],
                 len(batch),
                 next_step=True,
-                observation=self._policies[0].observation,
-                action=self._policies[0].action,
                 max_decisions=self._options.max_decisions,
-                **choices_of(key[1]),
+                **observed_by(self._policies[0], key[1]),
             )
             self._key = key
             check_size(self._policies[0], self._task.observation_space)
@@ -169,12 +168,13 @@ class BatchRunner:
         rows = [{name: task.copy_of(name) for name in KEPT}]
         running = _unfailed(task, slots, range(len(slots)))
         while running:
-            seen: Any = rows[-1]["observations"]
+            seen: Any = task.view_of("observations")  # policies get copies
             if policy is not None:
                 seen = self._logits(policy, slots, seen, running)
             for index in [index for index in running if not slots[index].reason]:
                 slot, act = slots[index], slots[index].policy.act if policy is None else policy.decide
-                chosen, slot.reason = timeout.outcome(partial(choose, act, form, seen[index].copy()))
+                told = seen[index] if policy is not None else row_of(seen, index)
+                chosen, slot.reason = timeout.outcome(partial(choose, act, form, told))
                 if not slot.reason:
                     slot.actions.append(chosen[0])
                     slot.commands.append(chosen[1])
@@ -191,7 +191,7 @@ class BatchRunner:
         self,
         policy: Vectorised,
         slots: Sequence[EpisodeSlot],
-        observations: npt.NDArray[np.float32],
+        observations: Any,
         running: Sequence[int],
     ) -> dict[int, npt.NDArray[np.float32]]:
         """Return a policy's logits for each vehicle, by its slot; where it fails, the vehicle's slot gets the reason.
@@ -200,7 +200,7 @@ class BatchRunner:
         """
 
         def ask(indices: Sequence[int]) -> npt.NDArray[np.float32]:
-            logits = np.asarray(policy.logits(observations[indices], np.array(indices)))
+            logits = np.asarray(policy.logits(row_of(observations, indices), np.array(indices)))
             if len(logits) != len(indices):
                 raise ValueError(f"it gave {len(logits)} rows of logits for {len(indices)} vehicles")
             return logits

@@ -24,8 +24,8 @@ def dynamics_tables(episodes: EpisodeTable) -> tuple[Table, ...]:
     names = episodes.drawn
     if not names:
         return ()
-    known = episodes.rows(~episodes.are("outcome", INFEASIBLE))
-    free = known.are("outcome", "success") & (known.column("collisions") == 0)
+    known = episodes.rows(np.logical_not(episodes.are("outcome", INFEASIBLE)))
+    free = np.logical_and(known.are("outcome", "success"), known.column("collisions") == 0)
     columns = {name: known.column(DYNAMICS + name) for name in names}
     num = max(int(np.isfinite(column).sum()) for column in columns.values())
     if num < MIN_EPISODES:

@@ -10,12 +10,12 @@ from aquanav_tools.envs.factory import AnyScenario, TaskEnv, make_env
 from aquanav_tools.envs.starting import CONDITIONS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy, check_size
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_size, observed_by
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
-from aquanav_tools.task import TaskOptions, choices_of
+from aquanav_tools.task import TaskOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +61,8 @@ class EnvCache:
             self.close()
             self._env = make_env(
                 episode.scenario,
-                observation=self.policy.observation,
-                action=self.policy.action,
                 max_decisions=self._options.max_decisions,
-                **choices_of(task),
+                **observed_by(self.policy, task),
             )
             self._key = key
             check_size(self.policy, self._env.observation_space)

@@ -14,7 +14,7 @@ from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.journal import journal_row, trajectory_name, write_trajectory
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_named
 from aquanav_tools.evaluate.protocol import (
     Condition,
     case_condition,
@@ -93,6 +93,7 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     """
     options = spec.options
     policy = spec.load(spec.policy)
+    check_named(policy)
     scenarios = spec.scenarios or tuple(
         with_vehicle(read_any_scenario(path), options.vehicle) for path in options.scenario
     )
@@ -124,7 +125,13 @@ def _num_possible(
     if options.cases:
         return None
     counts = [
-        possible_episodes(scenario, task_under(condition, options), len(starts_in(scenario, condition)), policy.draws)
+        possible_episodes(
+            scenario,
+            task_under(condition, options),
+            len(starts_in(scenario, condition)),
+            policy.draws,
+            options.observation,
+        )
         for scenario in scenarios
         for condition in conditions
     ]

@@ -45,11 +45,14 @@ class NetworkPolicy:
             raise ExoticPolicyError(f"{cause} {TRUST}") from cause
         self.observation_space = parse_space(settings.get("observation_space"), "observation space")
         self.action_space = parse_space(settings.get("action_space"), "action space")
-        if not isinstance(self.observation_space, spaces.Box):
-            raise InputError(f"The policy in {path} observes {self.observation_space}; a flat Box is needed.")
+        if not isinstance(self.observation_space, spaces.Dict if self._kind.has_parts else spaces.Box):
+            wanted = "dictionary of parts" if self._kind.has_parts else "flat Box"
+            raise InputError(f"The policy in {path} observes {self.observation_space}; a {wanted} is needed.")
         with torch.device("meta"):  # takes no memory, whatever widths a file claims to have
             parts = _build(self._kind, options, settings, self.observation_space, self.action_space, path)
-        _load_weights(parts, self._kind, read_weights(weights, path), path)
+        tensors = read_weights(weights, path)
+        _refuse_images(tensors, self._kind, path)
+        _load_weights(parts, self._kind, tensors, path)
         self.normaliser = parts.pop(self._kind.features, None)
         """What scales observations first, where the policy learned with that."""
         lstm = parts.pop(LSTM, None)
@@ -63,16 +66,19 @@ class NetworkPolicy:
         """Forget what was seen; nothing is drawn at random."""
         self._memory = None
 
-    def act(self, observation: npt.NDArray[np.float32]) -> Any:
-        """Return the action for one observation."""
-        return self.decide(self._outputs(np.asarray(observation)[None], np.zeros(1, dtype=np.int64))[0])
+    def act(self, observation: Any) -> Any:
+        """Return the action for one observation, (O,) or a dictionary of arrays."""
+        alone = {name: np.asarray(part)[None] for name, part in observation.items()} if self._kind.has_parts else None
+        rows = np.asarray(observation)[None] if alone is None else self._side_by_side(alone)
+        return self.decide(self._outputs(rows, np.zeros(1, dtype=np.int64))[0])
 
-    def logits(self, observations: npt.NDArray[np.float32], slots: IntArray | None = None) -> npt.NDArray[np.float32]:
+    def logits(self, observations: Any, slots: IntArray | None = None) -> npt.NDArray[np.float32]:
         """Return what the last layer makes of (N, O) observations, (N, K): of each the same as alone, to the bit.
 
-        A recurrent network remembers each vehicle by its slot, one of `slots` for each row; without them the rows'
-        order tells.
+        Of a policy that observes a dictionary they are one of (N, ...) arrays. A recurrent network remembers each
+        vehicle by its slot, one of `slots` for each row; without them the rows' order tells.
         """
+        observations = self._side_by_side(observations) if self._kind.has_parts else observations
         slots = np.arange(len(observations)) if slots is None else slots
         before, outputs = self._memory, []
         try:
@@ -84,6 +90,12 @@ class NetworkPolicy:
             self._memory = before  # an error leaves the memory as it was
             raise
         return np.concatenate(outputs)
+
+    def _side_by_side(self, observations: Any) -> npt.NDArray[np.float32]:
+        """Return (N, O) of a dictionary of (N, ...) arrays, in the order in which the policy learned from them."""
+        assert isinstance(self.observation_space, spaces.Dict)
+        parts = [np.asarray(observations[name], dtype=np.float32) for name in self.observation_space.spaces]
+        return np.concatenate([part.reshape(len(part), -1) for part in parts], axis=1)
 
     def _outputs(self, observations: npt.NDArray[np.float32], slots: IntArray) -> npt.NDArray[np.float32]:
         """Return the (N, K) outputs; rows beyond the slots are only computed."""
@@ -138,7 +150,7 @@ def _build(
     kind: Kind,
     options: dict[str, Any],
     settings: dict[str, Any],
-    observation: spaces.Box,
+    observation: spaces.Space[Any],
     action: spaces.Space[Any],
     path: Path,
 ) -> dict[str, Any]:
@@ -146,11 +158,12 @@ def _build(
     from torch import nn
 
     activation = getattr(nn, options["activation_fn"])
-    width, num_outputs = int(observation.shape[0]), _num_outputs(kind, settings, action, path)
+    width, num_outputs = spaces.flatdim(observation), _num_outputs(kind, settings, action, path)
     parts: dict[str, Any] = {}
     if options["is_normalised"]:
         from aquanav_tools.policy.normaliser import NormalisedObservations
 
+        assert isinstance(observation, spaces.Box)
         parts[kind.features] = NormalisedObservations(observation)
     if kind.is_recurrent:
         memory = options["lstm_hidden_size"]
@@ -187,6 +200,17 @@ def _num_outputs(kind: Kind, settings: dict[str, Any], action: spaces.Space[Any]
                 " It was trained for another task. Train one with aquanav-train."
             )
     return int(shape[0])
+
+
+def _refuse_images(tensors: dict[str, Any], kind: Kind, path: Path) -> None:
+    """Refuse parts that go through a network of convolutions, by the names of its weights."""
+    lead = f"{kind.features}.extractors."
+    names = sorted({name.removeprefix(lead).split(".")[0] for name in tensors if name.startswith(lead)})
+    if names and kind.has_parts:
+        raise ExoticPolicyError(
+            f"The policy in {path} looks at {' and '.join(repr(name) for name in names)} through convolutions (images "
+            f"of uint8), which are not rebuilt here: parts that are flattened are. {TRUST}"
+        )
 
 
 def _load_weights(parts: dict[str, Any], kind: Kind, tensors: dict[str, Any], path: Path) -> None:

@@ -68,7 +68,9 @@ class ProtocolOptions(TaskOptions):
     """Episode limit; without it, the scenario's."""
     observation: str | None = None
     """What the policy observes, where its file does not tell by the number of values: an observation of your own as
-    module:Name, or, with --sensors, the preset before them (full without it)."""
+    module:Name, or, with --sensors, the preset before them (full without it). Of a policy that observes a dictionary
+    the preset in it, as NAME=PRESET; none; or a dictionary of your own, or a function that returns one, as
+    module:Name. Its sensors are named as NAME=SENSOR, or by their own names."""
     grid: Grid = field(default_factory=Grid)
     cases: tuple[Case, ...] = ()
     """Episodes named one by one, instead of by number, seed and grid: what aquanav-eval stress saves. In a protocol's

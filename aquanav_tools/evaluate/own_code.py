@@ -2,25 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from aquanav_tools.envs.action import ACTIONS
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.errors import InputError
+from aquanav_tools.evaluate.observed import DICTIONARY
 from aquanav_tools.registry import import_own, module_file
 
 
 class CallablePolicy:
     """Calls the user's code, which is any callable.
 
-    Three attributes of it may say more: `observation` (a preset, "full" if absent), `action` (a form, "multidiscrete"
-    if absent) and `reset`, called with the episode's seed before each episode.
+    Three attributes of it may say more: `observation` (a preset, "full" if absent, or a dictionary of parts), `action`
+    (a form, "multidiscrete" if absent) and `reset`, called with the episode's seed before each episode.
     """
 
     def __init__(self, call: Callable[[Any], Any], name: str = "The policy") -> None:
@@ -32,9 +30,13 @@ class CallablePolicy:
         if not callable(call):
             raise InputError(f"{name} is a {type(call).__name__}, which cannot be called with an observation.")
         self._call = call
-        self.observation = str(getattr(call, "observation", "full"))
+        observed = getattr(call, "observation", "full")
+        self.parts: dict[str, Any] | None = dict(observed) if isinstance(observed, Mapping) else None
+        """What it observes by name, where that is a dictionary."""
+        self.observation = DICTIONARY if self.parts is not None else str(observed)
         self.action = str(getattr(call, "action", "multidiscrete"))
-        check_choice("observation preset", self.observation, PRESETS)
+        if self.parts is None:
+            check_choice("observation preset", self.observation, PRESETS)
         check_choice("action form", self.action, ACTIONS)
         self.path: Path | None = None
         """File whose content stands for the policy."""
@@ -44,7 +46,7 @@ class CallablePolicy:
         if hasattr(self._call, "reset"):
             self._call.reset(seed)
 
-    def act(self, observation: npt.NDArray[np.float32]) -> Any:
+    def act(self, observation: Any) -> Any:
         """Return the action for one observation."""
         return self._call(observation)
 

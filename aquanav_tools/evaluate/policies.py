@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -18,23 +18,29 @@ from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
 from aquanav_tools.evaluate.ml_agents import SUFFIX, MlAgentsPolicy
 from aquanav_tools.evaluate.network import NetworkPolicy
+from aquanav_tools.evaluate.observed import ADVICE, NOTHING, check_parts, parts_maker
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
-from aquanav_tools.evaluate.presets import CAVE, fitting_presets
+from aquanav_tools.evaluate.presets import CAVE, fitting_form, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
 from aquanav_tools.policy.run_folder import KINDS, best_policy, observed_in
+from aquanav_tools.policy.spaces import describe_parts, describe_space, shapes_of
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.registry import is_own
 from aquanav_tools.shipped import shipped_names, shipped_path
+from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
 SHIELD = "shield:"
+
+
+FilePolicy = MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy
 
 
 class Policy(Protocol):
@@ -43,8 +49,8 @@ class Policy(Protocol):
     def reset(self, seed: int) -> None:
         """Forget the last episode; draw random numbers, if any, from `seed`."""
 
-    def act(self, observation: npt.NDArray[np.float32]) -> Any:
-        """Return the action for one observation."""
+    def act(self, observation: Any) -> Any:
+        """Return the action for one observation: (O,), or a dictionary of arrays."""
 
 
 @runtime_checkable
@@ -67,8 +73,8 @@ class Adapting(Protocol):
 class Vectorised(Policy, Protocol):
     """A policy that can compute logits for many vehicles at once."""
 
-    def logits(self, observations: npt.NDArray[np.float32], slots: IntArray) -> npt.NDArray[np.float32]:
-        """Return a row of anything for each of (N, O) observations, of the vehicles in (N,) slots.
+    def logits(self, observations: Any, slots: IntArray) -> npt.NDArray[np.float32]:
+        """Return a row of anything for each of (N, O) observations, or a dictionary of them, of vehicles in (N,) slots.
 
         What is remembered of a vehicle belongs to its slot. A call that raises an error remembers nothing.
         """
@@ -87,7 +93,7 @@ class LoadedPolicy:
     sha256: str | None
     """Of the file; None for a baseline that is a program."""
     observation: str
-    """Preset it observes."""
+    """Preset it observes; what options name, where that is a dictionary of parts."""
     action: str
     """Form in which it acts."""
     task: str | None = None
@@ -96,13 +102,17 @@ class LoadedPolicy:
     """Whether it may draw at random, which of code that is not ours nobody knows."""
     size: int | None = None
     """Values that it observes, where that is to be held against the environment's; None where it fits a preset."""
+    takes: Mapping[str, tuple[int, ...]] | None = None
+    """Shapes of the parts that its file says it observes; None of a policy that observes one array, or any."""
+    parts: Callable[[], dict[str, Any]] | None = None
+    """Makes the parts that it is to observe; None where `observation` names one array."""
 
     def reset(self, seed: int) -> None:
         """Begin an episode; random numbers, if any, are drawn from `seed`."""
         self.policy.reset(seed)
 
-    def act(self, observation: npt.NDArray[np.float32]) -> Any:
-        """Return the action, in the form `action`, for one (O,) observation of the preset `observation`."""
+    def act(self, observation: Any) -> Any:
+        """Return the action, in the form `action`, for one observation: (O,) of a preset, or a dictionary of arrays."""
         return self.policy.act(observation)
 
 
@@ -160,11 +170,12 @@ BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]
 
 def policy_loader(options: ProtocolOptions, *, is_trusted: bool) -> Callable[[str], LoadedPolicy]:
     """Return what loads policies for an evaluation; it travels to other processes."""
-    observation = options.observation or ("full" if options.sensors else None)
-    return partial(load_policy, is_trusted=is_trusted, observation=observation)
+    return partial(load_policy, is_trusted=is_trusted, observation=options.observation, sensors=tuple(options.sensors))
 
 
-def load_policy(spec: str, is_trusted: bool = False, observation: str | None = None) -> LoadedPolicy:
+def load_policy(
+    spec: str, is_trusted: bool = False, observation: str | None = None, sensors: tuple[str, ...] = ()
+) -> LoadedPolicy:
     """Return the policy named by `spec`.
 
     Args:
@@ -173,38 +184,99 @@ def load_policy(spec: str, is_trusted: bool = False, observation: str | None = N
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
         observation: What a file's policy observes; None tells it from the number of values.
+        sensors: What it observes beside that.
 
     Raises:
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
     if spec.startswith(SHIELD):
-        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation))
+        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation, sensors))
     if spec.startswith(PREFIX):
+        _refuse_parts(spec, observation, sensors)
         return _baseline(spec)
     if is_own(spec):
-        own = own_policy(OwnPolicy(spec), spec)
-        return own if observation is None else replace(own, observation=observation)
+        return observing(own_policy(OwnPolicy(spec), spec), observation, sensors)
     path, name = Path(spec), Path(spec).name
     if path.is_dir():
         path = best_policy(path)
         name = f"{path.resolve().parent.name}/{path.name}"
     found = _load_file(path, is_trusted)
+    draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
+    if isinstance(found.observation_space, spaces.Dict):
+        form = fitting_form(found.action_space, spec, describe_space(found.observation_space))
+        takes = shapes_of(found.observation_space)
+        loaded = LoadedPolicy(found, name, file_hash(path), "full", form, CAVE, draws, takes=takes)
+        return observing(loaded, observation, sensors)
+    return _of_one_array(found, path, name, spec, draws, observation, sensors)
+
+
+def _of_one_array(
+    found: FilePolicy,
+    path: Path,
+    name: str,
+    spec: str,
+    draws: bool,
+    observation: str | None,
+    sensors: tuple[str, ...],
+) -> LoadedPolicy:
+    """Return a file's policy that observes one array, with the preset, or what is named in its place."""
+    _refuse_parts(name, observation, sensors)
+    observation = observation or ("full" if sensors else None)
     try:
         fit = fitting_presets(found.observation_space, found.action_space, spec, observation)
     except InputError as cause:
         raise InputError(f"{cause}{observed_in(Path(spec))}") from cause
-    draws = isinstance(found, TrustedPolicy | TorchScriptPolicy)
     size = None if observation is None else spaces.flatdim(found.observation_space)
     return LoadedPolicy(found, name, file_hash(path), fit.observation, fit.action, fit.task, draws, size)
+
+
+def _refuse_parts(name: str, observation: str | None, sensors: Sequence[str]) -> None:
+    """Refuse a dictionary for a policy that observes one array."""
+    if parts_maker(observation, sensors, is_dictionary=False) is not None:
+        raise InputError(
+            f"The policy {name} observes one array of values, and what is named is a dictionary of parts. Leave out "
+            "NAME=: the values of --sensors then follow those of --observation."
+        )
+
+
+def observing(policy: LoadedPolicy, observation: str | None, sensors: Sequence[str]) -> LoadedPolicy:
+    """Return a policy of the user's own, or one that observes a dictionary, with what options say that it observes."""
+    if observation is None and not sensors:
+        return policy
+    parts = parts_maker(observation, sensors, is_dictionary=policy.takes is not None or policy.parts is not None)
+    if parts is None:
+        return policy if observation is None else replace(policy, observation=observation, parts=None)
+    return replace(policy, observation=observation or NOTHING, parts=parts)
+
+
+def observed_by(policy: LoadedPolicy, task: TaskOptions) -> dict[str, Any]:
+    """Return the options of the environment that a policy runs in under the rules of a task."""
+    choices = {"observation": policy.observation, "action": policy.action, **choices_of(task)}
+    return choices if policy.parts is None else {**choices, "observation": policy.parts(), "sensors": ()}
+
+
+def check_named(policy: LoadedPolicy) -> None:
+    """Refuse a policy that observes a dictionary where nobody says of what, before anything runs.
+
+    Raises:
+        InputError: nobody does; the message has its parts.
+    """
+    if policy.takes is not None and policy.parts is None:
+        raise InputError(
+            f"The policy {policy.name} observes a dictionary of {describe_parts(policy.takes)}, and its file does not "
+            f"say what measures them. {ADVICE}"
+        )
 
 
 def check_size(policy: LoadedPolicy, space: spaces.Space[Any]) -> None:
     """Check that a policy takes what an environment lets it observe.
 
     Raises:
-        InputError: it takes another number of values.
+        InputError: it takes another number of values, or other parts.
     """
+    if policy.takes is not None:
+        check_parts(policy.name, policy.takes, space)
     size = spaces.flatdim(space)
     if policy.size not in (None, size):
         raise InputError(
@@ -217,7 +289,8 @@ def check_size(policy: LoadedPolicy, space: spaces.Space[Any]) -> None:
 def own_policy(own: CallablePolicy, name: str) -> LoadedPolicy:
     """Return the user's own code as a policy of some name."""
     sha256 = file_hash(own.path) if own.path else None
-    return LoadedPolicy(own, name, sha256, own.observation, own.action, draws=True)
+    parts: Callable[[], dict[str, Any]] | None = None if own.parts is None else own.parts.copy
+    return LoadedPolicy(own, name, sha256, own.observation, own.action, draws=True, parts=parts)
 
 
 def choice_text(spec: str) -> str:
@@ -245,7 +318,7 @@ def _baseline(spec: str) -> LoadedPolicy:
     return LoadedPolicy(policy, spec, None, "full", "multidiscrete", task, isinstance(policy, RandomPolicy))
 
 
-def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy:
+def _load_file(path: Path, is_trusted: bool) -> FilePolicy:
     suffix = path.suffix.lower()
     if suffix == SUFFIX:
         return MlAgentsPolicy(path)
@@ -265,6 +338,11 @@ def _load_file(path: Path, is_trusted: bool) -> MlAgentsPolicy | NetworkPolicy |
 
 
 def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
+    if inner.takes is not None or inner.parts is not None:
+        raise InputError(
+            f"The shield hands on the values of the presets 'full' and 'paper', and the policy {inner.name} observes a "
+            "dictionary of parts. Leave out shield:."
+        )
     if inner.observation == "original":
         raise InputError(
             f"The policy {inner.name} observes the preset 'original', which has no speed, so the shield cannot foresee "

@@ -63,6 +63,23 @@ def fitting_presets(
     )
 
 
+def fitting_form(action: spaces.Space[Any], name: str, observed: str) -> str:
+    """Return the form of a cave's actions that has the space of a policy that observes a dictionary.
+
+    Raises:
+        InputError: none has; the message shows what was found and what there is.
+    """
+    forms = _forms(CAVE)
+    found = [form for form, space in forms.items() if is_same_space(action, space)]
+    if not found:
+        offers = ", ".join(f"{form} ({describe_space(space)})" for form, space in forms.items())
+        raise InputError(
+            f"The policy {name} observes a {observed} and acts in {describe_space(action)}. The cave task has the "
+            f"actions {offers}. It was trained for another task: train it again in aquanav_tools.envs.CaveEnv."
+        )
+    return found[0]
+
+
 def _forms(task: str) -> dict[str, spaces.Space[Any]]:
     return {form: ActionModel(form, PARTS[task]).space for form in ACTIONS}
 

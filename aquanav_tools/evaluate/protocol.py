@@ -152,7 +152,9 @@ def plan_condition(scenario: AnyScenario, options: ProtocolOptions, condition: C
             f"None of the {len(adapter_of(scenario).path_lengths)} listed starts of {scenario.name} lies in the "
             f"{condition.region} of its route. Leave out that region, or build the scenario with more starts."
         )
-    count = options.episodes or usual_episodes(scenario, task_under(condition, options), len(starts))
+    count = options.episodes or usual_episodes(
+        scenario, task_under(condition, options), len(starts), options.observation
+    )
     return tuple(_mapped(plan_episodes(len(starts), count, options.seed, is_anywhere), starts))
 
 

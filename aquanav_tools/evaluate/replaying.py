@@ -19,7 +19,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
-from aquanav_tools.registry import is_own, refuse_recorded
+from aquanav_tools.registry import NAME_OF_PART, is_own, refuse_recorded
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress
@@ -140,7 +140,9 @@ def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     task = {name: protocol.get(name, usual) for name, usual in choices_of(TaskOptions()).items()}
     for name, value in task.items():
         task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
-    observation = protocol["observation"] if task["sensors"] or is_own(protocol["observation"]) else None
+    named = str(protocol["observation"])  # a preset by itself is what the policy's file says
+    is_named = bool(task["sensors"]) or is_own(named) or NAME_OF_PART in named
+    observation = named if is_named else None
     return ProtocolOptions(
         observation=observation,
         episodes=protocol["episodes"],

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.policies import LoadedPolicy
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_named
 from aquanav_tools.evaluate.protocol import EpisodePlan, plan_episodes
 from aquanav_tools.evaluate.rollout import run_episode
 from aquanav_tools.report.trajectory import Trajectory
@@ -91,6 +91,7 @@ def measure_water_impact(
     Raises:
         InputError: from no start the policy reaches the goal in still water without touching the wall.
     """
+    check_named(policy)
     ideal = _ideal_dive(scenario, policy, seed)
     replays: list[Replay] = []
     for current in currents:
@@ -184,7 +185,7 @@ def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Trajecto
 def _env(scenario: Scenario, policy: LoadedPolicy, current: str, max_decisions: int | None) -> CaveEnv:
     return CaveEnv(
         scenario,
-        observation=policy.observation,
+        observation=policy.observation if policy.parts is None else policy.parts(),
         action=policy.action,
         current=current,
         max_decisions=max_decisions,

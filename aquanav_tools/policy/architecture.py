@@ -8,7 +8,7 @@ the networks of MlpPolicy and MlpLstmPolicy are made of. What it does not tell i
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,8 @@ TRAINING_ONLY = {
 }  # fmt: skip
 """Settings that do not change what trained weights make of a vector of observations."""
 MAX_LAYERS, MAX_WIDTH = 16, 8192
+COMBINED = "<class 'stable_baselines3.common.torch_layers.CombinedExtractor'>"
+"""What lays the parts of a dictionary side by side."""
 NORMALISED = "<class 'aquanav_tools.policy.normaliser.NormalisedObservations'>"
 """The one features extractor that may be rebuilt, as a zip names it: aquanav-train's."""
 
@@ -50,6 +52,8 @@ class Kind:
     is_squashed: bool = False
     """Whether tanh bounds the actions."""
     is_recurrent: bool = False
+    has_parts: bool = False
+    """Whether it observes a dictionary, whose parts are flattened side by side."""
 
 
 _CRITICS = ("critic.", "critic_target.")
@@ -74,6 +78,19 @@ KINDS = {
     ),
 }  # fmt: skip
 """By module and name of the class, with the defaults of version 2.x."""
+KINDS |= {
+    multi: replace(KINDS[flat], has_parts=True)
+    for multi, flat in {
+        "stable_baselines3.common.policies.MultiInputActorCriticPolicy":
+            "stable_baselines3.common.policies.ActorCriticPolicy",
+        "sb3_contrib.common.recurrent.policies.RecurrentMultiInputActorCriticPolicy":
+            "sb3_contrib.common.recurrent.policies.RecurrentActorCriticPolicy",
+        "stable_baselines3.dqn.policies.MultiInputPolicy": "stable_baselines3.dqn.policies.DQNPolicy",
+        "stable_baselines3.sac.policies.MultiInputPolicy": "stable_baselines3.sac.policies.SACPolicy",
+        "stable_baselines3.td3.policies.MultiInputPolicy": "stable_baselines3.td3.policies.TD3Policy",
+    }.items()
+}  # fmt: skip
+"""Those that observe a dictionary name their weights alike."""
 
 
 def read_kind(settings: dict[str, Any], path: Path) -> Kind:
@@ -88,8 +105,8 @@ def read_kind(settings: dict[str, Any], path: Path) -> Kind:
     name = f"{entry.get('__module__')}.{found.group(1)}" if found else "nothing readable"
     if name not in KINDS:
         raise ExoticPolicyError(
-            f"The policy in {path} is of class {name[:200]}. Known are MlpPolicy of PPO, A2C, DQN, SAC and TD3, and "
-            f"MlpLstmPolicy of RecurrentPPO."
+            f"The policy in {path} is of class {name[:200]}. Known are MlpPolicy and MultiInputPolicy of PPO, "
+            "A2C, DQN, SAC and TD3, and MlpLstmPolicy and MultiInputLstmPolicy of RecurrentPPO."
         )
     if settings.get("use_sde"):
         raise ExoticPolicyError(f"The policy in {path} uses state dependent exploration (use_sde).")
@@ -119,6 +136,9 @@ def read_options(entry: Any, kind: Kind, path: Path) -> dict[str, Any]:
         if name in given and not given[name]:
             del given[name]
     normaliser = given.pop("features_extractor_class", None)
+    if kind.has_parts and normaliser in (None, COMBINED):
+        given.pop("features_extractor_kwargs", None)  # of images alone, which are refused by their weights
+        normaliser = None
     plain = f"<class 'torch.nn.modules.activation.{kind.activation}'>"
     options: dict[str, Any] = {"net_arch": list(kind.layers), "activation_fn": plain}
     memory = {"lstm_hidden_size": 256, "n_lstm_layers": 1} if kind.is_recurrent else {}

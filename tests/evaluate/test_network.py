@@ -254,7 +254,7 @@ def test_weights_of_another_network_are_refused(edit_zip: Callable[..., Path]) -
     ("changes", "message"),
     [
         ({"policy_kwargs": {"net_arch": [10**9]}}, "layers"),
-        ({"observation_space": {":type:": "<class 'gymnasium.spaces.dict.Dict'>"}}, "observation space is a Dict"),
+        ({"observation_space": {":type:": "<class 'gymnasium.spaces.graph.Graph'>"}}, "observation space is a Graph"),
         ({"observation_space": {":type:": "<class 'gymnasium.spaces.box.Box'>"}}, "cannot be read"),
         ({"observation_space": None}, "cannot be read"),
     ],
