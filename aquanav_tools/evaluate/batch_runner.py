@@ -23,7 +23,7 @@ from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.factory import AnyScenario, make_batch
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
-from aquanav_tools.evaluate.episode_runner import Runner, Tasks
+from aquanav_tools.evaluate.episode_pool import Runner, Tasks
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions

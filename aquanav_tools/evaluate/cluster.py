@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
-from aquanav_tools.evaluate.episode_runner import KEPT, Runner, Tasks, failed, num_workers, worker_spec
+from aquanav_tools.evaluate.episode_pool import KEPT, Runner, Tasks, failed, num_workers, worker_spec
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Row, Task, file_names, seal_of
 from aquanav_tools.evaluate.journal import TRAJECTORIES
 from aquanav_tools.evaluate.results import versions

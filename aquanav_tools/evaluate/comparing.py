@@ -12,11 +12,10 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.comparison_report import SIGNIFICANT, write_comparison
+from aquanav_tools.evaluate.comparison import SIGNIFICANT, Comparison, Method
+from aquanav_tools.evaluate.comparison_report import write_comparison
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.paired import (
-    PairedRates,
-    RunRates,
     compare_means,
     compare_rates,
     compare_runs,
@@ -25,8 +24,8 @@ from aquanav_tools.evaluate.paired import (
     probability_of_improvement,
 )
 from aquanav_tools.evaluate.results import episodes_of, read_results
-from aquanav_tools.evaluate.statistics import Estimate, stratified_iqm
-from aquanav_tools.evaluate.summary import Summary, summarise
+from aquanav_tools.evaluate.statistics import stratified_iqm
+from aquanav_tools.evaluate.summary import summarise
 from aquanav_tools.report.trajectory import FAILED
 from aquanav_tools.types import Array
 
@@ -35,57 +34,6 @@ PAIRED_MEANS = ("spl", "collisions", "clearance_p5", "time", "energy")
 Key = tuple[str, str, int, int]
 FREE_RULES = {"episodes", "seed", "observation", "action", "grid", "cases", "conditions"}
 """Of a protocol: what may differ between evaluations that are compared. Conditions are compared by their names."""
-
-
-@dataclass(frozen=True, eq=False)
-class Method:
-    """One side of a comparison: a policy, or the training runs of one method."""
-
-    name: str
-    runs: tuple[tuple[EpisodeMetrics, ...], ...]
-    tasks: tuple[str, ...]
-    """Scenario and condition of each column of the scores."""
-    scores: Array
-    """(runs, tasks) rates of collision-free success."""
-    iqm: Estimate | None
-    """Interquartile mean of the scores over training runs; None for a single run."""
-    summary: Summary
-    """Of the episodes of all runs."""
-    tables: tuple[dict[str, Any], ...]
-    """The results.json of each run, without its episodes."""
-
-    @property
-    def reward(self) -> str | None:
-        """The reward that returns are of; None where runs differ in it."""
-        names = {table["protocol"]["reward"] for table in self.tables}
-        return names.pop() if len(names) == 1 else None
-
-
-@dataclass(frozen=True)
-class Comparison:
-    """The first method against another."""
-
-    first: str
-    second: str
-    improvement: float
-    """Probability that a training run of the first scores higher than one of the second, ties half, mean over tasks."""
-    num_pairs: int
-    """Different episodes that both met; the next four need some, and a single run of each."""
-    are_all: bool
-    """Whether no other episodes that differ exist under these rules."""
-    rates: PairedRates | None
-    """Of collision-free success."""
-    num_to_tell: int | None
-    """Episodes that would tell the two apart, were the difference as seen; None where they are told apart, where none
-    was seen, or without pairs."""
-    won: Estimate | None
-    """Share of the episodes in which the first had the higher SPL, ties half."""
-    differences: dict[str, Estimate]
-    """Mean of the first less the second, for some metrics."""
-    runs: RunRates | None
-    """Of collision-free success by training run; needs two or more of each method."""
-    notes: tuple[str, ...]
-    """What the reader must know: rules that differ, policies that failed by themselves."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import comb
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from aquanav_tools import __version__
+from aquanav_tools.evaluate.comparison import SIGNIFICANT, Comparison, Method
 from aquanav_tools.evaluate.options import MAX_EPISODES
 from aquanav_tools.evaluate.paired import PairedRates
 from aquanav_tools.evaluate.reporting import MEAN_ROWS, mean_row
@@ -15,11 +15,6 @@ from aquanav_tools.evaluate.statistics import Estimate
 from aquanav_tools.evaluate.summary_text import bound, estimate_text, fraction_text, percent
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.plots import plot_outcomes
-
-if TYPE_CHECKING:
-    from aquanav_tools.evaluate.comparing import Comparison, Method
-
-SIGNIFICANT = 0.05
 
 
 def write_comparison(methods: Sequence[Method], comparisons: Sequence[Comparison], folder: Path) -> Path:

@@ -6,25 +6,15 @@ episodes end. One whose process ends is run once more; where that ends too, the 
 
 from __future__ import annotations
 
-import dataclasses
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 
-from aquanav_tools.evaluate.episode_worker import EpisodeWorker, EvaluationSpec, Plan, Row, Task, make_worker
-from aquanav_tools.evaluate.rollout import CallTimeout
+from aquanav_tools.evaluate.episode_pool import Runner, num_workers, rows_of, worker_spec
+from aquanav_tools.evaluate.episode_worker import EpisodeWorker, EvaluationSpec, Plan
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
-from aquanav_tools.workers.worker import WorkerSpec
-
-EPISODES_PER_WORKER = 10
-"""A process takes about as long to start as 20 short episodes, and works beside the others meanwhile."""
-KEPT = "What was run is kept: go on with --resume."
-Tasks = Iterator[Task | None]
-"""None stands for an episode that depends on those that run."""
-Runner = Callable[[Tasks], Iterator[Row]]
-"""Yields the journal's rows of tasks as they end, when all that belongs to them is on disk. May be called again."""
 
 
 @contextmanager
@@ -58,35 +48,3 @@ def open_runner(spec: EvaluationSpec, plan: Plan, count: int) -> Iterator[Runner
     else:
         with closing(EpisodeWorker(spec, plan)) as worker:
             yield lambda tasks: (worker.run(task) for task in tasks if task is not None)
-
-
-def num_workers(wanted: int | None, num_episodes: int, num_cores: int) -> int:
-    """Return how many processes run so many episodes on so many cores."""
-    if wanted is None:
-        return min(num_cores, -(-num_episodes // EPISODES_PER_WORKER))
-    return min(wanted, num_episodes)
-
-
-def worker_spec(spec: EvaluationSpec) -> WorkerSpec:
-    """Return what the processes of an evaluation are; their calls are a policy's, which may hang."""
-    limit = spec.options.action_time_limit
-    return WorkerSpec(
-        make=partial(make_worker, spec),
-        name="episode worker",
-        activity="episodes ran",
-        advice=KEPT,
-        clock_limit=limit,
-        late=CallTimeout(limit).reason,
-    )
-
-
-def rows_of(pool: WorkerPool, tasks: Tasks) -> Iterator[Row]:
-    """Yield the rows of tasks that a pool's workers carry out."""
-    for _, row in pool.results(tasks, "run", failed):
-        if row:
-            yield row
-
-
-def failed(task: Task, reason: str) -> Task:
-    """Return what is carried out in place of a task that brought its process down: its failure."""
-    return dataclasses.replace(task, reason=task.reason or reason)

@@ -12,7 +12,8 @@ from pathlib import Path
 
 from aquanav_tools.envs.factory import AnyScenario, say_left_out
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.episode_runner import Runner, open_runner
+from aquanav_tools.evaluate.episode_pool import Runner
+from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX, EvaluationSpec, Plan, RecordRule, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results, worst_first

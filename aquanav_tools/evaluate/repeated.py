@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from aquanav_tools.envs.factory import AnyScenario
-from aquanav_tools.evaluate.episode_runner import Runner, open_runner
+from aquanav_tools.evaluate.episode_pool import Runner
+from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
