@@ -15,7 +15,7 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, Grid
+from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.types import Array
 
@@ -95,7 +95,7 @@ def sloping_room(grid: Grid, position: wp.vec3d):
     fx, fy, fz = x - f64(i), y - f64(j), z - f64(k)
     one = f64(1.0)
     brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
     m = n + PLANE
     a, b = f64(grid.samples[n]), f64(grid.samples[n + 1])
     c, d = f64(grid.samples[n + ROW]), f64(grid.samples[n + ROW + 1])
