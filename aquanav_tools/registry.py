@@ -76,7 +76,7 @@ def import_own(spec: str, kind: str) -> Any:
             failed.
     """
     module_name, name = spec.split(":")
-    module = _import(module_name)
+    module = import_module(module_name)
     if not hasattr(module, name):
         raise InputError(f"The module {module_name} has no {name}.{did_you_mean(name, _callables(module))}")
     found = getattr(module, name)
@@ -87,6 +87,11 @@ def module_file(spec: str) -> Path | None:
     """Return the file of the module in module:Name, which has been imported; None where it has none."""
     path = getattr(sys.modules[spec.split(":")[0]], "__file__", None)
     return Path(path) if path else None
+
+
+def is_library(path: str) -> bool:
+    """Return whether a file holds code that is not the user's own."""
+    return path.startswith(("<", *_LIBRARIES))
 
 
 def refuse_recorded(names: Iterable[object], where: str, advice: str) -> None:
@@ -110,15 +115,16 @@ def refuse_recorded(names: Iterable[object], where: str, advice: str) -> None:
 def error_text(error: BaseException) -> str:
     """Return an error in a line, with the last line of the user's own code on the way to it: " (own.py, line 7)"."""
     text = _ADDRESS.sub("", f"{type(error).__name__}: {error}").strip()[:_MAX_ERROR]
-    frames = [
-        frame
-        for frame in traceback.extract_tb(error.__traceback__)
-        if not frame.filename.startswith(("<", *_LIBRARIES))
-    ]
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if not is_library(frame.filename)]
     return text + (f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else "")
 
 
-def _import(name: str) -> Any:
+def import_module(name: str) -> Any:
+    """Return a module of the user's own, the working directory first.
+
+    Raises:
+        InputError: it cannot be imported.
+    """
     if "" not in sys.path and str(Path.cwd()) not in sys.path:
         sys.path.insert(0, str(Path.cwd()))  # a command's own path begins with its folder instead
     try:

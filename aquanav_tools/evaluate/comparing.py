@@ -189,6 +189,10 @@ def _notes(first: Method, second: Method) -> Iterator[str]:
         one, two = (table.get(name) for table in rules)
         if one != two:
             yield f"They were run under different rules: {name} {one} for {first.name}, {two} for {second.name}."
+    files = [method.tables[0].get("own_files", {}) for method in (first, second)]
+    for name in sorted(files[0].keys() & files[1].keys()):
+        if files[0][name] != files[1][name]:
+            yield f"{name} was changed between the evaluations."
     hashes = [
         {item["name"]: item["content_hash"] for item in method.tables[0]["scenarios"]} for method in (first, second)
     ]

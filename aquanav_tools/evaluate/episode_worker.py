@@ -14,6 +14,7 @@ from aquanav_tools.evaluate.episode_counts import possible_episodes
 from aquanav_tools.evaluate.journal import journal_row, trajectory_name, write_trajectory
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
+from aquanav_tools.evaluate.own_files import OwnFiles, own_files, seals
 from aquanav_tools.evaluate.policies import LoadedPolicy, check_named
 from aquanav_tools.evaluate.protocol import (
     Condition,
@@ -65,6 +66,8 @@ class Plan:
     """All episodes in their order: by scenario, then by condition."""
     num_possible: int | None
     """Episodes that differ which there are in these scenarios under these conditions; None for no end of them."""
+    own_files: OwnFiles
+    """What of the user's own the options name, beside the policy."""
 
 
 @dataclass(frozen=True)
@@ -109,11 +112,14 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     if options.cases:
         episodes = [case_spec(scenario, case) for scenario in scenarios for case in options.cases]
         conditions = tuple({episode.condition.name: episode.condition for episode in episodes}.values())
-    plan = Plan(
-        policy, scenarios, conditions, numbered(episodes), _num_possible(policy, scenarios, conditions, options)
-    )
+    possible = _num_possible(policy, scenarios, conditions, options)
+    plan = Plan(policy, scenarios, conditions, numbered(episodes), possible, _own_files(options))
     _check_seal(plan, spec.seal)
     return plan
+
+
+def _own_files(options: EvaluateOptions) -> OwnFiles:
+    return own_files(options, options.observation, options.grid.randomisation)
 
 
 def _num_possible(
@@ -164,11 +170,11 @@ def _check_dynamics(
 
 
 def seal_of(plan: Plan) -> dict[str, str | None]:
-    """Return the hashes of the policy, of the scenarios and of vehicles in place of theirs, by their names."""
+    """Return the hashes of policy, scenarios, vehicles in place of theirs, and the user's own code, by their names."""
     scenarios: dict[str, str | None] = {f"scenario {item.name}": item.content_hash for item in plan.scenarios}
     others = [item.other_vehicle for item in plan.scenarios if item.other_vehicle is not None]
     vehicles = {f"vehicle {other.name}": other.sha256 for other in others}
-    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios | vehicles
+    return {f"policy {plan.policy.name}": plan.policy.sha256} | scenarios | vehicles | seals(plan.own_files)
 
 
 def _check_seal(plan: Plan, seal: dict[str, str | None] | None) -> None:

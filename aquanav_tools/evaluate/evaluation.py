@@ -103,7 +103,7 @@ def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progre
     summary = summarise(episodes)
     groups = group(episodes)
     if options.cases:
-        write_cases(options.cases, options, options.max_decisions, output / CASES)
+        write_cases(options.cases, options, options.max_decisions, options.observation, output / CASES)
     report = write_report(plan.scenarios, journal, (summary, groups), provenance, recordings, output)
     write_episodes(episodes, output / EPISODES)
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
@@ -192,6 +192,7 @@ def _provenance(plan: Plan, spec: EvaluationSpec) -> Provenance:
     options, policy = spec.options, plan.policy
     return Provenance(
         possible_episodes=plan.num_possible,
+        own_files=plan.own_files,
         policy={"name": policy.name, "sha256": policy.sha256, "path": spec.policy, "is_trusted": options.trust},
         scenarios=[
             scenario_row(scenario, str(folder))

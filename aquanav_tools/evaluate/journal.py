@@ -183,12 +183,23 @@ def _whole_lines(path: Path) -> Iterator[bytes]:
 
 
 def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
-    different = sorted(key for key in {*found, *wanted} if found.get(key) != wanted.get(key))
+    different = [_told(key, found.get(key), wanted.get(key)) for key in sorted({*found, *wanted})]
+    different = [told for told in different if told]
     if different:
         raise InputError(
             f"The episodes in {folder} are of another evaluation: {', '.join(different)} differ. Go on with the "
             "options it was begun with, or leave out --resume to begin anew."
         )
+
+
+def _told(key: str, found: Any, wanted: Any) -> str:
+    """Return the name of a value that differs, of a table with what differs in it; empty where it does not."""
+    if found == wanted:
+        return ""
+    if not isinstance(found, dict) or not isinstance(wanted, dict):
+        return key
+    parts = sorted(part for part in {*found, *wanted} if found.get(part) != wanted.get(part))
+    return f"{key} ({', '.join(parts)})"
 
 
 def _line(table: dict[str, Any]) -> bytes:

@@ -183,6 +183,10 @@ class StressOptions(TaskOptions):
     """Cases to save."""
     max_decisions: int | None = None
     """Episode limit; without it, the scenario's."""
+    observation: str | None = None
+    """What the policy observes, as aquanav-eval takes it."""
+    vehicle: str | None = None
+    """Vehicle that dives instead of the scenario's; see aquanav-eval --help."""
     trust: bool = False
     """Let the policy's file run code; see aquanav-eval --help."""
     resume: bool = False

@@ -113,14 +113,18 @@ def plan_case(scenario: AnyScenario, case: Case) -> EpisodePlan:
     return EpisodePlan(case.seed, case.start)
 
 
-def write_cases(cases: Sequence[Case], task: TaskOptions, max_decisions: int | None, path: Path) -> None:
-    """Write a protocol file of cases; options of the task that are as usual are left out."""
+def write_cases(
+    cases: Sequence[Case], task: TaskOptions, max_decisions: int | None, observation: str | None, path: Path
+) -> None:
+    """Write a protocol file of cases; options that are as usual are left out."""
     import tomli_w
 
     usual = choices_of(TaskOptions())
     table = {key: value for key, value in choices_of(task).items() if value != usual[key]}
     if max_decisions is not None:
         table["max_decisions"] = max_decisions
+    if observation is not None:
+        table["observation"] = observation
     table["cases"] = [dataclasses.asdict(case) for case in cases]
     path.write_text(tomli_w.dumps(table), encoding="utf-8")
 

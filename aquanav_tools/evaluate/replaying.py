@@ -14,12 +14,14 @@ from aquanav_tools.envs.starting import NOWHERE_LISTED
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.observed import named_observation
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
+from aquanav_tools.evaluate.own_files import check_own_files, own_files
 from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
-from aquanav_tools.registry import NAME_OF_PART, is_own, refuse_recorded
+from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress
@@ -54,8 +56,8 @@ def replay(
         load: Loads the policy by its name; None takes `load_policy`.
 
     Raises:
-        InputError: no such results or episode, the policy or the scenario is missing or another one, or no film of
-            that name or view can be made.
+        InputError: no such results or episode, the policy, the scenario or code of the user's own is missing or another
+            one, or no film of that name or view can be made.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
     if options.film is not None:  # before the episode, which takes long
@@ -67,6 +69,9 @@ def replay(
     rules = _rules(table["protocol"])
     if not options.trust:
         refuse_recorded([*named_code(choices_of(rules)), rules.observation], str(path), "If you trust it, add --trust.")
+    if "own_files" in table:  # not before format 5
+        ranges = table["protocol"]["grid"].get("randomisation", ())
+        check_own_files(table["own_files"], own_files(rules, rules.observation, ranges))
     policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
@@ -140,11 +145,8 @@ def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     task = {name: protocol.get(name, usual) for name, usual in choices_of(TaskOptions()).items()}
     for name, value in task.items():
         task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
-    named = str(protocol["observation"])  # a preset by itself is what the policy's file says
-    is_named = bool(task["sensors"]) or is_own(named) or NAME_OF_PART in named
-    observation = named if is_named else None
     return ProtocolOptions(
-        observation=observation,
+        observation=named_observation(protocol["observation"], task["sensors"]),
         episodes=protocol["episodes"],
         seed=protocol["seed"],
         max_decisions=protocol["max_decisions"],

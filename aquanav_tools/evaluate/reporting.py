@@ -18,6 +18,7 @@ from aquanav_tools.evaluate.episode_worker import FILM_SUFFIX
 from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
+from aquanav_tools.evaluate.observed import named_observation
 from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
@@ -353,6 +354,8 @@ def _repeat_table(provenance: Provenance, journal: Journal) -> Table:
         rows.append((f"scenario {scenario['name']}, content hash", scenario["content_hash"]))
         if "vehicle" in scenario:
             rows.append((f"vehicle in {scenario['name']}", vehicle_text(scenario["vehicle"])))
+    for name, parts in provenance.own_files.items():
+        rows += [(f"{name}, SHA-256 of {part}", sha256) for part, sha256 in parts.items()]
     rows += [(name, str(value)) for name, value in protocol.items() if name not in ("conditions", "grid", "cases")]
     rows += [("condition", f"{item['name']}: {item['changes']}") for item in protocol["conditions"] if item["changes"]]
     rows.append(("episodes run", str(len(journal))))
@@ -367,7 +370,10 @@ def repeat_command(provenance: Provenance) -> str:
     others = [scenario["vehicle"]["path"] for scenario in provenance.scenarios if "vehicle" in scenario]
     words += ["--vehicle", others[0]] if others else []
     if "cases" in protocol:
-        return shlex.join(map(str, [*words, "--protocol", "cases.toml"]))
+        trust = ["--trust"] if provenance.policy["is_trusted"] or provenance.own_files else []
+        return shlex.join(map(str, [*words, "--protocol", "cases.toml", *trust]))
+    observation = named_observation(protocol["observation"], protocol["sensors"])
+    words += ["--observation", observation] if observation else []
     words += ["--episodes", protocol["episodes"]] if protocol["episodes"] else []
     words += ["--seed", protocol["seed"]]
     words += task_words({name: protocol[name] for name in ("max_decisions", *choices_of(TaskOptions()))})

@@ -21,6 +21,7 @@ from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_table import DYNAMICS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
+from aquanav_tools.evaluate.own_files import OwnFiles
 from aquanav_tools.evaluate.summary import Group, Summary
 from aquanav_tools.text_files import read_json
 
@@ -43,6 +44,8 @@ class Provenance:
     """What `scenario_row` returns of each."""
     protocol: dict[str, Any]
     """Resolved options that change the numbers."""
+    own_files: OwnFiles
+    """Code and ranges of the user's own that the protocol names, with the SHA-256 of their modules and files."""
     possible_episodes: int | None
     """That differ, in these scenarios under these conditions; None for no end of them."""
 
@@ -51,7 +54,8 @@ class Provenance:
         kept = ("name", "content_hash", "vehicle")
         hashes = [{key: scenario[key] for key in kept if key in scenario} for scenario in self.scenarios]
         policy = {key: self.policy[key] for key in ("name", "sha256")}
-        return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, "versions": versions}
+        files = {"own_files": self.own_files}
+        return {"format": FORMAT, "policy": policy, "scenarios": hashes, **self.protocol, **files, "versions": versions}
 
 
 def scenario_row(scenario: AnyScenario, path: str) -> dict[str, Any]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable, Iterator
-from functools import partial
 from typing import Any
 
 from aquanav_tools.envs.factory import cave_of
@@ -14,7 +13,7 @@ from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
 from aquanav_tools.evaluate.journal import Journal, clear_journal, held_results
 from aquanav_tools.evaluate.options import EvaluateOptions, StressOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
+from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
 from aquanav_tools.evaluate.protocol import write_cases
 from aquanav_tools.evaluate.results import versions
 from aquanav_tools.evaluate.search import GENERATION, CaseSpace, Search, danger, load_cmaes, random_points
@@ -33,7 +32,7 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
         options: What to search and how long.
         progress: Told how many episodes are done.
         load: Loads the policy by its name; a function of a module, as other processes call it too. Without one that is
-            `load_policy`.
+            `load_policy`, told what is observed.
 
     Raises:
         InputError: the policy cannot be used, another process writes to the folder, or the episodes in it
@@ -42,8 +41,9 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
         ResourceError: the optimiser is not installed, or processes do not start.
     """
     load_cmaes()
-    load = load or partial(load_policy, is_trusted=options.trust)
-    spec = EvaluationSpec(_run_options(options), options.policy, options.output, load)
+    run_options = _run_options(options)
+    load = load or policy_loader(run_options, is_trusted=options.trust)
+    spec = EvaluationSpec(run_options, options.policy, options.output, load)
     plan = make_plan(spec)
     with held_results(options.output):
         return _search(spec, plan, options, progress)
@@ -61,8 +61,9 @@ def _search(spec: EvaluationSpec, plan: Plan, options: StressOptions, progress: 
             progress(len(journal), 2 * options.budget)
     drawn, searched = campaign.trials(range(options.budget)), campaign.trials(range(options.budget, 2 * options.budget))
     worst = _worst((*drawn, *searched), options.worst)
-    write_cases([trial.case for trial in worst], options, options.max_decisions, options.output / WORST)
-    found = Stress(plan.policy.name, scenario, drawn, searched, worst, options.output / "report.html")
+    cases = [trial.case for trial in worst]
+    write_cases(cases, options, options.max_decisions, options.observation, options.output / WORST)
+    found = Stress(plan.policy.name, scenario, plan.own_files, drawn, searched, worst, options.output / "report.html")
     (options.output / TABLE).write_text(json.dumps(_table(found, options), indent=2) + "\n", encoding="utf-8")
     write_stress_report(found, options)
     return found
@@ -125,6 +126,8 @@ def _run_options(options: StressOptions) -> EvaluateOptions:
         output=options.output,
         episodes=1,
         max_decisions=options.max_decisions,
+        observation=options.observation,
+        vehicle=options.vehicle,
         workers=options.workers,
         action_time_limit=options.action_time_limit,
         **choices_of(options),
@@ -140,6 +143,8 @@ def _open_journal(options: StressOptions, plan: Plan) -> Journal:
         "search": searched,
         "policy": {"name": policy.name, "sha256": policy.sha256},
         "scenario": scenario.content_hash,
+        "vehicle_sha256": None if scenario.other_vehicle is None else scenario.other_vehicle.sha256,
+        "own_files": plan.own_files,
         "versions": {**versions(), "cmaes": load_cmaes().__version__},
     }
     try:
@@ -178,6 +183,8 @@ def _table(found: Stress, options: StressOptions) -> dict[str, Any]:
         "policy": found.policy,
         "scenario": found.scenario.name,
         "scenario_hash": found.scenario.content_hash,
+        "vehicle": None if found.scenario.other_vehicle is None else dataclasses.asdict(found.scenario.other_vehicle),
+        "own_files": found.own_files,
         "budget": options.budget,
         "seed": options.seed,
         "random": rows(found.drawn),

@@ -13,6 +13,7 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
+from aquanav_tools.evaluate.own_files import OwnFiles
 from aquanav_tools.evaluate.reporting import task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.evaluate.summary_text import fraction_text, metres, percent
@@ -53,6 +54,8 @@ class Stress:
 
     policy: str
     scenario: Scenario
+    own_files: OwnFiles
+    """Code and ranges of the user's own, with the SHA-256 of their files."""
     drawn: tuple[Trial, ...]
     """At random."""
     searched: tuple[Trial, ...]
@@ -232,14 +235,20 @@ def _worst_table(found: Stress) -> Table:
 
 def _repeat_table(found: Stress, options: StressOptions) -> Table:
     trust = ["--trust"] if options.trust else []
-    again = ["aquanav-eval", options.policy, "--scenario", options.scenario, "--protocol", "worst.toml", *trust]
-    search: list[Any] = ["aquanav-eval", "stress", options.policy, "--scenario", options.scenario, *trust]
+    where = ["--scenario", options.scenario, *(["--vehicle", options.vehicle] if options.vehicle else [])]
+    # A protocol's code runs with --trust only, whoever wrote the protocol.
+    names_code = ["--trust"] if found.own_files and not trust else trust
+    again = ["aquanav-eval", options.policy, *where, "--protocol", "worst.toml", *names_code]
+    search: list[Any] = ["aquanav-eval", "stress", options.policy, *where, *trust]
+    search += ["--observation", options.observation] if options.observation else []
     for name in ("budget", "seed", "max_noise", "max_current", "seeds"):
         search += ["--" + name.replace("_", "-"), getattr(options, name)]
     search += task_words({"max_decisions": options.max_decisions, **choices_of(options)})
-    rows = (
+    rows = [
         ("run the worst cases again", shlex.join(map(str, again))),
         ("search again", shlex.join(map(str, search))),
         ("scenario, content hash", found.scenario.content_hash),
-    )
-    return Table("To repeat it", ("", ""), rows)
+    ]
+    for name, parts in found.own_files.items():
+        rows += [(f"{name}, SHA-256 of {part}", sha256) for part, sha256 in parts.items()]
+    return Table("To repeat it", ("", ""), tuple(rows))

@@ -142,7 +142,7 @@ def test_every_number_that_is_no_factor_has_a_unit() -> None:
 def test_results_of_format_4_are_read(folder: Path, tmp_path: Path) -> None:
     table = run(folder, tmp_path)
     old = {**table, "format": 4}
-    del old["protocol"]["grid"]["randomisation"]
+    del old["own_files"], old["protocol"]["grid"]["randomisation"]
     (tmp_path / "results.json").write_text(json.dumps(old))
     assert [one.dynamics for one in episodes_of(read_results(tmp_path / "results.json"))] == [{}] * EPISODES
     assert replay(ReplayOptions(tmp_path, 1)).episode.digest == table["episodes"][1]["digest"]

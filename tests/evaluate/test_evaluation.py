@@ -150,7 +150,7 @@ def test_episodes_of_another_evaluation_are_not_gone_on_with(finished: tuple[Pat
     output = finished[0]
     result = aquanav_eval("baseline:random", "--scenario", folder, "--episodes", 4, "-o", output, "--resume")
     assert result.returncode == 2
-    assert "policy, seed differ" in result.stderr
+    assert "policy (name), seed differ" in result.stderr
 
 
 def test_replay_repeats_to_the_bit_and_records(finished: tuple[Path, str], tmp_path: Path) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -44,4 +46,32 @@ def test_a_policy_learns_from_a_dictionary(tmp_path: Path) -> None:
     losses = [float(loss) for loss in re.findall(r"loss (-?[\d.]+)", printed)]
     assert len(losses) == 10
     assert np.isfinite(losses).all()
-    assert (tmp_path / "policy.zip").is_file()
+    shutil.copy(REPOSITORY / "examples" / "dict_observation.py", tmp_path)
+    words = ["--scenario", "tube", "--observation", "dict_observation:observation", "--episodes", "2", "-o", "out"]
+    code = "from aquanav_tools.cli.evaluate import main; main()"
+    command = [sys.executable, "-c", code, "policy.zip", *words, "--max-decisions", "20"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    episodes = json.loads((tmp_path / "out" / "results.json").read_text())["episodes"]
+    assert [one["reason"] for one in episodes] == ["", ""]
+
+
+def test_scaled_observations_lead_to_the_same_as_readings_when_the_scales_are_in_the_network(
+    rng: np.random.Generator,
+) -> None:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    from examples import dict_observation
+    from tests.evaluate.test_dict_policies import SPACE, StillParts, drawn
+
+    env = VecNormalize(DummyVecEnv([lambda: StillParts("continuous")]))
+    for name, statistics in env.obs_rms.items():
+        statistics.mean = rng.normal(size=SPACE[name].shape)
+        statistics.var = rng.uniform(0.1, 9.0, SPACE[name].shape)
+    model = PPO("MultiInputPolicy", env, n_steps=2, batch_size=2, device="cpu", seed=0)
+    seen = drawn(rng, 50)
+    expected = model.predict(env.normalize_obs(seen), deterministic=True)[0]
+    dict_observation.fold(model.policy, env)
+    # Rounding of float32 in a first layer of 25 values of size 10, behind which tanh and weights do not enlarge it.
+    np.testing.assert_allclose(model.predict(seen, deterministic=True)[0], expected, atol=2e-5)

@@ -175,7 +175,7 @@ def _write_results(path: Path) -> None:
     }
     protocol |= {**choices_of(TaskOptions()), "max_decisions": None, "grid": dataclasses.asdict(Grid())}
     protocol["conditions"] = [{"name": "as given", "changes": {}, "region": None}]
-    provenance = Provenance(policy, scenarios, protocol, possible_episodes=None)
+    provenance = Provenance(policy, scenarios, protocol, own_files={}, possible_episodes=None)
     table = results_table(provenance, summarise(episodes), group(episodes))
     write_results(table, episodes, path)
 
