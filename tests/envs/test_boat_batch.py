@@ -99,7 +99,7 @@ def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.r
                 assert np.array_equal(many[n : n + 1], one)
             for key, values in own[4].items():
                 assert np.array_equal(rows[4][key][n : n + 1], values), key
-            for name in ("rays", "tags", "orientations", "currents", "ways"):
+            for name in ("rays", "tags", "orientations", "currents", "path_lengths"):
                 assert np.array_equal(together.batch.copy_of(name)[n : n + 1], env.batch.copy_of(name)), name
     assert (touched > 0) == (place == "a rock ahead")
     for env in (together, *alone):
