@@ -37,7 +37,7 @@ def test_every_command_of_the_page_does_what_it_says(working_directory: Path) ->
         command, *words = shlex.split(line)
         done = run_here(MAINS[command], *words, *TINY[command].split())
         assert done.returncode == 0, done.stderr
-    assert len(shown) == 5
+    assert len(shown) == 6
     protocol = read_results(Path("out/score/results.json"))["protocol"]
     assert (protocol["reward"], protocol["sensors"]) == ("smooth:Smooth", ["compass:Compass"])
     assert read_results(Path("out/eval/results.json"))["protocol"]["observation"] == "others:Nearest"

@@ -43,6 +43,8 @@ class Bays:
         self._is_anywhere = rule == "anywhere"
         self.fixed = _fixed_bay(bay, usual)
         """The bay of all episodes; None where each has another."""
+        self.kind: SeaMap | MapSettings = self._settings if self.fixed is None else self.fixed
+        """The same, or what bays are drawn by."""
 
     def choose(self, rng: np.random.Generator, options: dict[str, Any]) -> tuple[SeaMap, Berth, ShortestPath, int]:
         """Return a bay, the berth in it, the shortest way from there, and the berth's number, NOWHERE_LISTED if drawn.

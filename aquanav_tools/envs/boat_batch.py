@@ -4,27 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from gymnasium import spaces
 
 from aquanav_tools.envs.action import AFLOAT, ActionModel
-from aquanav_tools.envs.batch import Floats
-from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.starting import CONDITIONS
-from aquanav_tools.envs.surface_task import Bay, SurfaceTask, split_options
+from aquanav_tools.envs.batch import Floats, copied
+from aquanav_tools.envs.batch_view import BatchView
+from aquanav_tools.envs.dict_observation import parts_of
+from aquanav_tools.envs.extensions import Extensions
+from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS
+from aquanav_tools.envs.surface_observation import surface_space
+from aquanav_tools.envs.surface_task import Bay, SurfaceTask, refuse_in_bays, split_options
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
+from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.task import task_options
 from aquanav_tools.types import Array
 
 
 class BoatBatch:
-    """N boats at the task of `SurfaceEnv`, with the same options and definitions: a `Batch`.
+    """N boats, with the options and definitions of `SurfaceEnv`: a `Batch`.
 
-    A boat given a seed of its own has the very episode that `SurfaceEnv` has of it: bay, sea and gusts are drawn in the
-    same order from the same generator, on the host when the episode begins. Its later episodes are drawn from that seed
-    and their number.
+    A boat given a seed of its own has the very episode that `SurfaceEnv` has of it, as that is a batch of one: bay, sea
+    and gusts are drawn on the host when the episode begins. The seed of its next episode follows from it, as in caves.
     """
 
     def __init__(
@@ -54,21 +59,31 @@ class BoatBatch:
             InputError: an option is unknown or senseless, or there is no such device.
         """
         choices, task = split_options(options)
-        self._task = SurfaceTask(bay, choices, task_options(task))
-        self.world = self._task.make_world(
-            num, self._draw, "next_step" if next_step else "same_step", device, num_threads
-        )
-        self.num, self.decision_seconds = num, self._task.numbers.dt * self._task.numbers.substeps
-        self.ray_lengths = self._task.pattern.lengths
-        self.observation_space = self._task.observation_space
+        self.task = task_options(task)
+        refuse_in_bays(self.task, choices.observation)
+        self._parts = parts_of(choices.observation, self.task.observation_delay)
+        self._own = Extensions(self.task, str(getattr(self._parts, "preset", choices.observation)), self._parts)
+        self.definition = SurfaceTask(bay, choices, self.task, self._own)
+        self.world = self.definition.make_world(num, self._draw, next_step, device, num_threads)
+        self.num, self.decision_seconds = num, self.definition.numbers.dt * self.definition.numbers.substeps
+        self.ray_lengths = self.definition.pattern.lengths
         self.parts: tuple[str, ...] = AFLOAT
         self._actions = ActionModel(action, AFLOAT)
         self.action_space = self._actions.space
         self._arrays: dict[str, npt.NDArray[Any]] = {
-            name: np.zeros(num, dtype=np.int64) for name in ("seeds", "episodes", "asked", "start_indices")
+            name: np.zeros(num, dtype=np.int64) for name in ("episodes", "asked", "start_indices")
         }
         self._arrays["path_lengths"] = np.zeros(num)
         self._arrays |= {name: np.zeros((num, 2) if name == "current_range" else num) for name in CONDITIONS}
+        self.observation_space = self._prepare_observations()
+
+    def _prepare_observations(self) -> spaces.Space[Any]:
+        """Return the space of what is observed, having made room for what the user's own code gives."""
+        seconds = self.decision_seconds
+        view = partial(BatchView, num=self.num, ray_lengths=self.ray_lengths, decision_seconds=seconds)
+        preset, pairs = surface_space(self._own.observation), [(self.definition.bays.kind, self.definition.boat)]
+        space = self._own.prepare(view, self.world, preset, pairs, None)
+        return space if self._parts is None else self._parts.prepare(self.world, preset, pairs, None, self._own)
 
     @property
     def dynamics(self) -> dict[str, Array]:
@@ -78,12 +93,12 @@ class BoatBatch:
     @property
     def term_names(self) -> tuple[str, ...]:
         """Of the columns of "terms"."""
-        return TERMS
+        return self._own.term_names
 
     @property
     def failures(self) -> dict[int, str]:
-        """None: boats have no code of the user's own."""
-        return {}
+        """Why code of the user's own failed in the last reset or step, by vehicle."""
+        return self._own.failures
 
     @property
     def route_lengths(self) -> Array:
@@ -105,15 +120,19 @@ class BoatBatch:
     ) -> None:
         """Begin all episodes, each from a seed of its own: see `Batch`."""
         arrays = self._arrays
-        arrays["seeds"][:], arrays["episodes"][:] = seeds, 0
+        self.world.write("seeds", np.array([seed % NUM_SEEDS for seed in seeds], dtype=np.uint32).view(np.int32))
+        arrays["episodes"][:] = 0
         arrays["asked"][:] = [-1 if start is None else start for start in starts or [None] * self.num]
         for name in CONDITIONS:
-            arrays[name][:] = (conditions or {}).get(name, getattr(self._task.options, name))
+            arrays[name][:] = (conditions or {}).get(name, getattr(self.task, name))
         self.world.reset()
+        self._own.begin()
+        if self._parts is not None:
+            self._parts.begin()
 
     def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
-        most = self._task.numbers.max_decisions
+        most = self.definition.numbers.max_decisions
         self.world.randomise_time_limits(np.random.default_rng(seed).integers(most, size=self.num))
 
     def command(self, actions: Any) -> None:
@@ -130,27 +149,46 @@ class BoatBatch:
 
     def step(self) -> None:
         """Carry out a decision of every boat; where the last one ended an episode, begin the next instead."""
-        self.world.step()
+        self._own.before()
+        self.world.step(self._judge)
+        self._own.after()
+        if self._parts is not None:
+            self._parts.follow()
+
+    def _judge(self) -> None:
+        """Look at what the decision led to, before the successors of ended episodes begin."""
+        self._own.judge()
+        if self._parts is not None:
+            self._parts.judge()
 
     def view_of(self, name: str) -> Any:
-        """Return an array of a `Batch`, which later steps change."""
-        return self._arrays[name] if name in self._arrays else self.world.view_of(name)
+        """Return an array of a `Batch`, which later steps change; of a `Dict`, one for each part."""
+        if self._parts is not None and name in ("observations", "final_observations"):
+            return getattr(self._parts, name)
+        arrays = self._arrays if name in self._arrays else self._own.arrays
+        return arrays[name] if name in arrays else self.world.as_numpy(name)
 
     def copy_of(self, name: str) -> Any:
-        """Return a copy of an array that later steps leave alone."""
-        return np.array(self.view_of(name))
+        """Return a copy of what `view_of` returns that later steps leave alone."""
+        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all that the future depends on; bays and seas come again from their seeds."""
-        return {name: values.copy() for name, values in self._arrays.items()} | self.world.state()
+        own = self._own.state() | ({} if self._parts is None else self._parts.state())
+        return {name: values.copy() for name, values in self._arrays.items()} | self.world.state() | own
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken."""
-        for name in ("seeds", "episodes", "asked", *CONDITIONS):
+        for name in ("asked", *CONDITIONS):
             self._arrays[name][:] = state[name]
-        self._arrays["episodes"] -= 1  # they have begun
+        self.world.write("seeds", state["seeds"])
+        self._arrays["episodes"][:] = 0  # so that they begin again with these seeds
         self.world.reset()
-        self.world.restore({name: values for name, values in state.items() if name not in self._arrays})
+        self._arrays["episodes"][:] = state["episodes"]
+        self.world.restore(state)
+        self._own.restore(state)
+        if self._parts is not None:
+            self._parts.restore(state)
 
     def close(self) -> None:
         """End the threads."""
@@ -158,15 +196,14 @@ class BoatBatch:
 
     def _draw(self, i: int) -> BoatEpisode:
         """Return the next episode of a boat."""
-        arrays = self._arrays
-        episode, seed = int(arrays["episodes"][i]), int(arrays["seeds"][i])
-        rng = np.random.default_rng([seed, episode] if episode else seed)
+        arrays, seeds = self._arrays, self.world.as_numpy("seeds")[i : i + 1].view(np.uint32)
+        if arrays["episodes"][i] > 0:
+            seeds, arrays["asked"][i] = draw_many(seeds, NEXT), -1
+        asked, seed = int(arrays["asked"][i]), int(seeds[0])
         noise, dropout = float(arrays["sensor_noise"][i]), float(arrays["sensor_dropout"][i])
         low, high = arrays["current_range"][i].tolist()
-        task = replace(self._task.options, sensor_noise=noise, sensor_dropout=dropout, current_range=(low, high))
-        asked = int(arrays["asked"][i]) if episode == 0 else -1
-        start = asked if asked >= 0 else None
-        drawn = self._task.draw(rng, task, start)
+        task = replace(self.task, sensor_noise=noise, sensor_dropout=dropout, current_range=(low, high))
+        drawn = self.definition.draw(seed, task, asked if asked >= 0 else None)
         arrays["episodes"][i] += 1
         arrays["start_indices"][i] = drawn.start_index
         arrays["path_lengths"][i] = 0.0 if drawn.path is None else drawn.path.length

@@ -16,12 +16,12 @@ from aquanav_tools.envs.action import DIVING, ActionModel
 from aquanav_tools.envs.batch import Floats, copied
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.dict_observation import DictObservation, Parts
+from aquanav_tools.envs.dict_observation import Parts, parts_of
 from aquanav_tools.envs.episode import COLLISION_RULES
 from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.envs.reward import TERMS, cave_weights
-from aquanav_tools.envs.starting import CONDITIONS, Starts, check_start
+from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, Starts, check_start
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Current, Scenario
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 RAY_SOURCES = ("field", "mesh")
 CONTACTS = ("own", "bullet")
-NUM_SEEDS = 1 << 32
 CaveSpec = str | Path | Scenario
 
 
@@ -94,7 +93,7 @@ class CaveBatch:
         self.parts: tuple[str, ...] = DIVING
         self._actions = ActionModel(action)
         self.action_space = self._actions.space
-        self._parts = _parts_of(observation, options.observation_delay)
+        self._parts = parts_of(observation, options.observation_delay)
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
@@ -140,8 +139,8 @@ class CaveBatch:
         view = partial(BatchView, num=self.num, ray_lengths=self.ray_lengths, decision_seconds=seconds)
         make_sensors = partial(SensorBatch, world.arrays, world.caves, seconds, world.device, num_threads)
         preset = observation_space(own.observation)
-        space = own.prepare(view, world.as_numpy, world.write, preset, pairs, make_sensors)
-        return space if self._parts is None else self._parts.prepare(world, pairs, seconds, num_threads, own)
+        space = own.prepare(view, world, preset, pairs, make_sensors)
+        return space if self._parts is None else self._parts.prepare(world, preset, pairs, make_sensors, own)
 
     @property
     def term_names(self) -> tuple[str, ...]:
@@ -263,10 +262,6 @@ def slices_of(num: int, num_parts: int) -> list[slice]:
     """Return the vehicles of each part, as even as can be; none of them goes empty."""
     bounds = np.linspace(0, num, min(num_parts, num) + 1).round().astype(int).tolist()
     return [slice(first, last) for first, last in pairwise(bounds)]
-
-
-def _parts_of(observation: str | Parts, delay: int) -> DictObservation | None:
-    return None if isinstance(observation, str) else DictObservation(observation, delay)
 
 
 def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) -> None:

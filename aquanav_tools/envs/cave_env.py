@@ -11,12 +11,12 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import raise_failures, row_of
-from aquanav_tools.envs.cave_batch import NUM_SEEDS, CaveBatch
+from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.vehicle_camera import VehicleCamera
-from aquanav_tools.envs.starting import CONDITIONS, episode_task
+from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, episode_task
 from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh

@@ -19,7 +19,6 @@ from aquanav_tools.envs.batch_view import BatchView, stream_of
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.registry import Registry, error_text, is_own
 from aquanav_tools.sim.batch.sensors import BUILT_IN
-from aquanav_tools.task import TaskOptions, choices_of, named_code
 
 
 class Reward(Protocol):
@@ -270,14 +269,3 @@ def box_of(own: OwnCode, space_of: Callable[[Any], Any]) -> spaces.Box:
 
 
 _SPACE = "a gymnasium.spaces.Box: an observation as `space`, a sensor from `spec(scenario, vehicle)`"
-
-
-def refuse_own(options: TaskOptions, observation: str, who: str) -> None:
-    """Refuse code of the user's own where it is not joined yet.
-
-    Raises:
-        InputError: an option names some.
-    """
-    own = [name for name in (*named_code(choices_of(options)), observation) if is_own(name)]
-    if own:
-        raise InputError(f"{who} take no code of your own yet, and {' and '.join(own)} is named. Leave it out.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -11,16 +11,13 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.definitions import OwnCode, check_reading, common_box
-from aquanav_tools.envs.extensions import Extensions
-from aquanav_tools.envs.observation import PRESETS, observation_space
+from aquanav_tools.envs.extensions import Extensions, VehicleArrays
+from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.errors import InputError
 from aquanav_tools.registry import is_own
-from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.vehicle_base import Vehicle
 
 if TYPE_CHECKING:
-    from aquanav_tools.sim.batch.sensors.base import Sensor
-    from aquanav_tools.sim.batch.world import BatchWorld
+    from aquanav_tools.sim.batch.sensors.base import Sensor, SensorBatch
 
 Arrays = dict[str, npt.NDArray[Any]]
 Parts = Mapping[str, "str | Sensor"]
@@ -71,36 +68,32 @@ class DictObservation:
 
     def prepare(
         self,
-        world: BatchWorld,
-        pairs: list[tuple[Scenario, Vehicle]],
-        decision_seconds: float,
-        num_threads: int | None,
+        vehicles: VehicleArrays,
+        preset: spaces.Space[Any],
+        pairs: Sequence[tuple[Any, Any]],
+        make_sensors: Callable[[], SensorBatch] | None,
         extensions: Extensions,
     ) -> spaces.Dict:
         """Make room for the readings of a batch, and return the space of one vehicle's observation.
 
         Args:
-            world: The vehicles.
+            vehicles: Those of the batch.
+            preset: Space of the preset.
             pairs: Each scenario of the batch, and the vehicle in it.
-            decision_seconds: Duration of a decision, s.
-            num_threads: As `CaveBatch` takes it.
+            make_sensors: Returns what aquanav's own sensors measure from; None where there are none.
             extensions: Has the view for sensors of the user's own, and is told where they fail.
 
         Raises:
             InputError: a sensor's space is not the same in all scenarios.
         """
-        from aquanav_tools.sim.batch.sensors.base import SensorBatch
-
         known: dict[str, spaces.Space[Any]] = {}
+        self._vehicles, self._extensions, num = vehicles, extensions, extensions.view.num
         if self._preset_name is not None:
-            known[self._preset_name] = observation_space(self.preset)
-            self.observations[self._preset_name] = world.as_numpy("observations")
-            self.final_observations[self._preset_name] = world.as_numpy("final_observations")
-        self._world, num = world, world.num
-        if self._suite is not None:
-            self._batch = SensorBatch(world.arrays, world.caves, decision_seconds, world.device, num_threads)
+            known[self._preset_name] = preset
+            self._refresh_preset()
+        if self._suite is not None and make_sensors is not None:
+            self._batch = make_sensors()
             known |= self._suite.common_spec(pairs).spaces
-        self._extensions = extensions
         known |= {name: common_box(own, pairs) for name, own in self._own.items()}
         for name in known.keys() - {self._preset_name}:
             shape, dtype = known[name].shape, known[name].dtype
@@ -113,17 +106,17 @@ class DictObservation:
     def begin(self) -> None:
         """Observe the beginnings of all episodes."""
         self._refresh_preset()
-        self._look(np.arange(self._world.num), only_restarted=False)
+        self._look(np.arange(self._extensions.view.num), only_restarted=False)
 
     def judge(self) -> None:
         """Observe what a decision has led to, before ended episodes are followed by others."""
         self._refresh_preset()
-        self._look(np.flatnonzero(self._world.as_numpy("restarted")), only_restarted=False)
+        self._look(np.flatnonzero(self._vehicles.as_numpy("restarted")), only_restarted=False)
 
     def follow(self) -> None:
         """Keep what was seen last where a successor has begun in the same step, and observe its beginning."""
         self._refresh_preset()
-        begun = np.flatnonzero(self._world.as_numpy("restarted"))
+        begun = np.flatnonzero(self._vehicles.as_numpy("restarted"))
         if len(begun):
             for name in self._waiting:
                 self.final_observations[name][begun] = self.observations[name][begun]
@@ -137,7 +130,7 @@ class DictObservation:
                 seen[begun] = readings[begun]
             elif self._delay:
                 rows = np.arange(len(seen))
-                turns = self._world.as_numpy("decisions") % self._delay
+                turns = self._vehicles.as_numpy("decisions") % self._delay
                 seen[:] = waiting[rows, turns]
                 waiting[rows, turns] = readings
                 seen[begun] = readings[begun]
@@ -159,10 +152,10 @@ class DictObservation:
         return readings
 
     def _refresh_preset(self) -> None:
-        """Take the preset from a GPU again, whose arrays are copies here."""
-        if self._preset_name is not None and not self._world.device.is_cpu:
-            self.observations[self._preset_name] = self._world.as_numpy("observations")
-            self.final_observations[self._preset_name] = self._world.as_numpy("final_observations")
+        """Take the preset again: from a GPU the arrays are copies, on the processor always the same."""
+        if self._preset_name is not None:
+            self.observations[self._preset_name] = self._vehicles.as_numpy("observations")
+            self.final_observations[self._preset_name] = self._vehicles.as_numpy("final_observations")
 
     def state(self) -> Arrays:
         """Return copies of all that future observations depend on."""
@@ -182,3 +175,8 @@ class DictObservation:
         """End the threads. Closing twice does nothing."""
         if self._suite is not None:
             self._batch.close()
+
+
+def parts_of(observation: str | Parts, delay: int) -> DictObservation | None:
+    """Return a dictionary of parts that is asked for; None for a preset or an observation by its name."""
+    return None if isinstance(observation, str) else DictObservation(observation, delay)

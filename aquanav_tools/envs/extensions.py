@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -39,6 +39,20 @@ OWN_PREFIX = "own/"
 """Of the names of arrays in `state`."""
 ENDED = OUTCOMES.index("ended")
 Flags = npt.NDArray[np.bool_]
+
+
+class VehicleArrays(Protocol):
+    """The vehicles, in caves or of boats, as what is the user's own reads and changes their arrays."""
+
+    def as_numpy(self, name: str) -> Any:
+        """Return an array, (N, ...)."""
+
+    def write(self, name: str, values: npt.NDArray[Any]) -> None:
+        """Change an array."""
+
+    @property
+    def has_moved(self) -> Flags:
+        """(N,) whether the step was a decision of an episode: not its beginning, nor a wait after its end."""
 
 
 class Extensions:
@@ -110,33 +124,31 @@ class Extensions:
     def prepare(
         self,
         view: Callable[[Callable[[str], npt.NDArray[Any]]], BatchView],
-        read: Callable[[str], npt.NDArray[Any]],
-        write: Callable[[str, npt.NDArray[Any]], None],
+        vehicles: VehicleArrays,
         base: spaces.Box,
         pairs: Sequence[tuple[Any, Any]],
-        make_sensors: Callable[[], SensorBatch],
+        make_sensors: Callable[[], SensorBatch] | None,
     ) -> spaces.Box:
         """Return the space of observations.
 
         Args:
             view: Returns the view of arrays that a function reads by name.
-            read: Returns an array of the batch.
-            write: Changes an array of the batch.
+            vehicles: Those of the batch.
             base: Space of the preset `observation`.
             pairs: Each scenario and its vehicle, for the sensors.
-            make_sensors: Returns what aquanav's own sensors measure from.
+            make_sensors: Returns what aquanav's own sensors measure from; None where there are none.
 
         Raises:
             InputError: a sensor or an observation has no space of a fixed shape.
         """
-        self._read, self._write = read, write
+        self._vehicles, self._read, self._write = vehicles, vehicles.as_numpy, vehicles.write
         self.view = view(self._shown)
         num = self.view.num
         from aquanav_tools.sim.batch.sensors.suite import SensorSuite
 
         built_in = {name: own for name, own in self._sensors.items() if not isinstance(own, OwnCode)}
         self._suite = SensorSuite(built_in) if built_in else None
-        self._sensor_batch = make_sensors() if built_in else None
+        self._sensor_batch = make_sensors() if built_in and make_sensors is not None else None
         known = {} if self._suite is None else self._suite.common_spec(pairs).spaces
         self.arrays["last_commands"] = np.zeros((num, 3), dtype=np.float32)
         space = base if self._observation is None else box_of(self._observation, lambda own: own.space)
@@ -151,7 +163,7 @@ class Extensions:
                 self.arrays[name] = np.zeros((num, len(low)), dtype=np.float32)
             self.arrays["waiting"] = np.zeros((num, self._delay, len(low)), dtype=np.float32)
         if self._reward is not None:
-            self.arrays["terms"] = np.zeros((num, len(self.term_names)), dtype=np.float32)
+            self.arrays["terms"] = np.zeros((num, len(self.term_names)), dtype=self._read("terms").dtype)
         return space
 
     def begin(self) -> None:
@@ -178,12 +190,13 @@ class Extensions:
         """End episodes, pay for the decision, and observe what it led to."""
         if not self.is_used:
             return
-        is_moving = self._read("restarted") == 0
+        is_moving = self._vehicles.has_moved
         if self._termination:
             self._end(is_moving)
         if self._reward is not None:
             self._pay(is_moving)
-        self._look(np.ones_like(is_moving), ~is_moving)
+        begun = self._read("restarted") > 0
+        self._look(is_moving | begun, begun)
         self.arrays["last_commands"][:] = np.where(is_moving[:, None], self._read("commands"), 0.0)
 
     def after(self) -> None:
@@ -204,7 +217,10 @@ class Extensions:
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Take back what `state` returned."""
         for name, values in self.arrays.items():
-            values[:] = state[OWN_PREFIX + name]
+            taken = state[OWN_PREFIX + name]
+            if values.shape != taken.shape:  # terms that have not been asked for their names yet
+                self.arrays[name] = np.empty_like(taken)
+            self.arrays[name][:] = taken
         if self._suite is not None:
             self._suite.restore(state)
 
@@ -255,7 +271,7 @@ class Extensions:
         assert self._reward is not None
         own = self._reward.ask(self.view, self._check_terms, self.failures)
         num_base = 0 if self.reward == NOTHING else len(TERMS)
-        terms = np.zeros((self.view.num, len(self.term_names)), dtype=np.float32)
+        terms = np.zeros((self.view.num, len(self.term_names)), dtype=self._read("terms").dtype)
         if num_base:
             terms[:, :num_base] = self._read("terms")
         if own is not None:
@@ -263,7 +279,8 @@ class Extensions:
             terms[:, num_base:] = own
             paid = own.sum(axis=1)
             for name in ("rewards", "returns", "last_returns"):
-                self._write(name, (self._read(name) + paid).astype(np.float32))
+                before = self._read(name)
+                self._write(name, (before + paid).astype(before.dtype))
         if self.arrays["terms"].shape == terms.shape:
             self.arrays["terms"][:] = terms  # in place: others hold the array
         else:

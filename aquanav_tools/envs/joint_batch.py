@@ -57,8 +57,9 @@ class JointBatch:
 
     @property
     def dynamics(self) -> dict[str, Array]:
-        """Nothing: boats are as their files have them."""
-        return {}
+        """(N,) what each episode has drawn of its vehicle's dynamics, by name."""
+        drawn = [batch.dynamics for batch in self.batches]
+        return {name: np.concatenate([part[name] for part in drawn]) for name in drawn[0]}
 
     @property
     def route_lengths(self) -> Array:

@@ -19,6 +19,8 @@ CONDITIONS = ("sensor_noise", "sensor_dropout", "current_range")
 """Options of the task that an episode may have of its own: `reset(options={"sensor_noise": 0.1})`."""
 RESET_OPTIONS = ("start", *CONDITIONS)
 START_RULES = ("listed", "anywhere")
+NUM_SEEDS = 1 << 32
+"""An episode's seed is below this: all that it draws follows from it."""
 NOWHERE_LISTED = -1
 """Index of a start that is not in the scenario's list."""
 MARGIN = 0.1

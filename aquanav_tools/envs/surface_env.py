@@ -9,21 +9,25 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import AFLOAT, ActionModel
+from aquanav_tools.envs.batch import raise_failures, row_of
+from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
-from aquanav_tools.envs.reward import TERMS
-from aquanav_tools.envs.starting import episode_task
-from aquanav_tools.envs.surface_task import DT, SUBSTEPS, Bay, SurfaceTask, episode_info, split_options
+from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, episode_task
+from aquanav_tools.envs.surface_task import DT, SUBSTEPS, Bay
 from aquanav_tools.sea.sea_map import SeaMap, ShortestPath
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
 from aquanav_tools.sim.sea_water import SeaWater
-from aquanav_tools.task import task_options
 from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-TERM_KEYS = [f"reward/{name}" for name in TERMS]
+ARRAYS = (
+    "commands", "positions", "orientations", "velocities", "rays", "touched", "collisions", "remaining", "lengths",
+    "outcomes", "start_indices", "path_lengths", "decisions", "rewards", "terminated", "truncated",
+)  # fmt: skip
+"""Of a `BoatBatch`, of which this environment is the only row."""
 
 
 class SurfaceEnv(gymnasium.Env[Observation, Any]):
@@ -105,23 +109,23 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
-        choices, task = split_options(options)
-        self.task = self._own_task = task_options(task)
-        self._surface = SurfaceTask(bay, choices, self._own_task)
-        self.vehicle, self.footprint, self.bays = self._surface.boat, self._surface.footprint, self._surface.bays
+        self._batch = batch = BoatBatch(bay, 1, next_step=True, action=action, num_threads=1, **options)
+        self.task = self._own_task = batch.task
+        self.vehicle, self.footprint = batch.definition.boat, batch.definition.footprint
+        self.bays = batch.definition.bays
         self.action_model = ActionModel(action, AFLOAT)
-        self.action_space = self.action_model.space
-        self.observation_space = self._surface.observation_space
+        self.action_space, self.observation_space = batch.action_space, batch.observation_space
+        self._arrays = {name: batch.view_of(name) for name in ARRAYS}
+        self.episode_seed = 0
+        """Of the present episode: with the bay and the options of the task, it says all that is drawn."""
         self._prepare_pictures(render_mode, render_size)
-        self._options: dict[str, Any] = {}
-        self._world = self._surface.make_world(1, self._draw, "none", num_threads=1)
 
     def _prepare_pictures(self, render_mode: str | None, size: tuple[int, int]) -> None:
         self.render_mode = render_mode
         self._camera: SeaCamera | None = None
         if render_mode is not None:
             check_choice("render mode", render_mode, self.metadata["render_modes"])
-            pattern = self._surface.pattern
+            pattern = self._batch.definition.pattern
             self._camera = SeaCamera(self.vehicle, size, pattern.directions, pattern.lengths)
 
     def render(self) -> npt.NDArray[np.uint8] | None:
@@ -129,36 +133,46 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
         if self._camera is None:
             gymnasium.logger.warn('This environment takes no pictures. Make it with render_mode="rgb_array".')
             return None
-        world = self._world
-        time = int(world.view_of("decisions")[0]) * self.decision_seconds
-        return self._camera.picture(self.state, self.water, world.view_of("rays")[0], time)
+        time = int(self._arrays["decisions"][0]) * self.decision_seconds
+        return self._camera.picture(self.state, self.water, self._arrays["rays"][0], time)
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, Info]:
-        """Begin an episode.
+        """Begin an episode: that of the seed, or of one that this environment's generator draws.
 
         Options: {"start": number of one of a fixed bay's starts}; and, for this episode alone, sensor_noise,
         sensor_dropout and current_range of the task.
         """
         super().reset(seed=seed)
-        self._options = options or {}
-        self.task = episode_task(self._own_task, self._options)
-        self._world.reset()
+        given = options or {}
+        self.task = episode_task(self._own_task, given)
+        self.episode_seed = int(self.np_random.integers(NUM_SEEDS)) if seed is None else seed % NUM_SEEDS
+        self._batch.reset(
+            [self.episode_seed], [given.get("start")], {name: getattr(self.task, name) for name in CONDITIONS}
+        )
+        self._batch.retire([0])  # what follows an episode is a reset
+        raise_failures(self._batch)
         if self._camera is not None:
             self._camera.look_at(self.sea_map)
-        return self._world.view_of("observations")[0].copy(), self._info()
+        return row_of(self._batch.view_of("observations"), 0), self._info()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
-        world = self._world
-        world.view_of("commands")[0] = self.action_model.command(action)
-        world.step()
-        terminated, truncated = bool(world.view_of("terminated")[0]), bool(world.view_of("truncated")[0])
-        reward = float(world.view_of("rewards")[0])
-        return world.view_of("observations")[0].copy(), reward, terminated, truncated, self._info()
+        arrays = self._arrays
+        arrays["commands"][0] = self.action_model.command(action)
+        self._batch.step()
+        raise_failures(self._batch)
+        terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
+        seen = row_of(self._batch.view_of("observations"), 0)
+        return seen, float(arrays["rewards"][0]), terminated, truncated, self._info()
 
     def close(self) -> None:
-        """Free nothing: a world of one boat has no threads."""
-        self._world.close()
+        """Free nothing: a batch of one boat has no threads."""
+        self._batch.close()
+
+    @property
+    def info(self) -> Info:
+        """What the last reset or step told: also where that raised an error of code of the user's own."""
+        return self._info()
 
     @property
     def sea_map(self) -> SeaMap:
@@ -177,7 +191,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
 
         Position of its middle (z from still water, m), quaternion, velocity over ground in the body frame.
         """
-        parts = (self._world.view_of(name)[0] for name in ("positions", "orientations", "velocities"))
+        parts = (self._arrays[name][0] for name in ("positions", "orientations", "velocities"))
         return np.concatenate([*parts])
 
     @property
@@ -193,30 +207,40 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     @property
     def water_velocity(self) -> Array:
         """(3,) velocity of the water where the boat is, without its waves, world frame, m/s."""
-        return self._world.current_at(0)
+        return self._batch.world.current_at(0)
 
     @property
     def water(self) -> SeaWater:
         """The sea of this episode, its waves as they are now: for pictures."""
-        return self._world.water_at(0)
+        return self._batch.world.water_at(0)
 
     @property
     def _episode(self) -> BoatEpisode:
-        episode = self._world.episodes[0]
+        episode = self._batch.world.episodes[0]
         assert episode is not None, "reset comes first"
         return episode
 
-    def _draw(self, _: int) -> BoatEpisode:
-        return self._surface.draw(self.np_random, self.task, self._options.get("start"))
-
     def _info(self) -> Info:
-        info = episode_info(self._world, 0)
-        outcome = OUTCOMES[self._world.view_of("outcomes")[0]]
-        info |= {
-            "outcome": outcome,
-            "start_index": self._episode.start_index,
+        arrays, batch = self._arrays, self._batch
+        is_touched, remaining = bool(arrays["touched"][0]), float(arrays["remaining"][0])
+        info = {
+            "position": arrays["positions"][0].copy(),
+            "orientation": arrays["orientations"][0].copy(),
+            "velocity": arrays["velocities"][0].copy(),
+            "current": self.water_velocity,
+            "rays": arrays["rays"][0].copy(),
+            "clearance": float(batch.view_of("clearances")[0]),
+            "collision": is_touched,
+            "num_collisions": int(arrays["collisions"][0]),
+            "progress": float(arrays["lengths"][0]) - remaining,
+            "remaining": remaining,
+            "cost": float(is_touched),
+            "outcome": OUTCOMES[arrays["outcomes"][0]],
+            "start_index": int(arrays["start_indices"][0]),
             "gate": 0,
-            "path_length": self.path_length,
+            "path_length": float(arrays["path_lengths"][0]),
         }
-        info.update(zip(TERM_KEYS, self._world.view_of("terms")[0].tolist(), strict=True))
+        terms = zip(batch.term_names, batch.view_of("terms")[0].tolist(), strict=True)
+        info.update({f"reward/{name}": value for name, value in terms})
+        info.update({f"dynamics/{name}": float(values[0]) for name, values in batch.dynamics.items()})
         return info

@@ -19,8 +19,6 @@ the six of motion, as for the vehicle under water. The goal is taken to be as hi
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from gymnasium import spaces
 
@@ -54,7 +52,7 @@ def surface_size(preset: str) -> int:
     return max(part.stop for part in surface_layout(preset).values())
 
 
-def surface_space(preset: str) -> spaces.Space[Any]:
+def surface_space(preset: str) -> spaces.Box:
     """Return the space of a preset's observations."""
     if preset == "original":
         return original_space(NUM_RAYS)

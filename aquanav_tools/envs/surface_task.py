@@ -10,16 +10,18 @@ import numpy as np
 
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.definitions import refuse_own
+from aquanav_tools.envs.dict_observation import Parts
 from aquanav_tools.envs.episode import COLLISION_RULES
+from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
-from aquanav_tools.envs.surface_observation import DISTANCE_SCALE, SPEED_SCALE, surface_size, surface_space
+from aquanav_tools.envs.surface_observation import DISTANCE_SCALE, SPEED_SCALE, surface_size
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
+from aquanav_tools.sim.batch import sensors
 from aquanav_tools.sim.batch.boat_state import BoatEpisode, BoatTask, DrawEpisode
-from aquanav_tools.sim.batch.boat_world import BoatWorld, Succession
+from aquanav_tools.sim.batch.boat_world import BoatWorld
 from aquanav_tools.sim.boat import Boat, footprint_of, load_boat
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.scales import RATE_SCALE
@@ -39,7 +41,7 @@ class SurfaceChoices:
     """What both environments of boats are made with."""
 
     sea: str | SeaState = "calm"
-    observation: str = "full"
+    observation: str | Parts = "full"
     vehicle: str | Path | Boat | OriginalVehicle = "otter"
     max_decisions: int | None = None
 
@@ -54,32 +56,31 @@ def split_options(options: dict[str, Any]) -> tuple[SurfaceChoices, dict[str, An
 class SurfaceTask:
     """Prepares worlds of boats, and draws their episodes."""
 
-    def __init__(self, bay: Bay, choices: SurfaceChoices, options: TaskOptions) -> None:
+    def __init__(self, bay: Bay, choices: SurfaceChoices, options: TaskOptions, own: Extensions) -> None:
         """Prepare bays and rules.
+
+        Args:
+            bay: As of `SurfaceEnv`.
+            choices: The environment's own options.
+            options: Of the task.
+            own: What of the options is the user's own.
 
         Raises:
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
-        refuse_own(options, choices.observation, "Boats")
         if options.randomisation is not None:
             raise InputError(
                 f"Boats draw no dynamics, and randomisation is '{options.randomisation}'. Leave it out, or take a cave."
             )
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)
-        self.observation_space = surface_space(choices.observation)
-        self.numbers = _task_numbers(options, choices)
+        self.numbers = _task_numbers(options, choices, own)
         self.bays = Bays(bay, self.footprint.width, options.starts)
         self._seas = Seas(choices.sea, options.current)
 
     def make_world(
-        self,
-        num: int,
-        draw_episode: DrawEpisode,
-        succession: Succession,
-        device: str = "cpu",
-        num_threads: int | None = None,
+        self, num: int, draw_episode: DrawEpisode, next_step: bool, device: str, num_threads: int | None
     ) -> BoatWorld:
         """Return a world of `num` boats; arguments as of `BoatWorld`."""
         return BoatWorld(
@@ -89,27 +90,47 @@ class SurfaceTask:
             draw_episode,
             pattern=self.pattern,
             num_waves=self._seas.num_waves,
-            succession=succession,
+            next_step=next_step,
             device=device,
             num_threads=num_threads,
         )
 
-    def draw(self, rng: np.random.Generator, options: TaskOptions, start: int | None) -> BoatEpisode:
-        """Return an episode: its bay, berth, sea and current are drawn, in this order, and what its sensor errs by.
+    def draw(self, seed: int, options: TaskOptions, start: int | None) -> BoatEpisode:
+        """Return the episode of a seed: its bay, berth, sea and current are drawn, in this order, and gusts later on.
 
         Args:
-            rng: What is drawn from, gusts later on included.
+            seed: From 0 to 2^32 - 1.
             options: Of this episode.
             start: Number of one of a fixed bay's berths; None draws the berth.
 
         Raises:
             InputError: there is no such berth.
         """
+        rng = np.random.default_rng(seed)
         sea, berth, path, number = self.bays.choose(rng, {} if start is None else {"start": start})
         water, fraction = self._seas.draw(rng, sea.depth, options.current_range)
         noise, dropout = options.sensor_noise, options.sensor_dropout
-        ray_seed = int(rng.integers(1 << 32)) if noise > 0.0 or dropout > 0.0 else 0
-        return BoatEpisode(sea, berth, water, path, number, fraction, noise, dropout, ray_seed)
+        return BoatEpisode(sea, berth, water, path, number, fraction, noise, dropout, seed)
+
+
+def refuse_in_bays(options: TaskOptions, observation: str | Parts) -> None:
+    """Refuse what has a meaning in caves alone.
+
+    Raises:
+        InputError: it is a law of motion, or a sensor that comes with aquanav.
+    """
+    if options.motion is not None:
+        raise InputError(
+            f"A boat floats on its hulls among waves and wind, of which a law of motion of your own is told nothing, "
+            f"and motion is '{options.motion}'. Leave it out, or take a cave."
+        )
+    parts = () if isinstance(observation, str) else observation.values()
+    for name in (*options.sensors, *parts):
+        if isinstance(name, str) and name in sensors.BUILT_IN:
+            raise InputError(
+                f"The sensor {name} measures in caves: the rock around a vehicle, or its motion under water. Boats "
+                "have their beams, and sensors of your own, named as module:Name. Leave it out."
+            )
 
 
 def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehicle:
@@ -129,13 +150,13 @@ def boat_of(vehicle: str | Path | Boat | OriginalVehicle) -> Boat | OriginalVehi
     return found
 
 
-def _task_numbers(options: TaskOptions, choices: SurfaceChoices) -> BoatTask:
-    """Return the task as the kernels take it.
+def _task_numbers(options: TaskOptions, choices: SurfaceChoices, own: Extensions) -> BoatTask:
+    """Return the task as the kernels take it, without what is the user's own.
 
     Raises:
         InputError: there is no such rule for collisions or measure of progress, or no decision is allowed.
     """
-    weights = boat_weights(options.reward)
+    weights = boat_weights(own.reward)
     check_choice("measure of progress on the surface", options.progress, ("panels",))
     check_choice("collision rule", options.on_collision, COLLISION_RULES)
     limit = MAX_DECISIONS if choices.max_decisions is None else choices.max_decisions
@@ -146,34 +167,10 @@ def _task_numbers(options: TaskOptions, choices: SurfaceChoices) -> BoatTask:
         ends_on_collision=weights.ends_on_collision or options.on_collision == "end",
         weights=tuple(getattr(weights, name) for name in TERMS),
         scales=(DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE),
-        observation=choices.observation,
-        size=surface_size(choices.observation),
+        observation=own.observation,
+        size=surface_size(own.observation),
         action_delay=options.action_delay,
-        observation_delay=options.observation_delay,
+        observation_delay=own.observation_delay,
         dt=DT,
         substeps=SUBSTEPS,
     )
-
-
-def episode_info(world: BoatWorld, i: int) -> dict[str, Any]:
-    """Return what is known of boat `i` after a decision, by the keys of `SurfaceEnv`'s info but for the reward's."""
-    row = {name: world.view_of(name)[i] for name in _INFO}
-    info: dict[str, Any] = {
-        "position": row["positions"].copy(),
-        "orientation": row["orientations"].copy(),
-        "velocity": row["velocities"].copy(),
-        "current": world.current_at(i),
-        "rays": row["rays"].copy(),
-        "clearance": float(row["clearances"]),
-        "collision": bool(row["touched"] > 0),
-        "num_collisions": int(row["collisions"]),
-        "progress": float(row["lengths"] - row["remaining"]),
-        "remaining": float(row["remaining"]),
-        "cost": float(row["touched"] > 0),
-    }
-    return info
-
-
-_INFO = (
-    "positions", "orientations", "velocities", "rays", "clearances", "touched", "collisions", "lengths", "remaining",
-)  # fmt: skip

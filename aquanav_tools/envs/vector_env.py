@@ -16,14 +16,13 @@ from aquanav_tools.envs.batch import Batch, Floats, raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.starting import episode_conditions
+from aquanav_tools.envs.starting import NUM_SEEDS, episode_conditions
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sea.sea_map import SeaMap
 
 Flags = npt.NDArray[np.bool_]
-MAX_SEED = 1 << 32
 
 
 class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
@@ -81,7 +80,7 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
     def _seeds(self, seed: int | list[int | None] | None) -> list[int]:
         """Return a seed for each vehicle."""
         given = [seed + n for n in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
-        return [int(self.np_random.integers(MAX_SEED)) if one is None else one % MAX_SEED for one in given]
+        return [int(self.np_random.integers(NUM_SEEDS)) if one is None else one % NUM_SEEDS for one in given]
 
     def step(self, actions: Any) -> tuple[Floats, Floats, Flags, Flags, dict[str, Any]]:
         """Hold each vehicle's action for one decision."""

@@ -13,7 +13,7 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.episode_worker import EvaluationSpec, Plan, Task, make_plan
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import EvaluateOptions
-from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.evaluate.policies import policy_loader
 from aquanav_tools.evaluate.summary import Summary, summarise
 from aquanav_tools.provenance import file_hash
 
@@ -32,7 +32,8 @@ class RepeatedEvaluation:
             scenarios: In memory, instead of those that the options name.
         """
         self._path = Path(options.policies[0])
-        self._spec = EvaluationSpec(options, str(self._path), None, load_policy, scenarios=tuple(scenarios))
+        load = policy_loader(options, is_trusted=False)
+        self._spec = EvaluationSpec(options, str(self._path), None, load, scenarios=tuple(scenarios))
         self._held = ExitStack()
         self._opened: tuple[Plan, Runner] | None = None
 

@@ -59,7 +59,13 @@ class Validation:
     """Scenarios in which one policy after another is tried, from the same starts, acting without chance."""
 
     def __init__(
-        self, scenarios: Sequence[AnyScenario], task: TaskOptions, num_episodes: int, folder: Path, num_workers: int = 0
+        self,
+        scenarios: Sequence[AnyScenario],
+        task: TaskOptions,
+        num_episodes: int,
+        folder: Path,
+        num_workers: int = 0,
+        observation: str | None = None,
     ) -> None:
         """Prepare trials; environments are made, and workers started, by the first.
 
@@ -69,6 +75,7 @@ class Validation:
             num_episodes: In each scenario.
             folder: Of the run; holds the policy during a trial.
             num_workers: Processes that run episodes; fewer than two run them in this process.
+            observation: What policies observe; None tells it from the number of values.
         """
         self._path = folder / TRIED_FILE
         options = EvaluateOptions(
@@ -77,6 +84,7 @@ class Validation:
             episodes=num_episodes,
             seed=SEED,
             workers=max(1, num_workers),
+            observation=observation,
             **choices_of(task),
         )
         self._evaluation = RepeatedEvaluation(options, scenarios)
@@ -132,13 +140,14 @@ def open_trials(
     num_workers = 0 if run.ray is not None else run.workers
     with ExitStack() as held:
         between = final = None
+        seen = settings.observation
         if validation:
             own_water = dataclasses.replace(settings, current=None, current_range=(1.0, 1.0))
-            between = Validation(validation, own_water, run.validation_episodes, folder, num_workers)
+            between = Validation(validation, own_water, run.validation_episodes, folder, num_workers, seen)
             held.callback(between.close)
         if is_last and run.final_episodes > 0:
             num_each = max(1, run.final_episodes // len(scenarios))
-            final = Validation(scenarios, settings, num_each, folder, num_workers)
+            final = Validation(scenarios, settings, num_each, folder, num_workers, seen)
             held.callback(final.close)
         yield Trials(between, final)
 

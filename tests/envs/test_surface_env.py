@@ -192,7 +192,7 @@ def test_a_rock_gives_a_drifting_boat_no_speed(vehicle: str) -> None:
     bow = {"otter": -39.0, "boat": -35.3}[vehicle]
     env = SurfaceEnv(bay_with(block(bow + 0.5, 3.0), heading=0.3), vehicle=vehicle, sea="still")
     env.reset(seed=0)
-    env._world.view_of("velocities")[0, 0] = 3.0
+    env._batch.world.as_numpy("velocities")[0, 0] = 3.0
     infos = [env.step(IDLE)[4] for _ in range(60)]
     speeds = [float(np.linalg.norm(info["velocity"][:3])) for info in infos]
     assert infos[-1]["num_collisions"] >= 1
@@ -212,7 +212,7 @@ def test_a_reef_is_touched_where_it_reaches_the_keel(above: float, touches: bool
     draught = SurfaceEnv().vehicle.draught(DENSITY)
     env = SurfaceEnv(bay_with(block(-38.6, above - draught)), sea="still")
     infos = run(env, [1, 1], 0)
-    env._world.view_of("velocities")[0, 0] = 1.0
+    env._batch.world.as_numpy("velocities")[0, 0] = 1.0
     infos += [env.step(IDLE)[4] for _ in range(120)]
     assert infos[0]["rays"][0] == pytest.approx(0.4, abs=1e-5)  # beams of 1 m radius see it either way
     assert any(info["collision"] for info in infos) == touches
@@ -298,7 +298,7 @@ def test_the_originals_bay_has_its_starts_and_its_goal_is_seen_untagged(data_dir
     # the goal's centre is at (83.1, -11.4): 1.7 m to the left after 167.8 m
     angles = observation[surface_layout("original")["angles"]]
     assert angles[0] == pytest.approx(-np.degrees(np.arctan2(1.7, 167.8)), abs=1e-4)
-    env._world.view_of("positions")[0, :2] = 70.0, -11.4
+    env._batch.world.as_numpy("positions")[0, :2] = 70.0, -11.4
     sensed = env.step(IDLE)[0][:4]
     assert sensed[:3].tolist() == [0.0, 0.0, 0.0]
     assert sensed[3] < 0.5

@@ -76,6 +76,25 @@ def test_a_reward_that_fails_costs_the_episodes_it_fails_in(cave: Path, own_modu
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
+def test_a_reward_and_a_sensor_that_fail_in_bays_cost_the_same_episodes(own_module: WriteModule, backend: str) -> None:
+    own = own_module(CODE)
+    given: dict[str, Any] = {"episodes": 4, "max_decisions": 20, "record": "none", "backend": backend}
+    more: list[dict[str, Any]] = [{}, {"reward": f"{own}:Odd"}, {"sensors": (f"{own}:Nowhere",)}]
+    plain, odd, nowhere = (
+        aquanav.evaluate(lambda seen: [1, 2], "bay-calm", output=f"{n}", **given, **options)
+        for n, options in enumerate(more)
+    )
+    for before, now, unseen in zip(plain.episodes, odd.episodes, nowhere.episodes, strict=True):
+        assert (now.outcome == "failed") == (now.seed % 2 == 1) and (unseen.outcome == "failed") == (now.seed == 1)
+        if now.outcome == "failed":
+            assert now.reason.startswith(f"The reward {own}:Odd raised RuntimeError: odd ({own}.py, line 10), after 6 ")
+        else:
+            assert (now.outcome, now.path_length, now.reward) == (before.outcome, before.path_length, before.reward)
+        if unseen.outcome == "failed":
+            assert "returned [nan], which is not finite, after 0 decisions" in unseen.reason
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_a_sensor_that_fails_at_the_beginning_costs_its_episode(
     cave: Path, own_module: WriteModule, backend: str
 ) -> None:

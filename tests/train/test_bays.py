@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
@@ -16,11 +16,29 @@ from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline, read_pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
+from tests.own_modules import WriteModule, own_module
 from tests.train.runs import assert_stopped_run_ends_alike
+
+__all__ = ["own_module"]
 
 Backend = Literal["pybullet", "batch"]
 
 BAY = "format = 1\ndecisions = 60\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
+
+OWN = """
+class Price:
+    base = "safe"
+
+    def terms(self, batch):
+        return {"price": -0.1 * np.abs(batch.commands - batch.last_commands).sum(axis=1)}
+
+class Where:
+    def spec(self, scenario, vehicle):
+        return Box(-np.inf, np.inf, (3,))
+
+    def measure(self, batch):
+        return batch.positions + 0.01 * batch.normals(3)
+"""
 
 
 @pytest.fixture
@@ -66,6 +84,16 @@ def test_a_stopped_run_on_the_batch_ends_as_one_that_never_stopped(
 ) -> None:
     monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
     pipeline = pipeline_in(str(bay), backend="batch", current=0.2, current_range=(0.5, 1.0), steps=384)
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
+
+
+def test_a_stopped_run_with_ones_own_reward_and_sensor_ends_as_one_that_never_stopped(
+    bay: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_module: WriteModule
+) -> None:
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
+    own = own_module(OWN)
+    more: dict[str, Any] = {"reward": f"{own}:Price", "sensors": (f"{own}:Where",), "observation_delay": 1}
+    pipeline = pipeline_in(str(bay), backend="batch", steps=384, **more)
     assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
 
 

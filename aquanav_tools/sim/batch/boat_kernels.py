@@ -42,7 +42,7 @@ def level_place(position: wp.vec3d):
 def begin(first: int, boats: BoatState, around: Surroundings):
     """Keep the last observation of boats that begin an episode, and put them at rest where the host has placed them."""
     i = first + wp.tid()
-    if boats.begun[i] == 0:
+    if boats.restarted[i] == 0:
         return
     for n in range(boats.observations.shape[1]):
         boats.final_observations[i, n] = boats.observations[i, n]
@@ -126,7 +126,7 @@ def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: 
     """Write the true distances of boat `i`, and into its observation what the sensor makes of them."""
     noise, dropout = float(boats.noises[i]), float(boats.dropouts[i])
     is_disturbed = noise > 0.0 or dropout > 0.0
-    place, seed, decision = level_place(boats.positions[i]), boats.ray_seeds[i], boats.decisions[i]
+    place, seed, decision = level_place(boats.positions[i]), boats.seeds[i], boats.decisions[i]
     for ray in range(model.beams.lengths.shape[0]):
         length = model.beams.lengths[ray]
         reach, tag = cast_beam(ray, rotation, place, bay, model.beams)
@@ -147,7 +147,7 @@ def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: 
 def sense(first: int, only_begun: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
     """Observe, and measure how far the goal is."""
     i = first + wp.tid()
-    is_begun = boats.begun[i] == 1
+    is_begun = boats.restarted[i] == 1
     if not is_begun and (only_begun == 1 or boats.held[i] == 1):
         return
     position, orientation, velocity = boats.positions[i], boats.orientations[i], boats.velocities[i]

@@ -71,8 +71,8 @@ class BoatEpisode:
     """Standard deviation of the error of each beam's distance, m."""
     dropout: float = 0.0
     """Probability that a beam gets no echo."""
-    ray_seed: int = 0
-    """From 0 to 2^32 - 1; the beams' errors follow from it."""
+    seed: int = 0
+    """From 0 to 2^32 - 1: all above was drawn from it, and what kernels draw follows from it."""
 
 
 DrawEpisode = Callable[[int], BoatEpisode]
@@ -152,7 +152,8 @@ class BoatState:
     """Of the water without its waves in the last decision, m/s."""
     noises: wp.array(dtype=wp.float32)
     dropouts: wp.array(dtype=wp.float32)
-    ray_seeds: wp.array(dtype=wp.int32)
+    seeds: wp.array(dtype=wp.int32)
+    """Of the episodes: 32 bits each, from which all that is drawn follows."""
     lengths: wp.array(dtype=f64)
     """Distance of the goal at the episode's beginning, m."""
     remaining: wp.array(dtype=f64)
@@ -170,14 +171,14 @@ class BoatState:
     outcomes: wp.array(dtype=wp.int32)
     held: wp.array(dtype=wp.int32)
     """Whether the boat stays where it is in this step: its last episode is over."""
-    begun: wp.array(dtype=wp.int32)
-    """Whether an episode begins in this step."""
+    restarted: wp.array(dtype=wp.int32)
+    """Whether this step began an episode."""
     rays: wp.array2d(dtype=wp.float32)
     """(N, R) true distances, m."""
     tags: wp.array2d(dtype=wp.int32)
     """(N, R) what the beams met."""
     clearances: wp.array(dtype=f64)
-    """Of the hull from above, m; only `BoatWorld.view_of` computes them."""
+    """Of the hull from above, m; only `BoatWorld.as_numpy` computes them."""
     observations: wp.array2d(dtype=wp.float32)
     final_observations: wp.array2d(dtype=wp.float32)
     terms: wp.array2d(dtype=f64)

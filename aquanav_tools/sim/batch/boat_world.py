@@ -7,9 +7,9 @@ would need the rocks as triangles anew for the bay of each episode, to find the 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,14 +46,12 @@ MAX_BOATS = 1 << 16
 """Chosen; some 2 GB with their seas."""
 MIN_SLICE = 16
 """Boats for which a further thread is worth its start."""
-Succession = Literal["next_step", "same_step", "none"]
-"""When an ended episode's successor begins: at the next step, in the same one, or only at a reset."""
 
 
 class BoatWorld:
     """N boats. `reset`, then `set_commands` and `step` once per decision; ended episodes are followed by new ones.
 
-    The arrays in `boats` are Warp's, on `device`; `view_of` shows them.
+    The arrays in `boats` are Warp's, on `device`; `as_numpy` shows them.
     """
 
     def __init__(
@@ -65,7 +63,7 @@ class BoatWorld:
         *,
         pattern: RayPattern,
         num_waves: int,
-        succession: Succession = "next_step",
+        next_step: bool = True,
         device: str = "cpu",
         num_threads: int | None = None,
     ) -> None:
@@ -78,7 +76,7 @@ class BoatWorld:
             draw_episode: Returns a boat's next episode.
             pattern: Of beams.
             num_waves: In the sea of each; episodes may have fewer.
-            succession: When an ended episode's successor begins.
+            next_step: Whether an ended episode's successor begins at the next step, or in the same one.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
 
@@ -89,7 +87,7 @@ class BoatWorld:
             raise InputError(f"A batch must have 1 to {MAX_BOATS} boats, got {num}.")
         self.num, self.boat, self.footprint = num, boat, footprint_of(boat)
         self.device = find_device(device)
-        self._draw_episode, self._succession, self._task = draw_episode, succession, task
+        self._draw_episode, self._next_step, self._task = draw_episode, next_step, task
         self._num_blocks = num_blocks(num_waves)
         self._deepest = -float(pattern.radii.max())
         self.boats = make_boat_state(num, task, len(pattern.lengths), self.device)
@@ -145,19 +143,25 @@ class BoatWorld:
 
     def set_commands(self, commands: npt.NDArray[np.float32]) -> None:
         """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
-        self._write("commands", commands)
+        self.write("commands", commands)
 
-    def step(self) -> None:
-        """Carry out a decision of every boat."""
-        is_over = self.view_of("outcomes") > 0
-        begins = is_over & ~self._is_retired & (self._succession == "next_step")
+    def step(self, judge: Callable[[], None] | None = None) -> None:
+        """Carry out a decision of every boat.
+
+        Args:
+            judge: Called when the decision is over, before ended episodes are followed by others in the same step.
+        """
+        is_over = self.as_numpy("outcomes") > 0
+        begins = is_over & ~self._is_retired & self._next_step
         self._hold(is_over, begins)
         if begins.any():
             self._begin(begins)
         self._run(self._decision)
         self._draw_on(~is_over)
-        if self._succession == "same_step":
-            ended = (self.view_of("outcomes") > 0) & ~self._is_retired
+        if judge is not None:
+            judge()
+        if not self._next_step:
+            ended = (self.as_numpy("outcomes") > 0) & ~self._is_retired
             if ended.any():
                 self._hold(is_over, ended)
                 self._begin(ended)
@@ -165,8 +169,8 @@ class BoatWorld:
 
     def _hold(self, held: npt.NDArray[np.bool_], begun: npt.NDArray[np.bool_]) -> None:
         """Say which boats stay where they are in a step, and which begin an episode."""
-        self._write("held", held)
-        self._write("begun", begun)
+        self.write("held", held)
+        self.write("restarted", begun)
 
     def _begin(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Draw the next episodes of the chosen boats, and place them at their berths."""
@@ -179,14 +183,14 @@ class BoatWorld:
             for array, value in (
                 (sea.table, table), (sea.phases, phases), (boats.noises, episode.noise),
                 (boats.positions, state[:3]), (boats.orientations, state[3:7]), (boats.dropouts, episode.dropout),
-                (boats.ray_seeds, np.uint32(episode.ray_seed).view(np.int32)),
+                (boats.seeds, np.uint32(episode.seed).view(np.int32)),
             ):  # fmt: skip
                 write_row(array, i, value)
             self._draw_ahead(i)
 
     def _draw_on(self, moved: npt.NDArray[np.bool_]) -> None:
         """Draw the gusts of boats that have used up theirs."""
-        for i in np.flatnonzero(moved & (self.view_of("decisions") % AHEAD == 0)).tolist():
+        for i in np.flatnonzero(moved & (self.as_numpy("decisions") % AHEAD == 0)).tolist():
             self._draw_ahead(i)
 
     def _draw_ahead(self, i: int) -> None:
@@ -199,7 +203,7 @@ class BoatWorld:
 
     def current_at(self, i: int) -> Array:
         """Return the (3,) velocity of the water without its waves around boat `i` in the next decision, m/s."""
-        found: Array = self._around.currents.numpy()[i, self.view_of("decisions")[i] % AHEAD].copy()
+        found: Array = self._around.currents.numpy()[i, self.as_numpy("decisions")[i] % AHEAD].copy()
         return found
 
     def water_at(self, i: int) -> SeaWater:
@@ -210,7 +214,7 @@ class BoatWorld:
         water.set_phases(phases[: len(water.waves[1])])
         return water
 
-    def view_of(self, name: str) -> Any:
+    def as_numpy(self, name: str) -> Any:
         """Return an array of `BoatState` as NumPy's: the same memory on the processor, a copy from a GPU."""
         if name == "clearances":
             self._run(self._clearing)
@@ -222,10 +226,16 @@ class BoatWorld:
             self._views[name] = values
         return values
 
-    def _write(self, name: str, values: Any) -> None:
-        """Write all rows of an array."""
+    @property
+    def has_moved(self) -> npt.NDArray[np.bool_]:
+        """(N,) whether the step was a decision of an episode: not its beginning, nor a wait after its end."""
+        has_moved: npt.NDArray[np.bool_] = self.as_numpy("held") == 0
+        return has_moved
+
+    def write(self, name: str, values: Any) -> None:
+        """Change an array of `BoatState`: all rows."""
         if self.device.is_cpu:
-            self.view_of(name)[:] = values
+            self.as_numpy(name)[:] = values
         else:
             array = getattr(self.boats, name)
             array.assign(np.ascontiguousarray(values, dtype=array.numpy().dtype))

@@ -305,6 +305,12 @@ class BatchWorld:
         """Change an array of `BatchState`."""
         getattr(self.arrays, name).assign(values)
 
+    @property
+    def has_moved(self) -> npt.NDArray[np.bool_]:
+        """(N,) whether the step was a decision of an episode, not its beginning."""
+        has_moved: npt.NDArray[np.bool_] = self.as_numpy("restarted") == 0
+        return has_moved
+
     def as_torch(self, name: str) -> Any:
         """Return an array of `BatchState` as a torch tensor in the same memory, which changes with each step."""
         return wp.to_torch(getattr(self.arrays, name))
@@ -360,8 +366,7 @@ class BatchWorld:
                 seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
             score = self._launch_of(kernels.score, num, [first, state, settings])
             again, anew = (
-                self._launch_of(kernels.restart, num, [first, is_anew, state, settings])
-                for is_anew in (0, 1)
+                self._launch_of(kernels.restart, num, [first, is_anew, state, settings]) for is_anew in (0, 1)
             )
             if self._link is None:
                 self._decision.append([move, *seen, score])
