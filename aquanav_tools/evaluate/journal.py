@@ -183,7 +183,7 @@ def _whole_lines(path: Path) -> Iterator[bytes]:
 
 
 def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
-    different = [_told(key, found.get(key), wanted.get(key)) for key in sorted({*found, *wanted})]
+    different = [_difference_text(key, found.get(key), wanted.get(key)) for key in sorted({*found, *wanted})]
     different = [told for told in different if told]
     if different:
         raise InputError(
@@ -192,7 +192,7 @@ def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path)
         )
 
 
-def _told(key: str, found: Any, wanted: Any) -> str:
+def _difference_text(key: str, found: Any, wanted: Any) -> str:
     """Return the name of a value that differs, of a table with what differs in it; empty where it does not."""
     if found == wanted:
         return ""
