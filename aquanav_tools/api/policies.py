@@ -18,7 +18,7 @@ def load_policy(policy: PolicySpec, *, trust: bool = False) -> LoadedPolicy:
 
     `observation` and `action` of what is returned name the preset and the form that it was made for, as `make_env`
     takes them. baseline:oracle and shield: look at the environment too: call `policy.policy.bind(env)` after each
-    reset.
+    reset. Of a file whose policy observes a dictionary, `takes` has the parts with their shapes.
 
     Args:
         policy: Path of a Stable-Baselines3 zip, an ONNX file, TorchScript or a training run's folder; "module:Name";

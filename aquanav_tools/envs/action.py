@@ -72,8 +72,8 @@ class ActionModel:
         shape = (num,) if self._form == "discrete" else (num, self._num)
         if given.shape != shape or given.dtype.kind not in "biuf":
             raise InputError(
-                f"Actions must be numbers, one for each of the {num} vehicles and so of shape {shape}; got {given.dtype} "
-                f"of {given.shape}."
+                f"Actions must be numbers, one for each of the {num} vehicles and so of shape {shape}; got "
+                f"{given.dtype} of {given.shape}."
             )
         if self._form == "continuous":
             if not np.isfinite(given).all():

@@ -262,7 +262,8 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         if render_mode == "rgb_array":
             self._camera = VehicleCamera(self.scenario, hull, vehicle_mesh(self.vehicle), view, size)
         elif render_mode == "human":
-            self._live = LiveDive(self.scenario, vehicle_mesh(self.vehicle), original_pattern().directions, seconds)
+            directions, has_dynamics = original_pattern().directions, self._own_task.randomisation is not None
+            self._live = LiveDive(self.scenario, vehicle_mesh(self.vehicle), directions, seconds, has_dynamics)
 
     def _info(self) -> Info:
         arrays = self._arrays

@@ -27,15 +27,18 @@ def dynamics_tables(episodes: EpisodeTable) -> tuple[Table, ...]:
     known = episodes.rows(np.logical_not(episodes.are("outcome", INFEASIBLE)))
     free = np.logical_and(known.are("outcome", "success"), known.column("collisions") == 0)
     columns = {name: known.column(DYNAMICS + name) for name in names}
-    num = max(int(np.isfinite(column).sum()) for column in columns.values())
-    if num < MIN_EPISODES:
+    values = np.stack(list(columns.values()), axis=1)
+    values = values[np.isfinite(values).any(axis=1)]
+    if len(values) < MIN_EPISODES:
         return ()
+    # Episodes of one seed draw the same under every condition, and fare alike: they tell little more than one.
+    num = len(np.unique(np.nan_to_num(values, nan=np.inf), axis=0))
     if "weak_thruster_gain" in columns and "weak_thruster" in columns:  # it is drawn always, and acts on a weak one
         columns["weak_thruster_gain"][~(columns["weak_thruster"] > 0.0)] = np.nan
     rows = tuple(_row(name, column, free) for name, column in columns.items() if np.isfinite(column).any())
     title = (
-        f"Collision-free success by what {num} episodes drew of their vehicle's dynamics. Differences below about "
-        f"{_chance(free, num):.0f} points between thirds are chance"
+        f"Collision-free success by what {len(values)} episodes drew of their vehicle's dynamics, {num} different "
+        f"vehicles. Differences below about {_chance(free, num):.0f} points between thirds are chance"
     )
     return (Table(title, ("drawn", "from", "to", "", *PARTS), rows),)
 
@@ -59,7 +62,7 @@ def _rate(free: BoolArray) -> str:
 
 
 def _chance(free: BoolArray, num: int) -> float:
-    """Return the difference between two thirds of `num` episodes that 95 % of samples stay below, in points.
+    """Return the difference between two thirds of `num` different vehicles that 95 % of samples stay below, in points.
 
     That of two binomial shares with the same probability, which is taken from all episodes but kept from 0 and 1.
     """

@@ -125,6 +125,7 @@ class EpisodeTable(Sequence[EpisodeMetrics]):
         values: dict[str, Any] = {"digest": self._digests[start : start + DIGEST_LENGTH].decode().rstrip()}
         for name, column in self._columns.items():
             values[name] = self._as_value(name, column[place])
+        # In an order that does not depend on which episode ended first.
         values["dynamics"] = {name: value for name in self.drawn if not np.isnan(value := self._drawn[name][place])}
         return EpisodeMetrics(**values)
 

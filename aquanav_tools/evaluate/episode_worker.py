@@ -15,7 +15,7 @@ from aquanav_tools.evaluate.journal import journal_row, trajectory_name, write_t
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, EvaluateOptions
 from aquanav_tools.evaluate.own_files import OwnFiles, own_files, seals
-from aquanav_tools.evaluate.policies import LoadedPolicy, check_named
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_named, code_of
 from aquanav_tools.evaluate.protocol import (
     Condition,
     case_condition,
@@ -67,7 +67,7 @@ class Plan:
     num_possible: int | None
     """Episodes that differ which there are in these scenarios under these conditions; None for no end of them."""
     own_files: OwnFiles
-    """What of the user's own the options name, beside the policy."""
+    """What of the user's own the options and the policy's name mean."""
 
 
 @dataclass(frozen=True)
@@ -113,13 +113,14 @@ def make_plan(spec: EvaluationSpec) -> Plan:
         episodes = [case_spec(scenario, case) for scenario in scenarios for case in options.cases]
         conditions = tuple({episode.condition.name: episode.condition for episode in episodes}.values())
     possible = _num_possible(policy, scenarios, conditions, options)
-    plan = Plan(policy, scenarios, conditions, numbered(episodes), possible, _own_files(options))
+    plan = Plan(policy, scenarios, conditions, numbered(episodes), possible, _own_files(spec))
     _check_seal(plan, spec.seal)
     return plan
 
 
-def _own_files(options: EvaluateOptions) -> OwnFiles:
-    return own_files(options, options.observation, options.grid.randomisation)
+def _own_files(spec: EvaluationSpec) -> OwnFiles:
+    options = spec.options
+    return own_files(options, options.observation, options.grid.randomisation, code_of(spec.policy))
 
 
 def _num_possible(

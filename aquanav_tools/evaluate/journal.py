@@ -188,7 +188,7 @@ def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path)
     if different:
         raise InputError(
             f"The episodes in {folder} are of another evaluation: {', '.join(different)} differ. Go on with the "
-            "options it was begun with, or leave out --resume to begin anew."
+            "options and files it was begun with, or leave out --resume to begin anew."
         )
 
 

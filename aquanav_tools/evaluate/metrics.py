@@ -97,8 +97,8 @@ class EpisodeMetrics:
     digest: str
     """SHA-256 of its states, actions and rewards: equal only where an episode repeats to the bit."""
     dynamics: dict[str, float] = field(default_factory=dict, hash=False)
-    """What it drew of its vehicle's dynamics, by name, in alphabetical order: `sim.randomisation` has the names and
-    units. Nothing without a randomisation."""
+    """What it drew of its vehicle's dynamics, by name: `sim.randomisation` has the names and units. Nothing without a
+    randomisation."""
 
     @property
     def is_success(self) -> bool:
@@ -158,7 +158,7 @@ def measure(trajectory: Trajectory, geodesic: float, reference: EpisodeReference
         jerk=_jerk(trajectory),
         interventions=trajectory.interventions,
         digest=digest_of(trajectory),
-        dynamics=dict(sorted(trajectory.dynamics.items())),
+        dynamics=dict(trajectory.dynamics),
     )
 
 

@@ -1,4 +1,4 @@
-"""The user's own files that an evaluation rests on, beside policies, scenarios and vehicles: code and ranges."""
+"""The user's own files that an evaluation rests on, beside scenarios, vehicles and policies' files: code and ranges."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ OwnFiles = dict[str, dict[str, str]]
 """SHA-256 of each module or file, by its name, of each thing that options name."""
 
 
-def own_files(options: TaskOptions, observation: str | None, randomisations: Iterable[str | None] = ()) -> OwnFiles:
+def own_files(
+    options: TaskOptions, observation: str | None, randomisations: Iterable[str | None] = (), policy: str = ""
+) -> OwnFiles:
     """Return what options name of the user's own, each with the files that it is made of.
 
     Of code these are its module and all modules that this imports, directly or not, but for libraries'.
@@ -29,17 +31,23 @@ def own_files(options: TaskOptions, observation: str | None, randomisations: Ite
         options: Of the task.
         observation: What is observed: only module:Name is code.
         randomisations: Further ranges of dynamics, beside the options'.
+        policy: Likewise: only module:function is code.
 
     Raises:
         InputError: a module cannot be imported, or there is no such file of ranges.
     """
-    named = [named_part(text)[1] for text in (*named_code(choices_of(options)), observation or "")]
+    named = [named_part(text)[1] for text in (*named_code(choices_of(options)), observation or "", policy)]
     found = {spec: dict(sorted(_sources(spec.split(":")[0]).items())) for spec in named if is_own(spec)}
     for ranges in dict.fromkeys((options.randomisation, *randomisations)):
         if ranges is not None and ranges.endswith(RANGES):
             read_randomisation(ranges)
             found[ranges] = {ranges: file_hash(Path(ranges))}
     return dict(sorted(found.items()))
+
+
+def names_code(files: OwnFiles) -> bool:
+    """Return whether there is code among the files, which results and protocols run with --trust only."""
+    return any(is_own(name) for name in files)
 
 
 def seals(files: OwnFiles) -> dict[str, str | None]:

@@ -173,6 +173,12 @@ def policy_loader(options: ProtocolOptions, *, is_trusted: bool) -> Callable[[st
     return partial(load_policy, is_trusted=is_trusted, observation=options.observation, sensors=tuple(options.sensors))
 
 
+def code_of(spec: str) -> str:
+    """Return the module:function that a policy's name means, also inside a shield; empty of all others."""
+    inner = spec.removeprefix(SHIELD)
+    return inner if is_own(inner) and not inner.startswith(PREFIX) else ""
+
+
 def load_policy(
     spec: str, is_trusted: bool = False, observation: str | None = None, sensors: tuple[str, ...] = ()
 ) -> LoadedPolicy:

@@ -17,7 +17,7 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.observed import named_observation
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.own_files import check_own_files, own_files
-from aquanav_tools.evaluate.policies import LoadedPolicy, policy_loader
+from aquanav_tools.evaluate.policies import LoadedPolicy, code_of, policy_loader
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
@@ -67,11 +67,12 @@ def replay(
     table = read_results(path)
     episode = _find(episodes_of(table), options.episode, path)
     rules = _rules(table["protocol"])
+    recorded = code_of(table["policy"]["path"])
+    is_recorded = load is None and options.policy is None
     if not options.trust:
-        refuse_recorded([*named_code(choices_of(rules)), rules.observation], str(path), "If you trust it, add --trust.")
-    if "own_files" in table:  # not before format 5
-        ranges = table["protocol"]["grid"].get("randomisation", ())
-        check_own_files(table["own_files"], own_files(rules, rules.observation, ranges))
+        names = [*named_code(choices_of(rules)), rules.observation, recorded if is_recorded else None]
+        refuse_recorded(names, str(path), "If you trust it, add --trust.")
+    _check_own_files(table, rules, recorded, is_recorded=is_recorded)
     policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))
     scenario = _scenario(table, episode.scenario, options)
     condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
@@ -86,6 +87,17 @@ def replay(
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
     return Replayed(metrics, output, options.film)
+
+
+def _check_own_files(table: dict[str, Any], rules: ProtocolOptions, policy: str, *, is_recorded: bool) -> None:
+    """Check the user's own files against the results; the policy's only where the results name the policy."""
+    if "own_files" not in table:  # before format 5
+        return
+    before = dict(table["own_files"])
+    if not is_recorded:
+        before.pop(policy, None)
+    ranges = table["protocol"]["grid"].get("randomisation", ())
+    check_own_files(before, own_files(rules, rules.observation, ranges, policy if is_recorded else ""))
 
 
 def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Trajectory, EpisodeMetrics]:

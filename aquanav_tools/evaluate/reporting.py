@@ -19,6 +19,7 @@ from aquanav_tools.evaluate.failures import failure_text
 from aquanav_tools.evaluate.journal import Journal, worst_first
 from aquanav_tools.evaluate.metrics import INFEASIBLE, EpisodeMetrics
 from aquanav_tools.evaluate.observed import named_observation
+from aquanav_tools.evaluate.own_files import names_code
 from aquanav_tools.evaluate.policies import SHIELD
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
@@ -100,7 +101,7 @@ def write_report(
         warnings=_warnings(summary, episodes, provenance),
         figures=_plots(scenarios, journal, summary, pictures),
         tables=(
-            _worst_table(episodes, recordings),
+            _worst_table(episodes, recordings, provenance),
             _mean_table(summary, provenance.protocol["reward"]),
             *_group_tables(groups),
             *dynamics_tables(episodes),
@@ -254,15 +255,15 @@ def _warnings(summary: Summary, episodes: EpisodeTable, provenance: Provenance) 
     return tuple(notices)
 
 
-def _worst_table(episodes: EpisodeTable, recordings: Mapping[int, str]) -> Table:
-    rows = []
+def _worst_table(episodes: EpisodeTable, recordings: Mapping[int, str], provenance: Provenance) -> Table:
+    rows, trust = [], " --trust" if provenance.policy["is_trusted"] or names_code(provenance.own_files) else ""
     for index in worst_first(episodes)[:NUM_WORST]:
         episode = episodes[index]
         rows.append(
             (
                 _link(episode, recordings), episode.scenario, episode.outcome, str(episode.collisions),
                 metres(episode.min_clearance), f"{episode.progress:.1f}", f"{episode.time:.0f}",
-                f"aquanav-eval replay results.json --episode {episode.index}",
+                f"aquanav-eval replay results.json --episode {episode.index}{trust}",
             )
         )  # fmt: skip
     columns = (
@@ -370,7 +371,7 @@ def repeat_command(provenance: Provenance) -> str:
     others = [scenario["vehicle"]["path"] for scenario in provenance.scenarios if "vehicle" in scenario]
     words += ["--vehicle", others[0]] if others else []
     if "cases" in protocol:
-        trust = ["--trust"] if provenance.policy["is_trusted"] or provenance.own_files else []
+        trust = ["--trust"] if provenance.policy["is_trusted"] or names_code(provenance.own_files) else []
         return shlex.join(map(str, [*words, "--protocol", "cases.toml", *trust]))
     observation = named_observation(protocol["observation"], protocol["sensors"])
     words += ["--observation", observation] if observation else []

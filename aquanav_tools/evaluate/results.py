@@ -45,7 +45,7 @@ class Provenance:
     protocol: dict[str, Any]
     """Resolved options that change the numbers."""
     own_files: OwnFiles
-    """Code and ranges of the user's own that the protocol names, with the SHA-256 of their modules and files."""
+    """Code and ranges of the user's own that protocol and policy name, with the SHA-256 of their modules and files."""
     possible_episodes: int | None
     """That differ, in these scenarios under these conditions; None for no end of them."""
 

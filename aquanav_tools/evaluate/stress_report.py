@@ -13,7 +13,7 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
-from aquanav_tools.evaluate.own_files import OwnFiles
+from aquanav_tools.evaluate.own_files import OwnFiles, names_code
 from aquanav_tools.evaluate.reporting import task_words
 from aquanav_tools.evaluate.statistics import Proportion, wilson
 from aquanav_tools.evaluate.summary_text import fraction_text, metres, percent
@@ -237,8 +237,8 @@ def _repeat_table(found: Stress, options: StressOptions) -> Table:
     trust = ["--trust"] if options.trust else []
     where = ["--scenario", options.scenario, *(["--vehicle", options.vehicle] if options.vehicle else [])]
     # A protocol's code runs with --trust only, whoever wrote the protocol.
-    names_code = ["--trust"] if found.own_files and not trust else trust
-    again = ["aquanav-eval", options.policy, *where, "--protocol", "worst.toml", *names_code]
+    again_trust = ["--trust"] if names_code(found.own_files) else trust
+    again = ["aquanav-eval", options.policy, *where, "--protocol", "worst.toml", *again_trust]
     search: list[Any] = ["aquanav-eval", "stress", options.policy, *where, *trust]
     search += ["--observation", options.observation] if options.observation else []
     for name in ("budget", "seed", "max_noise", "max_current", "seeds"):

@@ -109,6 +109,17 @@ def rows_of(entity: str, path: Path) -> int:
     return sum(map(int, re.findall(r"with (\d+) rows?", result.stdout + result.stderr)))
 
 
+def test_what_each_episode_draws_of_its_vehicle_is_told(tube: Scenario, shown: Path) -> None:
+    env = gymnasium.make("aquanav/Cave-v0", scenario=tube, render_mode="human", max_decisions=1, randomisation="wide")
+    masses = []
+    for seed in range(2):
+        masses.append(env.reset(seed=seed)[1]["dynamics/mass"])
+        env.step(AHEAD)
+    env.close()
+    text = rerun("print", "-vvv", "--entity", "/dynamics", shown)
+    assert all(f"| mass | {mass:.3g} |" in text for mass in masses)
+
+
 def test_being_watched_changes_nothing_about_the_episode(tube: Scenario, shown: Path) -> None:
     seen, blind = CaveEnv(tube, render_mode="human"), CaveEnv(tube)
     np.testing.assert_array_equal(seen.reset(seed=3)[0], blind.reset(seed=3)[0])

@@ -183,6 +183,10 @@ def test_the_reports_table_shows_success_by_thirds_of_the_range() -> None:
     assert [cell.split(" %")[0] for cell in mass[4:]] == ["100", "100", "0"]
     assert sum(int(cell.split(" of ")[1]) for cell in mass[4:]) == 31
     assert delay[3:] == ("decisions", "0: 62 % of 16", "1: 67 % of 15", "")  # 20 successes, evenly over even and odd
+    assert "what 31 episodes drew" in table.title and "31 different vehicles" in table.title
+    (twice,) = dynamics_tables(EpisodeTable(episodes * 2))  # as under two conditions
+    assert "what 62 episodes drew" in twice.title and "31 different vehicles" in twice.title
+    assert twice.title.split("Differences")[1] == table.title.split("Differences")[1]
     assert not dynamics_tables(EpisodeTable([episode()] * 40))
 
 

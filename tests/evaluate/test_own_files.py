@@ -94,7 +94,8 @@ def test_results_have_the_hashes_of_what_is_named_and_of_what_that_imports(
     assert table["own_files"] == {
         f"{own}:Own": files, f"{own}:Height": files, "own.toml": {"own.toml": sha256("own.toml")},
     }  # fmt: skip
-    assert files[helper] in Path("out/report.html").read_text()
+    page = Path("out/report.html").read_text()
+    assert files[helper] in page and "aquanav-eval replay results.json --episode 0 --trust" in page
 
 
 def test_without_code_of_ones_own_there_are_no_hashes(cave: Path) -> None:
@@ -130,6 +131,34 @@ def test_a_replay_takes_the_same_code_only(cave: Path, modules: tuple[str, str])
     told = rf"is not what was evaluated \(SHA-256 of {helper}: {now[:12]} instead of {before[:12]}"
     with pytest.raises(InputError, match=told):
         aquanav.replay("out", 1, trust=True)
+
+
+def test_a_policy_of_ones_own_goes_on_and_is_replayed_with_the_same_code_only(
+    cave: Path, modules: tuple[str, str]
+) -> None:
+    own, helper = modules
+    rules = ["--scenario", cave, "--episodes", 3, "--max-decisions", 4, "--record", "none", "--workers", 1, "-o", "out"]
+    assert run_here(main, f"{own}:ahead", *rules).returncode == 0
+    assert helper in json.loads(Path("out/results.json").read_text())["own_files"][f"{own}:ahead"]
+    assert run_here(main, "replay", "out", "--episode", 1, "--trust").returncode == 0
+    assert run_here(main, "replay", "out", "--episode", 1, "--policy", f"{own}:ahead").returncode == 0
+    changed(helper)
+    for words in ([f"{own}:ahead", *rules, "--resume"], ["replay", "out", "--episode", 1, "--trust"]):
+        result = run_here(main, *words)
+        assert result.returncode == 2 and f"{own}:ahead" in result.stderr
+
+
+def test_a_policy_that_results_name_is_not_even_imported(cave: Path, own_module: WriteModule) -> None:
+    own = own_module("open('imported', 'w')")
+    score(cave, "", reward="careful", sensors=(), randomisation=None)
+    path = Path("out/results.json")
+    table = json.loads(path.read_text())
+    for spec in (f"{own}:fly", f"shield:{own}:fly"):
+        table["policy"]["path"] = spec
+        path.write_text(json.dumps(table))
+        with pytest.raises(InputError, match=f"names code: {own}:fly. A file runs none by itself"):
+            aquanav.replay("out", 1)
+        assert not Path("imported").exists()
 
 
 def test_a_comparison_says_where_code_was_changed(cave: Path, modules: tuple[str, str]) -> None:

@@ -134,10 +134,22 @@ def _write_scenario(path: Path) -> None:
 
 
 def _write_policy(path: Path) -> None:
-    """Write a policy of 2 x 8 as Stable-Baselines3 saves it, in a zip without the day in it."""
     from tests.evaluate.models import make_model
 
-    make_model(net_arch=[8, 8]).save(path)
+    _save_policy(make_model(net_arch=[8, 8]), path)
+
+
+def _write_dictionary_policy(path: Path) -> None:
+    from stable_baselines3 import PPO
+
+    from tests.evaluate.test_dict_policies import untrained
+
+    _save_policy(untrained(PPO, "multidiscrete", net_arch=[8, 8]), path)
+
+
+def _save_policy(model: Any, path: Path) -> None:
+    """Write a policy as Stable-Baselines3 saves it, in a zip without the day in it."""
+    model.save(path)
     with zipfile.ZipFile(path) as archive:
         members = {name: archive.read(name) for name in ("data", "policy.pth")}
     with zipfile.ZipFile(path, "w") as archive:
@@ -162,7 +174,7 @@ def _write_results(path: Path) -> None:
     """Write the results of two episodes."""
     episodes = [
         episode(index=0, digest="0" * 64),
-        episode(index=1, seed=8, outcome="timeout", time_ratio=None, digest="f" * 64),
+        episode(index=1, seed=8, outcome="timeout", time_ratio=None, digest="f" * 64, dynamics={"mass": 1.125}),
     ]
     policy = {"name": "baseline:reactive", "sha256": None, "path": "baseline:reactive", "is_trusted": False}
     scenarios = [{"name": "tube", "content_hash": "0" * 64, "path": "tube"}]
@@ -175,7 +187,9 @@ def _write_results(path: Path) -> None:
     }
     protocol |= {**choices_of(TaskOptions()), "max_decisions": None, "grid": dataclasses.asdict(Grid())}
     protocol["conditions"] = [{"name": "as given", "changes": {}, "region": None}]
-    provenance = Provenance(policy, scenarios, protocol, own_files={}, possible_episodes=None)
+    provenance = Provenance(
+        policy, scenarios, protocol, own_files={"own.toml": {"own.toml": "0" * 64}}, possible_episodes=None
+    )
     table = results_table(provenance, summarise(episodes), group(episodes))
     write_results(table, episodes, path)
 
@@ -229,6 +243,7 @@ WRITERS: dict[str, Writer] = {
     "vehicle-bluerov2.toml": _copied("aquanav_tools", "sim", "vehicles", "bluerov2.toml"),
     "vehicle-boat.toml": _copied("aquanav_tools", "sim", "vehicles", "boat.toml"),
     "policy-sb3.zip": _write_policy,
+    "policy-parts.zip": _write_dictionary_policy,
     "policy-ml-agents.onnx": _write_onnx,
     "pipeline-paper.toml": _copied("pipelines", "train", "paper.toml"),
     "bay-drawn.toml": _text('format = 1\nvehicle = "otter"\nsea = "calm"\n[rocks]\ndensity = 0.1\n'),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.report.dynamics import dynamics_document
 from aquanav_tools.report.recording.cave import CaveModel, log_cave, log_route
 from aquanav_tools.report.recording.episode import (
     NEAR_WALL,
@@ -35,13 +36,15 @@ LISTENS_WITHIN = 0.5
 """A viewer that is there answers a connection within this time, s: many times what one on another machine needs."""
 TRAIL_STATES = 300
 """The trail shows so many states, half a minute: it is sent anew each time, at 12 bytes each."""
-REWARD_PREFIX = "reward/"
+REWARD_PREFIX, DRAWN_PREFIX = "reward/", "dynamics/"
 
 
 class LiveDive:
     """Shows one vehicle's episodes in the viewer."""
 
-    def __init__(self, scenario: Scenario, vehicle: Mesh, ray_directions: Array, seconds: float) -> None:
+    def __init__(
+        self, scenario: Scenario, vehicle: Mesh, ray_directions: Array, seconds: float, has_dynamics: bool = False
+    ) -> None:
         """Open the viewer and show the cave.
 
         Args:
@@ -49,12 +52,13 @@ class LiveDive:
             vehicle: How it looks, body frame, m, with colours.
             ray_directions: (R, 3) unit vectors in the body frame.
             seconds: Between two states, s.
+            has_dynamics: Whether episodes draw their vehicle's dynamics, which are then told beside the plots.
 
         Raises:
             ResourceError: there is no viewer, and none can be started.
         """
         cave = CaveModel(scenario)
-        self._stream = _open_viewer(dive_blueprint(cave, is_live=True))
+        self._stream = _open_viewer(dive_blueprint(cave, is_live=True, has_dynamics=has_dynamics))
         self._directions, self._seconds = ray_directions, seconds
         self._time, self._state = 0.0, ""
         self._trail: deque[Array] = deque(maxlen=TRAIL_STATES)
@@ -71,6 +75,9 @@ class LiveDive:
         self._time += self._seconds
         if is_first:
             self._trail.clear()
+            drawn = {key.removeprefix(DRAWN_PREFIX): info[key] for key in info if key.startswith(DRAWN_PREFIX)}
+            if drawn:
+                self._log("dynamics", rr.TextDocument(dynamics_document(drawn), media_type=rr.MediaType.MARKDOWN))
         self._trail.append(info["position"])
         w, x, y, z = info["orientation"]
         self._log("vehicle", rr.Transform3D(translation=info["position"], quaternion=rr.Quaternion(xyzw=[x, y, z, w])))
