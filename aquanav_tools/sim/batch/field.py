@@ -43,7 +43,7 @@ class Grid:
     """Bricks along y."""
     num_z: wp.int32
     bricks: wp.array(dtype=wp.int32)
-    """First sample of each brick."""
+    """Number of each brick."""
     samples: wp.array(dtype=wp.float32)
     """Clearance, spacings."""
     least: wp.array(dtype=wp.float32)
@@ -56,7 +56,7 @@ def make_grid(field: water_field.DistanceField, device: Any) -> Grid:
     grid.origin, grid.spacing = wp.vec3d(*field.origin), field.spacing
     grid.last = wp.vec3(*(count - 0.001 for count in field.shape))
     _, grid.num_y, grid.num_z = field.bricks.shape
-    grid.bricks = wp.array(field.bricks.ravel() * int(VOLUME), dtype=wp.int32, device=device)
+    grid.bricks = wp.array(field.bricks.ravel(), dtype=wp.int32, device=device)
     samples = (field.samples / field.spacing).astype(np.float32)
     grid.samples = wp.array(samples.ravel(), dtype=wp.float32, device=device)
     grid.least = wp.array(_least_in_cells(samples).ravel(), dtype=wp.float32, device=device)
@@ -85,7 +85,7 @@ def room_at(grid: Grid, place: wp.vec3):
     i, j, k = int(x), int(y), int(z)
     fx, fy, fz = x - float(i), y - float(j), z - float(k)
     brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
     a = wp.lerp(grid.samples[n], grid.samples[n + 1], fz)
     b = wp.lerp(grid.samples[n + ROW], grid.samples[n + ROW + 1], fz)
     n += PLANE
@@ -100,7 +100,7 @@ def surely_at(grid: Grid, place: wp.vec3):
     i = int(wp.clamp(place[0], 0.0, grid.last[0]))
     j = int(wp.clamp(place[1], 0.0, grid.last[1]))
     k = int(wp.clamp(place[2], 0.0, grid.last[2]))
-    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)] / VOLUME
+    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
     x, y, z = (i & MASK) >> CELL_BITS, (j & MASK) >> CELL_BITS, (k & MASK) >> CELL_BITS
     return grid.least[8 * brick + 4 * x + 2 * y + z]
 

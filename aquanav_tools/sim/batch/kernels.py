@@ -36,6 +36,10 @@ PROXIMITY = wp.constant(3)
 class Settings:
     """What all vehicles of a batch have in common."""
 
+    caves: wp.array(dtype=Cave)
+    crafts: wp.array(dtype=Craft)
+    unlisted: Starts
+    """(N,) each vehicle's next start, where it is in no list."""
     fan: Fan
     observation: wp.int32
     """Index in `observation.PRESETS`."""
@@ -162,9 +166,6 @@ def advance(
     first: int,
     is_answer: int,
     state: BatchState,
-    unlisted: Starts,
-    caves: wp.array(dtype=Cave),
-    crafts: wp.array(dtype=Craft),
     settings: Settings,
     contacts: ContactExchange,
 ):
@@ -173,12 +174,12 @@ def advance(
     With `is_answer`, go on with the vehicles that asked the contact engine.
     """
     i = state.order[first + wp.tid()]
-    cave, craft = caves[state.cave_of[i]], crafts[state.craft_of[i]]
+    cave, craft = settings.caves[state.cave_of[i]], settings.crafts[state.craft_of[i]]
     if is_answer == 1:
         if contacts.status[i] == NO_QUESTION:
             return
     elif settings.next_step == 1 and state.outcomes[i] > 0:
-        begin(i, state, unlisted, cave, craft)
+        begin(i, state, settings.unlisted, cave, craft)
         return
     else:
         for n in range(3):
@@ -226,8 +227,6 @@ def sense(
     only_restarted: int,
     num_parts: int,
     state: BatchState,
-    caves: wp.array(dtype=Cave),
-    crafts: wp.array(dtype=Craft),
     settings: Settings,
 ):
     """Observe; a thread casts a share of its vehicle's rays, and the first of them writes all else."""
@@ -235,13 +234,13 @@ def sense(
     i = state.order[first + n]
     if only_restarted == 1 and state.restarted[i] == 0:
         return
-    cave = caves[state.cave_of[i]]
+    cave = settings.caves[state.cave_of[i]]
     origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
     num_rays = settings.fan.lengths.shape[0]
     for ray in range(part, num_rays, num_parts):
         sense_ray(i, ray, origin, state, cave, settings)
     if part == 0:
-        craft = crafts[state.craft_of[i]]
+        craft = settings.crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:
             show_original(
                 state.observations[i],
@@ -283,10 +282,10 @@ def cut_off(i: int, state: BatchState, fan: Fan):
 
 
 @wp.kernel
-def score(first: int, state: BatchState, caves: wp.array(dtype=Cave), settings: Settings):
+def score(first: int, state: BatchState, settings: Settings):
     """Write the reward's terms and the episode's end."""
     i = state.order[first + wp.tid()]
-    rules, outcome = caves[state.cave_of[i]].rules, state.outcomes[i]
+    rules, outcome = settings.caves[state.cave_of[i]].rules, state.outcomes[i]
     total, lost = f64(0.0), f64(0.0)
     if rules.weights[PROXIMITY] != f64(0.0):
         lost = cut_off(i, state, settings.fan)
@@ -308,14 +307,7 @@ def score(first: int, state: BatchState, caves: wp.array(dtype=Cave), settings: 
 
 
 @wp.kernel
-def restart(
-    first: int,
-    anew: int,
-    state: BatchState,
-    unlisted: Starts,
-    caves: wp.array(dtype=Cave),
-    crafts: wp.array(dtype=Craft),
-):
+def restart(first: int, anew: int, state: BatchState, settings: Settings):
     """Keep the last observation of ended episodes and begin the next; with `anew`, begin all."""
     i = state.order[first + wp.tid()]
     if anew == 0 and state.outcomes[i] == 0:
@@ -323,4 +315,4 @@ def restart(
     if anew == 0:
         for n in range(state.observations.shape[1]):
             state.final_observations[i, n] = state.observations[i, n]
-    begin(i, state, unlisted, caves[state.cave_of[i]], crafts[state.craft_of[i]])
+    begin(i, state, settings.unlisted, settings.caves[state.cave_of[i]], settings.crafts[state.craft_of[i]])

@@ -184,7 +184,7 @@ def sloping_room(grid: Grid, position: wp.vec3d):
     fx, fy, fz = x - f64(i), y - f64(j), z - f64(k)
     one = f64(1.0)
     brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
+    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
     m = n + PLANE
     a, b = f64(grid.samples[n]), f64(grid.samples[n + 1])
     c, d = f64(grid.samples[n + ROW]), f64(grid.samples[n + ROW + 1])

@@ -125,6 +125,8 @@ class BatchWorld:
         self._link = EngineLink(engines, options.law, self.arrays, self._contacts) if is_linked else None
         self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
+        settings = self._settings
+        settings.caves, settings.crafts, settings.unlisted = self._caves, self._crafts, self._unlisted.starts
         self._record()
         self._steps_in_order = 0
 
@@ -341,33 +343,24 @@ class BatchWorld:
         self._beginning: list[list[Any]] = []
         self._looks: list[list[Any]] = []
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
-        state, caves, crafts, settings = self.arrays, self._caves, self._crafts, self._settings
+        state, settings = self.arrays, self._settings
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
             num = last - first
             move, resume = (
-                self._launch_of(
-                    kernels.advance,
-                    num,
-                    [first, is_answer, state, self._unlisted.starts, caves, crafts, settings, self._contacts],
-                )
+                self._launch_of(kernels.advance, num, [first, is_answer, state, settings, self._contacts])
                 for is_answer in (0, 1)
             )
             seen, seen_again = (
-                [
-                    self._launch_of(
-                        kernels.sense, (num, num_parts), [first, again, num_parts, state, caves, crafts, settings]
-                    )
-                ]
+                [self._launch_of(kernels.sense, (num, num_parts), [first, again, num_parts, state, settings])]
                 for again in (0, 1)
             )
             self._looks.append(list(seen))
             if self._delays[1] > 0:
                 seen.append(self._launch_of(kernels.deliver, num, [first, 0, state]))
                 seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
-            score = self._launch_of(kernels.score, num, [first, state, caves, settings])
+            score = self._launch_of(kernels.score, num, [first, state, settings])
             again, anew = (
-                self._launch_of(kernels.restart, num, [first, is_anew, state, self._unlisted.starts, caves, crafts])
-                for is_anew in (0, 1)
+                self._launch_of(kernels.restart, num, [first, is_anew, state, settings]) for is_anew in (0, 1)
             )
             if self._link is None:
                 self._decision.append([move, *seen, score])
