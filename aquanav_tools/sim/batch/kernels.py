@@ -12,14 +12,14 @@ from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
-from aquanav_tools.sim.batch.field import on_grid, room_at, surely_at
+from aquanav_tools.sim.batch.field import mat43, on_grid, room_at, surely_at
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.observation import FULL, ORIGINAL, Fan, show_goal, show_motion
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.progress import to_go
-from aquanav_tools.sim.batch.rays import Origin, cast_ray, origin_of
+from aquanav_tools.sim.batch.rays import Origin, cast_four, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
 from aquanav_tools.sim.batch.state import MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
@@ -191,20 +191,31 @@ def advance(
 
 
 @wp.func
-def sense_ray(i: int, ray: int, origin: Origin, state: BatchState, cave: Cave, settings: Settings):
-    """Cast a ray or a sphere of vehicle `i` and write what is seen of it."""
-    position, rotation = origin.position, rotation_of(state.orientations[i])
+def cast_rays(first: int, origin: Origin, rotation: wp.mat33d, cave: Cave, fan: Fan):
+    """Return how far the ray `first` of a fan and the three after it come, m."""
+    turn, directions, lengths = wp.mat33(rotation), mat43(), wp.vec4()
+    for k in range(4):
+        if first + k < fan.lengths.shape[0]:
+            direction = turn * fan.directions[first + k]
+            for axis in range(3):
+                directions[k, axis] = direction[axis]
+            lengths[k] = fan.lengths[first + k]
+    return cast_four(cave, origin, directions, lengths)
+
+
+@wp.func
+def show_ray(i: int, ray: int, come: float, origin: Origin, state: BatchState, cave: Cave, settings: Settings):
+    """Write what is seen of a ray of vehicle `i` that came so far (m); the original casts a sphere in its place."""
     length = settings.fan.lengths[ray]
-    distance, tag = length, int(NOTHING)
+    distance, tag = float(come), int(NOTHING)
     if settings.observation == ORIGINAL:
-        exact_direction, radius = rotation * settings.fan.exact_directions[ray], settings.fan.radii[ray]
-        come = cast(cave.grid, position, exact_direction, f64(length), radius)
-        if come < f64(length):
-            distance = float(come)
-            tag = tag_at(position + come * exact_direction, radius + f64(0.5) * cave.grid.spacing, cave.ends)
-    else:
-        come_ray, _ = cast_ray(cave, origin, wp.mat33(rotation) * settings.fan.directions[ray], length)
-        distance = come_ray
+        distance = length
+        position, radius = origin.position, settings.fan.radii[ray]
+        direction = rotation_of(state.orientations[i]) * settings.fan.exact_directions[ray]
+        along = cast(cave.grid, position, direction, f64(length), radius)
+        if along < f64(length):
+            distance = float(along)
+            tag = tag_at(position + along * direction, radius + f64(0.5) * cave.grid.spacing, cave.ends)
     state.rays[i, ray] = distance
     noise, dropout = state.ray_noise[i], state.ray_dropout[i]
     if distance < length:
@@ -237,8 +248,13 @@ def sense(
     cave = settings.caves[state.cave_of[i]]
     origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
     num_rays = settings.fan.lengths.shape[0]
-    for ray in range(part, num_rays, num_parts):
-        sense_ray(i, ray, origin, state, cave, settings)
+    for first_ray in range(4 * part, num_rays, 4 * num_parts):
+        come = wp.vec4()
+        if settings.observation != ORIGINAL:
+            come = cast_rays(first_ray, origin, rotation, cave, settings.fan)
+        for k in range(4):
+            if first_ray + k < num_rays:
+                show_ray(i, first_ray + k, come[k], origin, state, cave, settings)
     if part == 0:
         craft = settings.crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:

@@ -6,7 +6,7 @@ import warp as wp
 
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.eddies import sloping_room
-from aquanav_tools.sim.batch.field import on_grid, room_at, traced
+from aquanav_tools.sim.batch.field import mat43, on_grid, room_at, traced, traced_four
 from aquanav_tools.sim.batch.runtime import OPTIONS
 
 wp.set_module_options(OPTIONS)
@@ -54,6 +54,20 @@ def cast_ray(cave: Cave, origin: Origin, direction: wp.vec3, length: float):
         spacing = float(cave.grid.spacing)
         distance = spacing * traced(cave.grid, origin.place, direction, length * (1.0 / spacing), origin.room)
     return distance, normal
+
+
+@wp.func
+def cast_four(cave: Cave, origin: Origin, directions: mat43, lengths: wp.vec4):
+    """Return how far four rays come, each as by `cast_ray`; one of length zero is none."""
+    if cave.ray_wall == wp.uint64(0):
+        spacing = float(cave.grid.spacing)
+        return spacing * traced_four(cave.grid, origin.place, directions, lengths * (1.0 / spacing), origin.room)
+    come = lengths
+    for k in range(4):
+        if lengths[k] > 0.0:
+            distance, _ = cast_ray(cave, origin, directions[k], lengths[k])
+            come[k] = distance
+    return come
 
 
 @wp.func
