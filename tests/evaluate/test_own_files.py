@@ -161,6 +161,18 @@ def test_a_policy_that_results_name_is_not_even_imported(cave: Path, own_module:
         assert not Path("imported").exists()
 
 
+def test_code_that_a_recorded_condition_names_is_not_even_imported(cave: Path, own_module: WriteModule) -> None:
+    own = own_module("open('imported', 'w')")
+    score(cave, "", reward="careful", sensors=(), randomisation=None)
+    path = Path("out/results.json")
+    table = json.loads(path.read_text())
+    table["protocol"]["conditions"][0]["changes"] = {"reward": f"{own}:Own"}
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match=f"names code: {own}:Own. A file runs none by itself"):
+        aquanav.replay("out", 1)
+    assert not Path("imported").exists()
+
+
 def test_a_comparison_says_where_code_was_changed(cave: Path, modules: tuple[str, str]) -> None:
     score(cave, modules[0], "before")
     changed(modules[1])
@@ -214,7 +226,8 @@ def test_the_search_takes_what_evaluations_take_and_its_worst_cases_fly_again(
     assert result.returncode == 0, result.stderr
     episodes = json.loads(Path("again/results.json").read_text())["episodes"]
     assert [one["digest"] for one in episodes] == [one["digest"] for one in table["worst"]]
-    assert all("mass" in one["dynamics"] for one in episodes)
+    drawn = [round(one["dynamics"]["mass"], 6) for one in table["worst"]]
+    assert [one["dynamics"]["mass"] for one in episodes] == drawn
 
     changed(helper)
     result = run_here(main, *words, "-o", "stress", "--resume")
