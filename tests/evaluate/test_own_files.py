@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,16 @@ def test_results_have_the_hashes_of_what_is_named_and_of_what_that_imports(
     }  # fmt: skip
     page = Path("out/report.html").read_text()
     assert files[helper] in page and "aquanav-eval replay results.json --episode 0 --trust" in page
+
+
+def test_a_module_without_a_file_has_no_hash_and_is_evaluated(
+    cave: Path, modules: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = types.ModuleType("made_up")
+    exec("class Own:\n    def terms(self, batch):\n        return {'none': 0.0 * batch.clearances}\n", made.__dict__)
+    monkeypatch.setitem(sys.modules, "made_up", made)
+    table = json.loads(score(cave, "made_up", sensors=()).results.read_text())
+    assert table["own_files"]["made_up:Own"] == {}
 
 
 def test_without_code_of_ones_own_there_are_no_hashes(cave: Path) -> None:
