@@ -201,16 +201,21 @@ def test_imports_are_followed_through_packages_and_circles_but_not_into_librarie
     files = {
         "__init__.py": "from .first import Own\n",
         "first.py": "from . import second\nimport numpy as np\n\nclass Own:\n    pass\n",
-        "second.py": f"def late():\n    from .inner.third import x\n    import {name}_package.first\n",
+        "second.py": (
+            f"def late():\n    from .inner.third import x\n    import {name}_package.first\n"
+            "    from . import broken, beyond\n"
+        ),
         "inner/__init__.py": "",
         "inner/third.py": "x = 1\n",
         "beside.py": "y = 2\n",
+        "broken.py": "def\n",
+        "beyond.py": "from .... import nothing\n",
     }
     for file, text in files.items():
         (folder / file).write_text(text)
     found = own_files(TaskOptions(reward=f"{folder.name}:Own"), None)[f"{folder.name}:Own"]
     modules = {"__init__.py": "", "first.py": ".first", "second.py": ".second", "inner/__init__.py": ".inner"}
-    modules["inner/third.py"] = ".inner.third"
+    modules |= {"inner/third.py": ".inner.third", "broken.py": ".broken", "beyond.py": ".beyond"}
     assert f"{folder.name}.inner.third" not in sys.modules  # found, and not run
     assert found == {folder.name + module: sha256(str(folder / file)) for file, module in modules.items()}
 
