@@ -92,7 +92,10 @@ def _sources(name: str) -> dict[str, str]:
         found[module] = file_hash(path)
         if path.suffix == ".py":
             package = module if path.name == "__init__.py" else module.rpartition(".")[0]
-            waiting += _imports(path, package)
+            try:
+                waiting += _imports(path, package)
+            except (SyntaxError, ValueError, ImportError):
+                continue  # it cannot be imported either: where that matters, the evaluation says so
     return found
 
 

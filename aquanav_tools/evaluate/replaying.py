@@ -70,7 +70,8 @@ def replay(
     recorded = code_of(table["policy"]["path"])
     is_recorded = load is None and options.policy is None
     if not options.trust:
-        names = [*named_code(choices_of(rules)), rules.observation, recorded if is_recorded else None]
+        changed = [name for item in table["protocol"]["conditions"] for name in named_code(item["changes"])]
+        names = [*named_code(choices_of(rules)), *changed, rules.observation, recorded if is_recorded else None]
         refuse_recorded(names, str(path), "If you trust it, add --trust.")
     _check_own_files(table, rules, recorded, is_recorded=is_recorded)
     policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))

@@ -174,6 +174,7 @@ def _table(found: Stress, options: StressOptions) -> dict[str, Any]:
                 "min_clearance": trial.metrics.min_clearance,
                 "danger": trial.danger,
                 "digest": trial.metrics.digest,
+                **({"dynamics": trial.metrics.dynamics} if trial.metrics.dynamics else {}),
             }
             for trial in trials
         ]

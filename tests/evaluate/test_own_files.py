@@ -6,6 +6,7 @@ import hashlib
 import json
 import re
 import sys
+import types
 from pathlib import Path
 from typing import Any
 
@@ -98,6 +99,16 @@ def test_results_have_the_hashes_of_what_is_named_and_of_what_that_imports(
     assert files[helper] in page and "aquanav-eval replay results.json --episode 0 --trust" in page
 
 
+def test_a_module_without_a_file_has_no_hash_and_is_evaluated(
+    cave: Path, modules: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = types.ModuleType("made_up")
+    exec("class Own:\n    def terms(self, batch):\n        return {'none': 0.0 * batch.clearances}\n", made.__dict__)
+    monkeypatch.setitem(sys.modules, "made_up", made)
+    table = json.loads(score(cave, "made_up", sensors=()).results.read_text())
+    assert table["own_files"]["made_up:Own"] == {}
+
+
 def test_without_code_of_ones_own_there_are_no_hashes(cave: Path) -> None:
     assert own_files(TaskOptions(randomisation="mild"), "full") == {}
 
@@ -161,6 +172,18 @@ def test_a_policy_that_results_name_is_not_even_imported(cave: Path, own_module:
         assert not Path("imported").exists()
 
 
+def test_code_that_a_recorded_condition_names_is_not_even_imported(cave: Path, own_module: WriteModule) -> None:
+    own = own_module("open('imported', 'w')")
+    score(cave, "", reward="careful", sensors=(), randomisation=None)
+    path = Path("out/results.json")
+    table = json.loads(path.read_text())
+    table["protocol"]["conditions"][0]["changes"] = {"reward": f"{own}:Own"}
+    path.write_text(json.dumps(table))
+    with pytest.raises(InputError, match=f"names code: {own}:Own. A file runs none by itself"):
+        aquanav.replay("out", 1)
+    assert not Path("imported").exists()
+
+
 def test_a_comparison_says_where_code_was_changed(cave: Path, modules: tuple[str, str]) -> None:
     score(cave, modules[0], "before")
     changed(modules[1])
@@ -178,16 +201,21 @@ def test_imports_are_followed_through_packages_and_circles_but_not_into_librarie
     files = {
         "__init__.py": "from .first import Own\n",
         "first.py": "from . import second\nimport numpy as np\n\nclass Own:\n    pass\n",
-        "second.py": f"def late():\n    from .inner.third import x\n    import {name}_package.first\n",
+        "second.py": (
+            f"def late():\n    from .inner.third import x\n    import {name}_package.first\n"
+            "    from . import broken, beyond\n"
+        ),
         "inner/__init__.py": "",
         "inner/third.py": "x = 1\n",
         "beside.py": "y = 2\n",
+        "broken.py": "def\n",
+        "beyond.py": "from .... import nothing\n",
     }
     for file, text in files.items():
         (folder / file).write_text(text)
     found = own_files(TaskOptions(reward=f"{folder.name}:Own"), None)[f"{folder.name}:Own"]
     modules = {"__init__.py": "", "first.py": ".first", "second.py": ".second", "inner/__init__.py": ".inner"}
-    modules["inner/third.py"] = ".inner.third"
+    modules |= {"inner/third.py": ".inner.third", "broken.py": ".broken", "beyond.py": ".beyond"}
     assert f"{folder.name}.inner.third" not in sys.modules  # found, and not run
     assert found == {folder.name + module: sha256(str(folder / file)) for file, module in modules.items()}
 
@@ -214,7 +242,8 @@ def test_the_search_takes_what_evaluations_take_and_its_worst_cases_fly_again(
     assert result.returncode == 0, result.stderr
     episodes = json.loads(Path("again/results.json").read_text())["episodes"]
     assert [one["digest"] for one in episodes] == [one["digest"] for one in table["worst"]]
-    assert all("mass" in one["dynamics"] for one in episodes)
+    drawn = [round(one["dynamics"]["mass"], 6) for one in table["worst"]]
+    assert [one["dynamics"]["mass"] for one in episodes] == drawn
 
     changed(helper)
     result = run_here(main, *words, "-o", "stress", "--resume")
