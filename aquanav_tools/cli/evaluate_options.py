@@ -16,7 +16,8 @@ class EvaluateCommand(EvaluateOptions):
     """How a policy is evaluated."""
 
     policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY...")]
-    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO), the folder of a training run (its best.zip, or
+    """A Stable-Baselines3 zip (PPO, A2C, DQN, SAC, TD3, RecurrentPPO; one that observes a dictionary needs
+    --observation and --sensors), the folder of a training run (its best.zip, or
     policy.zip where it was not validated), an ONNX file of ML-Agents, TorchScript (.pt, with --trust), module:function
     for code of your own in the working directory, or a baseline: baseline:random, baseline:reactive,
     baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before any of them puts a
