@@ -87,8 +87,8 @@ class BoatBatch:
 
     @property
     def dynamics(self) -> dict[str, Array]:
-        """Nothing: boats are as their files have them."""
-        return {}
+        """(N,) what each episode has drawn of its boat's dynamics, by name: see `sim.randomisation`."""
+        return self.world.dynamics
 
     @property
     def term_names(self) -> tuple[str, ...]:

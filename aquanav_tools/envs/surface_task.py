@@ -24,6 +24,7 @@ from aquanav_tools.sim.batch.boat_state import BoatEpisode, BoatTask, DrawEpisod
 from aquanav_tools.sim.batch.boat_world import BoatWorld
 from aquanav_tools.sim.boat import Boat, footprint_of, load_boat
 from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.scales import RATE_SCALE
 from aquanav_tools.sim.sea_state import SeaState
 from aquanav_tools.sim.sensors import boat_pattern
@@ -69,10 +70,7 @@ class SurfaceTask:
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
-        if options.randomisation is not None:
-            raise InputError(
-                f"Boats draw no dynamics, and randomisation is '{options.randomisation}'. Leave it out, or take a cave."
-            )
+        self._ranges = None if options.randomisation is None else read_randomisation(options.randomisation)
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)
         self.numbers = _task_numbers(options, choices, own)
@@ -90,6 +88,7 @@ class SurfaceTask:
             draw_episode,
             pattern=self.pattern,
             num_waves=self._seas.num_waves,
+            randomisation=self._ranges,
             next_step=next_step,
             device=device,
             num_threads=num_threads,

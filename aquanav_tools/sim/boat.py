@@ -185,6 +185,13 @@ class Boat:
         """(6,) what resists acceleration along and about body x, y, z: kg and kg m^2, with added mass."""
         return np.array([self.mass] * 3 + list(self.inertia)) + np.array([*self.added_mass, *self.added_inertia])
 
+    @property
+    def volume(self) -> float:
+        """All that the hulls can displace, m^3."""
+        from aquanav_tools.sea.outlines import outline_area
+
+        return float(sum(outline_area(hull.outline) * hull.height for hull in self.hulls))
+
     def draught(self, density: float) -> float:
         """Return how deep the hulls' bottom lies when all are level and equally deep, m."""
         from aquanav_tools.sea.outlines import outline_area

@@ -7,6 +7,7 @@ A range file is TOML, and each of its entries is a field of `Randomisation`. Wha
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
 from aquanav_tools.sim.body_parameters import BodyParameters, DraggedBodyParameters, MotionParameters
 from aquanav_tools.sim.fossen import FossenVehicle
 from aquanav_tools.sim.original import OriginalVehicle
@@ -31,6 +33,12 @@ FACTORS = (
 )  # fmt: skip
 """Fields that multiply; none of them may be zero or less."""
 DELAYS = ("action_delay", "observation_delay")
+SENSED = ("ray_gain", "ray_bias", *DELAYS)
+AFLOAT = ("mass", "inertia", "payload", "linear_damping", "quadratic_damping", "thrust", "reverse", *SENSED)
+"""What there is to draw of the original's boat, which stays level at its height."""
+FLOATING = ("added_mass", "centre_of_mass_x", "centre_of_mass_y", "centre_of_mass_z", *AFLOAT)
+"""What there is to draw of a boat that floats on its hulls. Its lift is what the water gives them, and its drives have
+neither parts nor a lag: `volume`, `net_buoyancy`, `thrusters`, `weak_thruster` and `lag` are left out."""
 MAX_OFFSET = 0.5
 """Of the hull's length: the centre of mass stays inside."""
 Draws = dict[str, Array]
@@ -108,8 +116,12 @@ class Randomisation:
         named = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "weak_thruster"}
         return {name: value for name, value in named.items() if value is not None}
 
-    def names(self, vehicle: Vehicle) -> tuple[str, ...]:
+    def names(self, vehicle: Vehicle | Boat) -> tuple[str, ...]:
         """Return what is drawn for a vehicle, in an order that stays: thrusters are numbered from 1."""
+        if isinstance(vehicle, Boat):
+            return tuple(name for name in self.ranges if name in FLOATING)
+        if isinstance(vehicle, OriginalVehicle) and vehicle.ballast is None:
+            return tuple(name for name in self.ranges if name in AFLOAT)
         num = num_thrusters(vehicle)
         singles = [name for name in self.ranges if name not in ("thrusters", "weak_thruster_gain")]
         each = [f"thruster_{n + 1}" for n in range(num)] if self.thrusters is not None else []
@@ -121,13 +133,20 @@ class Randomisation:
         longest = [0 if getattr(self, name) is None else int(getattr(self, name)[1]) for name in DELAYS]
         return longest[0], longest[1]
 
-    def check(self, vehicle: Vehicle) -> None:
+    def check(self, vehicle: Vehicle | Boat) -> None:
         """Refuse ranges that make an impossible body of a vehicle.
 
         Raises:
-            InputError: the centre of mass leaves the hull.
+            InputError: the centre of mass leaves the hull, or a boat sinks.
         """
-        most = MAX_OFFSET * vehicle.capsule.length
+        if isinstance(vehicle, Boat):
+            heaviest = (self.mass or (1.0, 1.0))[1] * vehicle.mass + (self.payload or (0.0, 0.0))[1]
+            if heaviest >= DENSITY * vehicle.volume:
+                raise InputError(
+                    f"With mass and payload of the randomisation the boat {vehicle.name} weighs up to {heaviest:.3g} "
+                    f"kg, and its hulls carry {DENSITY * vehicle.volume:.3g} kg. Lower these ranges."
+                )
+        most = MAX_OFFSET * (footprint_of(vehicle) if isinstance(vehicle, Boat) else vehicle.capsule).length
         for axis in "xyz":
             low, high = getattr(self, f"centre_of_mass_{axis}") or (0.0, 0.0)
             if max(abs(low), abs(high)) >= most:
@@ -151,13 +170,13 @@ def read_randomisation(spec: str | Path) -> Randomisation:
     return from_table(Randomisation, read_toml(path), path.name)
 
 
-def num_thrusters(vehicle: Vehicle) -> int:
+def num_thrusters(vehicle: Vehicle | Boat) -> int:
     """Return how many thrusters a vehicle has; 0 where its forces act as they are asked for."""
     thrusters = vehicle.thrusters if isinstance(vehicle, FossenVehicle) else None
     return 0 if thrusters is None else len(thrusters.positions)
 
 
-def draw(ranges: Randomisation, vehicle: Vehicle, uniform: Array) -> Draws:
+def draw(ranges: Randomisation, vehicle: Vehicle | Boat, uniform: Array) -> Draws:
     """Return what N episodes draw.
 
     Args:
@@ -252,6 +271,53 @@ def _varied_original(vehicle: OriginalVehicle, density: float, of: Any) -> Dragg
         angular_drag=of("quadratic_damping", 1.0) * nominal.angular_drag,
         centre_of_mass=nominal.centre_of_mass + offset,
     )
+
+
+def varied_boat(boat: Boat | OriginalVehicle, drawn: Mapping[str, float]) -> tuple[Boat | OriginalVehicle, Array]:
+    """Return the boat whose file says what was drawn for one episode, and how far its weight is off its origin.
+
+    The second is the (3,) whose cross product with the vertical is the weight's moment about the origin, N m, by an
+    offset of the centre of mass and by the payload, which lies at the hulls' bottom. No file of a boat has it.
+    """
+
+    def times(name: str, *values: float) -> Any:
+        products = tuple(drawn.get(name, 1.0) * value for value in values)
+        return products if len(values) > 1 else products[0]
+
+    payload = drawn.get("payload", 0.0)
+    if isinstance(boat, OriginalVehicle):
+        body, drive = boat.body, boat.drive
+        body = replace(
+            body,
+            mass=times("mass", body.mass) + payload,
+            inertia=times("inertia", *body.inertia),
+            linear_drag=times("linear_damping", body.linear_drag),
+            angular_drag=times("quadratic_damping", body.angular_drag),
+        )
+        force, moment = times("thrust", drive.force, drive.steer_moment)
+        reverse = times("reverse", drive.reverse_fraction)
+        drive = replace(drive, force=force, steer_moment=moment, reverse_fraction=reverse)
+        return replace(boat, body=body, drive=drive), np.zeros(3)
+    bottom = footprint_of(boat).bottom
+    force, moment = times("thrust", boat.surge_force, boat.yaw_moment)
+    normal_drag, friction = times("quadratic_damping", boat.normal_drag, boat.friction)
+    roll, pitch, yaw = times("inertia", *boat.inertia)
+    offset = np.array([drawn.get(f"centre_of_mass_{axis}", 0.0) for axis in "xyz"])
+    varied = replace(
+        boat,
+        mass=times("mass", boat.mass) + payload,
+        inertia=(roll + payload * bottom**2, pitch + payload * bottom**2, yaw),
+        added_mass=times("added_mass", *boat.added_mass),
+        added_inertia=times("added_mass", *boat.added_inertia),
+        linear_damping=times("linear_damping", *boat.linear_damping),
+        normal_drag=normal_drag,
+        friction=friction,
+        surge_force=force,
+        reverse_fraction=times("reverse", boat.reverse_fraction),
+        yaw_moment=moment,
+    )
+    moments = times("mass", boat.mass) * offset + payload * np.array([0.0, 0.0, bottom])
+    return varied, -GRAVITY * moments
 
 
 def _check(is_right: bool, name: str, low: float, high: float, rule: str) -> None:

@@ -240,8 +240,6 @@ def test_starts_of_a_fixed_bay_are_asked_for(data_dir: Path) -> None:
 def test_what_no_batch_does_is_refused() -> None:
     with pytest.raises(InputError, match="no measure of progress on the surface 'geodesic'"):
         BoatBatch(SMALL, 2, next_step=True, progress="geodesic")
-    with pytest.raises(InputError, match="Boats draw no dynamics, and randomisation is 'wide'"):
-        SurfaceVectorEnv(2, randomisation="wide")
     with pytest.raises(InputError, match="There is no device 'cuda:7'"):
         BoatBatch(SMALL, 2, next_step=True, device="cuda:7")
     with pytest.raises(InputError, match="num_threads must be at least 1"):

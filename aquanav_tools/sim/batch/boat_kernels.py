@@ -68,8 +68,8 @@ def begin(first: int, boats: BoatState, around: Surroundings):
 
 
 @wp.func
-def meet_rocks(i: int, state: State, bay: Bay, model: Model):
-    """Return the state after contacts, the deepest first, and whether there were any."""
+def meet_rocks(i: int, state: State, bay: Bay, mobility: vec6, model: Model):
+    """Return the state after contacts, the deepest first, and whether there were any; `mobility` as of `BoatBody`."""
     result, is_touched, solved = state, int(0), int(0)
     while solved < MAX_CONTACTS:
         place_hull(i, result, model.outline, model.outline_work)
@@ -78,7 +78,7 @@ def meet_rocks(i: int, state: State, bay: Bay, model: Model):
         solved += 1
         if contact.depth > ROUNDING:
             is_touched = 1
-            result = pushed_off(result, contact, model.body.mobility)
+            result = pushed_off(result, contact, mobility)
         else:
             solved = MAX_CONTACTS
     return result, is_touched
@@ -96,9 +96,9 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
     state.velocity = boats.velocities[i]
     for n in range(3):
         boats.acting[i, n] = boats.commands[i, n]
-    if rules.action_delay > 0:
-        exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], rules.action_delay)
-    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), model.body.controls)
+    exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], boats.action_delays[i])
+    body = model.bodies[boats.body_of[i]]
+    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), body.controls)
     now = boats.decisions[i] % NUM_AHEAD
     current, wind, bay = around.currents[i, now], around.winds[i, now], around.bays[around.bay_of[i]]
     touched = int(0)
@@ -106,8 +106,8 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
         boats.positions_before[i] = state.position
         boats.orientations_before[i] = state.orientation
         elapsed = f64(n) * rules.dt
-        free = sail(i, state, drives, current, wind, around.sea, elapsed, model.body, model.hull_work, rules.dt)
-        after, is_touched = meet_rocks(i, free, bay, model)
+        free = sail(i, state, drives, current, wind, around.sea, elapsed, body, model.hull_work, rules.dt)
+        after, is_touched = meet_rocks(i, free, bay, body.mobility, model)
         state = after
         touched += is_touched
     duration = f64(rules.substeps) * rules.dt
@@ -133,6 +133,8 @@ def sense_beams(i: int, boats: BoatState, rotation: wp.mat33d, bay: Bay, model: 
         distance = wp.float32(reach)
         boats.rays[i, ray] = distance
         boats.tags[i, ray] = tag
+        if reach < length:
+            distance = wp.clamp(boats.ray_gain[i] * distance + boats.ray_bias[i], 0.0, wp.float32(length))
         if is_disturbed:
             distance = measured(distance, wp.float32(length), noise, dropout, seed, ray, decision)
             if is_dropped(dropout, seed, ray, decision):
@@ -165,11 +167,11 @@ def sense(first: int, only_begun: int, boats: BoatState, around: Surroundings, m
         show_goal(seen, num_rays, position, rotation, bay.goal_centre, rules.scales[0])
         if rules.preset == FULL:
             show_motion(seen, num_rays + 2, rotation, velocity, boats.commands[i], rules.scales)
-    if rules.observation_delay > 0:
-        if is_begun:
-            fill_queue(boats.observations, boats.waiting_observations, i)
-        else:
-            exchange(boats.observations, boats.waiting_observations, i, boats.decisions[i], rules.observation_delay)
+    if is_begun:
+        fill_queue(boats.observations, boats.waiting_observations, i)
+    else:
+        late = boats.observation_delays[i]
+        exchange(boats.observations, boats.waiting_observations, i, boats.decisions[i], late)
 
 
 @wp.func

@@ -14,6 +14,7 @@ on craft that are symmetric to both sides and nearly so fore and aft.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -82,16 +83,32 @@ def make_boat_body(boat: Boat | OriginalVehicle, density: float, dt: float, devi
         body.dragged = make_dragged_body(boat.motion_parameters(density), dt, device)
         body.surface = make_hull_surface(NO_SKIN, density, 0.0, 0.0, device)
         body.controls = make_controls(boat, dt)
-        # It stays level at its height.
-        body.mobility = vec6(1.0 / boat.body.mass, 1.0 / boat.body.mass, 0.0, 0.0, 0.0, 1.0 / boat.body.inertia[2])
+        body.mobility = vec6(*mobility_of(boat))
         return body
-    parameters = BodyParameters(np.diag(boat.total_mass), np.array(boat.linear_damping), np.zeros(6))
+    parameters = boat_parameters([boat], np.zeros((1, 3)))
     body.body, body.mass = make_body(parameters, dt, device), boat.mass
     body.surface = make_hull_surface(boat.surface, density, boat.normal_drag, boat.friction, device)
     body.wind = make_wind_load(boat.windage)
     body.controls = _make_controls(boat)
-    body.mobility = vec6(*(1.0 / boat.total_mass))
+    body.mobility = vec6(*mobility_of(boat))
     return body
+
+
+def mobility_of(boat: Boat | OriginalVehicle) -> Array:
+    """Return the (6,) `BoatBody.mobility` of a boat."""
+    mobility: Array = 1.0 / boat.total_mass
+    if isinstance(boat, OriginalVehicle):
+        mobility[2:5] = 0.0  # it stays level at its height
+    return mobility
+
+
+def boat_parameters(boats: Sequence[Boat], arms: Array) -> BodyParameters:
+    """Return what the equations of motion take of N boats; `arms` are (N, 3), as of `BodyParameters.arm`.
+
+    Weight, and what the water and the air do, are loads from outside.
+    """
+    masses = np.array([boat.total_mass for boat in boats])[:, :, None] * np.eye(6)
+    return BodyParameters(masses, np.array([boat.linear_damping for boat in boats]), np.zeros(6), arm=arms)
 
 
 def make_wind_load(windage: Windage | None) -> WindLoad:

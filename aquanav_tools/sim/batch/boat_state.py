@@ -88,8 +88,6 @@ class BoatRules:
     weights: wp.array(dtype=f64)
     scales: wp.vec3d
     preset: wp.int32
-    action_delay: wp.int32
-    observation_delay: wp.int32
     dt: f64
     substeps: wp.int32
 
@@ -100,7 +98,6 @@ def make_boat_rules(task: BoatTask, device: Any) -> BoatRules:
     rules.max_decisions, rules.ends_on_collision = task.max_decisions, int(task.ends_on_collision)
     rules.weights, rules.scales = wp.array(task.weights, dtype=wp.float64, device=device), wp.vec3d(*task.scales)
     rules.preset = PRESETS.index(task.observation)
-    rules.action_delay, rules.observation_delay = task.action_delay, task.observation_delay
     rules.dt, rules.substeps = task.dt, task.substeps
     return rules
 
@@ -121,9 +118,9 @@ class Surroundings:
 
 @wp.struct
 class Model:
-    """What all boats have in common, and room to compute in."""
+    """What boats are, and room to compute in."""
 
-    body: BoatBody
+    bodies: wp.array(dtype=BoatBody)
     outline: HullOutline
     beams: Beams
     hull_work: HullWork
@@ -150,8 +147,18 @@ class BoatState:
     orientations_before: wp.array(dtype=wp.vec4d)
     currents: wp.array(dtype=wp.vec3d)
     """Of the water without its waves in the last decision, m/s."""
+    body_of: wp.array(dtype=wp.int32)
+    """Index of the body that each boat has."""
     noises: wp.array(dtype=wp.float32)
     dropouts: wp.array(dtype=wp.float32)
+    ray_gain: wp.array(dtype=wp.float32)
+    """Factor of the distances that beams measure, where dynamics are drawn; so the next three."""
+    ray_bias: wp.array(dtype=wp.float32)
+    """What is added to them, m."""
+    action_delays: wp.array(dtype=wp.int32)
+    """Decisions."""
+    observation_delays: wp.array(dtype=wp.int32)
+    """Decisions."""
     seeds: wp.array(dtype=wp.int32)
     """Of the episodes: 32 bits each, from which all that is drawn follows."""
     lengths: wp.array(dtype=f64)
@@ -195,15 +202,18 @@ class BoatState:
     last_collisions: wp.array(dtype=wp.int32)
 
 
-def make_boat_state(num: int, task: BoatTask, num_rays: int, device: Any) -> BoatState:
-    """Return the arrays of `num` boats."""
+def make_boat_state(num: int, task: BoatTask, num_rays: int, delays: tuple[int, int], device: Any) -> BoatState:
+    """Return the arrays of `num` boats; `delays` are the longest of actions and of observations, decisions."""
     state, size = BoatState(), task.size
     widths = {"commands": 3, "acting": 3, "rays": num_rays, "tags": num_rays, "terms": len(task.weights)}
     widths |= {"observations": size, "final_observations": size}
-    widths |= {"waiting_commands": 3 * task.action_delay, "waiting_observations": size * task.observation_delay}
+    widths |= {"waiting_commands": 3 * delays[0], "waiting_observations": size * delays[1]}
     for name, field in BoatState.vars.items():  # type: ignore[attr-defined]  # Warp makes the class a struct
         shape = (num, widths[name]) if name in widths else (num,)
         setattr(state, name, wp.zeros(shape, dtype=field.type.dtype, device=device))
+    state.ray_gain.fill_(1.0)
+    state.action_delays.fill_(task.action_delay)
+    state.observation_delays.fill_(task.observation_delay)
     return state
 
 

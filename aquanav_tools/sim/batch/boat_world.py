@@ -18,9 +18,9 @@ import warp as wp
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.sea_map import Berth, SeaMap
 from aquanav_tools.sim.batch import boat_kernels as kernels
+from aquanav_tools.sim.batch.boat_bodies import BoatBodies
 from aquanav_tools.sim.batch.boat_contact import Bay, make_bay, make_hull_outline, make_outline_work
 from aquanav_tools.sim.batch.boat_hull import make_hull_work
-from aquanav_tools.sim.batch.boat_motion import make_boat_body
 from aquanav_tools.sim.batch.boat_rays import make_beams
 from aquanav_tools.sim.batch.boat_state import (
     AHEAD,
@@ -38,6 +38,7 @@ from aquanav_tools.sim.batch.boat_water import NUM_ROWS, num_blocks, pack_sea, v
 from aquanav_tools.sim.batch.runtime import find_device
 from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
 from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.randomisation import Randomisation
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.sim.sensors import RayPattern
 from aquanav_tools.types import Array, Pose, yaw_quaternion
@@ -63,6 +64,7 @@ class BoatWorld:
         *,
         pattern: RayPattern,
         num_waves: int,
+        randomisation: Randomisation | None = None,
         next_step: bool = True,
         device: str = "cpu",
         num_threads: int | None = None,
@@ -76,12 +78,14 @@ class BoatWorld:
             draw_episode: Returns a boat's next episode.
             pattern: Of beams.
             num_waves: In the sea of each; episodes may have fewer.
+            randomisation: From which each episode draws its boat's dynamics; None leaves them as the boat's file has
+                them.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
 
         Raises:
-            InputError: no such device, or a senseless number.
+            InputError: no such device, or a senseless number; or a boat may sink by what is drawn.
         """
         if not 1 <= num <= MAX_BOATS:
             raise InputError(f"A batch must have 1 to {MAX_BOATS} boats, got {num}.")
@@ -90,7 +94,11 @@ class BoatWorld:
         self._draw_episode, self._next_step, self._task = draw_episode, next_step, task
         self._num_blocks = num_blocks(num_waves)
         self._deepest = -float(pattern.radii.max())
-        self.boats = make_boat_state(num, task, len(pattern.lengths), self.device)
+        most = (0, 0) if randomisation is None else randomisation.most_delays()
+        delays = max(task.action_delay, most[0]), max(task.observation_delay, most[1])
+        self.boats = make_boat_state(num, task, len(pattern.lengths), delays, self.device)
+        self._bodies = BoatBodies(boat, num, task.dt, randomisation, self.device)
+        self.boats.body_of.assign(self._bodies.body_of)
         self._model = self._make_model(pattern, task)
         self._around = self._make_surroundings()
         self._rules = make_boat_rules(task, self.device)
@@ -106,10 +114,10 @@ class BoatWorld:
 
     def _make_model(self, pattern: RayPattern, task: BoatTask) -> Model:
         model, device = Model(), self.device
-        model.body = make_boat_body(self.boat, DENSITY, task.dt, device)
+        model.bodies = self._bodies.array
         model.outline = make_hull_outline(self.footprint, device)
         model.beams = make_beams(pattern, task.observation == "original", device)
-        model.hull_work = make_hull_work(self.num, model.body.surface, self._num_blocks, device)
+        model.hull_work = make_hull_work(self.num, self._bodies.surface, self._num_blocks, device)
         model.outline_work = make_outline_work(self.num, model.outline, device)
         return model
 
@@ -174,19 +182,33 @@ class BoatWorld:
 
     def _begin(self, chosen: npt.NDArray[np.bool_]) -> None:
         """Draw the next episodes of the chosen boats, and place them at their berths."""
+        rows = np.flatnonzero(chosen)
+        episodes = [self._draw_episode(i) for i in rows.tolist()]
+        self._bodies.draw(rows, np.array([episode.seed for episode in episodes], dtype=np.uint32))
+        if self._bodies.drawn is not None:
+            self._bodies.drawn.write_sensing(self.boats, self._task.action_delay, self._task.observation_delay)
+        for i, episode in zip(rows.tolist(), episodes, strict=True):
+            self.episodes[i] = episode
+            self._place(i, episode)
+
+    def _place(self, i: int, episode: BoatEpisode) -> None:
+        """Put a boat at its berth, on the sea of an episode."""
         boats, sea = self.boats, self._around.sea
-        for i in np.flatnonzero(chosen).tolist():
-            episode = self.episodes[i] = self._draw_episode(i)
-            state = state_at_berth(self.boat, episode.berth, episode.water)
-            table, phases = pack_sea(*episode.water.waves, self._num_blocks)
-            write_row(self._around.bay_of, i, self._bay_slots.take(i, episode.bay))
-            for array, value in (
-                (sea.table, table), (sea.phases, phases), (boats.noises, episode.noise),
-                (boats.positions, state[:3]), (boats.orientations, state[3:7]), (boats.dropouts, episode.dropout),
-                (boats.seeds, np.uint32(episode.seed).view(np.int32)),
-            ):  # fmt: skip
-                write_row(array, i, value)
-            self._draw_ahead(i)
+        state = state_at_berth(self._bodies.boat_of(i), episode.berth, episode.water)
+        table, phases = pack_sea(*episode.water.waves, self._num_blocks)
+        write_row(self._around.bay_of, i, self._bay_slots.take(i, episode.bay))
+        for array, value in (
+            (sea.table, table), (sea.phases, phases), (boats.noises, episode.noise),
+            (boats.positions, state[:3]), (boats.orientations, state[3:7]), (boats.dropouts, episode.dropout),
+            (boats.seeds, np.uint32(episode.seed).view(np.int32)),
+        ):  # fmt: skip
+            write_row(array, i, value)
+        self._draw_ahead(i)
+
+    @property
+    def dynamics(self) -> dict[str, Array]:
+        """(N,) what the episodes have drawn of their boats' dynamics, by name; nothing without a randomisation."""
+        return {} if self._bodies.drawn is None else self._bodies.drawn.by_name
 
     def _draw_on(self, moved: npt.NDArray[np.bool_]) -> None:
         """Draw the gusts of boats that have used up theirs."""

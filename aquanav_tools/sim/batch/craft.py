@@ -16,6 +16,7 @@ from aquanav_tools.sim.batch.motion import Body, Thruster, body_values, make_bod
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.random import DYNAMICS, draw_many
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.boat import Boat
 from aquanav_tools.sim.body_parameters import BodyParameters, DraggedBodyParameters
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.randomisation import (
@@ -75,7 +76,49 @@ def _make_hull(scenario: Scenario, vehicle: Vehicle, margin: float) -> Hull:
     return hull
 
 
-class DrawnCrafts:
+class DrawnDynamics:
+    """What the episodes of N vehicles draw of their dynamics, each from its seed alone."""
+
+    def __init__(self, randomisation: Randomisation, vehicle: Vehicle | Boat, num: int) -> None:
+        """Make room for what `num` vehicles of one kind draw from ranges."""
+        self.randomisation = randomisation
+        self.names = randomisation.names(vehicle)
+        """What is drawn."""
+        self.values: Array = np.zeros((num, len(self.names)))
+        """(N, K) what each vehicle's episode has drawn."""
+
+    @property
+    def by_name(self) -> Draws:
+        """(N,) of what is drawn, by name."""
+        return {name: self.values[:, n] for n, name in enumerate(self.names)}
+
+    def uniform(self, seeds: npt.NDArray[np.integer]) -> Array:
+        """Return the (n, K) numbers between 0 and 1 from which episodes with (n,) seeds draw."""
+        words = np.zeros((len(seeds), len(self.names)), dtype=np.uint32)
+        for n in range(len(self.names)):
+            words[:, n] = draw_many(seeds, DYNAMICS + n)
+        return uniform_numbers(words)
+
+    def keep(self, vehicles: npt.NDArray[np.integer], vehicle: Vehicle | Boat, uniform: Array) -> Draws:
+        """Return what (n,) vehicles draw by (n, K) numbers, and remember it."""
+        draws = draw(self.randomisation, vehicle, uniform)
+        for n, name in enumerate(self.names):
+            self.values[vehicles, n] = draws[name]
+        return draws
+
+    def write_sensing(self, arrays: Any, action_delay: int, observation_delay: int) -> None:
+        """Write how rays err and what is late into the arrays of all vehicles; the delays are those of the task."""
+        arrays.ray_gain.assign(self._value_of("ray_gain", 1.0).astype(np.float32))
+        arrays.ray_bias.assign(self._value_of("ray_bias", 0.0).astype(np.float32))
+        arrays.action_delays.assign(self._value_of("action_delay", action_delay).astype(np.int32))
+        arrays.observation_delays.assign(self._value_of("observation_delay", observation_delay).astype(np.int32))
+
+    def _value_of(self, name: str, default: float) -> Array:
+        """Return (N,) what was drawn under a name; the default where there is none."""
+        return self.by_name.get(name, np.full(len(self.values), default))
+
+
+class DrawnCrafts(DrawnDynamics):
     """N vehicles, each with a body that is drawn for every episode, from its seed alone."""
 
     def __init__(
@@ -97,11 +140,8 @@ class DrawnCrafts:
         """
         for _, vehicle in pairs:
             randomisation.check(vehicle)
-        self.names = randomisation.names(pairs[0][1])
-        """What is drawn."""
-        self.values: Array = np.zeros((len(cave_of), len(self.names)))
-        """(N, K) what each vehicle's episode has drawn."""
-        self._pairs, self._cave_of, self._randomisation = pairs, np.asarray(cave_of), randomisation
+        super().__init__(randomisation, pairs[0][1], len(cave_of))
+        self._pairs, self._cave_of = pairs, np.asarray(cave_of)
         self._nominal = wp.array(list(base), dtype=Craft, device="cpu").numpy()[self._cave_of]
         most = max(1, *(num_thrusters(vehicle) for _, vehicle in pairs))
         self._matrices = wp.zeros((len(cave_of), 2), dtype=mat6, device=device)
@@ -114,25 +154,15 @@ class DrawnCrafts:
 
     def draw(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.integer]) -> None:
         """Give some vehicles, (n,), the bodies of the episodes with (n,) seeds."""
-        words = np.zeros((len(seeds), len(self.names)), dtype=np.uint32)
-        for n in range(len(self.names)):
-            words[:, n] = draw_many(seeds, DYNAMICS + n)
+        uniform = self.uniform(seeds)
         for cave in np.unique(self._cave_of[vehicles]).tolist():
             is_here = self._cave_of[vehicles] == cave
-            self._draw_in(cave, vehicles[is_here], uniform_numbers(words[is_here]))
+            self._draw_in(cave, vehicles[is_here], uniform[is_here])
         self.array.assign(self._rows)
-
-    def value_of(self, name: str, default: float) -> Array:
-        """Return (N,) what was drawn under a name; the default where there is none."""
-        if name not in self.names:
-            return np.full(len(self.values), default)
-        return self.values[:, self.names.index(name)]
 
     def _draw_in(self, cave: int, vehicles: npt.NDArray[np.integer], uniform: Array) -> None:
         scenario, vehicle = self._pairs[cave]
-        draws = draw(self._randomisation, vehicle, uniform)
-        for n, name in enumerate(self.names):
-            self.values[vehicles, n] = draws[name]
+        draws = self.keep(vehicles, vehicle, uniform)
         density, dt = scenario.settings.water.density, scenario.settings.limits.dt
         parameters = varied_body(vehicle, density, draws, len(vehicles))
         rows = self._rows[vehicles]

@@ -161,8 +161,7 @@ class BatchWorld:
     @property
     def dynamics(self) -> dict[str, npt.NDArray[np.float64]]:
         """(N,) what the episodes have drawn of their vehicles' dynamics, by name; nothing without a randomisation."""
-        drawn = self._drawn_crafts
-        return {} if drawn is None else {name: drawn.values[:, n] for n, name in enumerate(drawn.names)}
+        return {} if self._drawn_crafts is None else self._drawn_crafts.by_name
 
     def _draw_bodies(self, is_asked: npt.NDArray[np.bool_], seeds: npt.NDArray[np.uint32]) -> None:
         """Draw the bodies of the vehicles that are asked for, (N,), for the episodes with (N,) seeds."""
@@ -171,11 +170,7 @@ class BatchWorld:
         if drawn is None or len(vehicles) == 0:
             return
         drawn.draw(vehicles, seeds[vehicles])
-        state, options = self.arrays, self._options
-        state.ray_gain.assign(drawn.value_of("ray_gain", 1.0).astype(np.float32))
-        state.ray_bias.assign(drawn.value_of("ray_bias", 0.0).astype(np.float32))
-        state.action_delays.assign(drawn.value_of("action_delay", options.action_delay).astype(np.int32))
-        state.observation_delays.assign(drawn.value_of("observation_delay", options.observation_delay).astype(np.int32))
+        drawn.write_sensing(self.arrays, self._options.action_delay, self._options.observation_delay)
 
     def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
         self._settings = settings = kernels.Settings()
