@@ -29,7 +29,6 @@ from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
-from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.workers.pipe import is_wanted
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
@@ -102,7 +101,6 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     )
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
-    _check_dynamics(scenarios, conditions, options)
     episodes = [
         EpisodeSpec(0, scenario, condition, plan)
         for scenario in scenarios
@@ -154,20 +152,6 @@ def _check_task(policy: LoadedPolicy, scenarios: tuple[AnyScenario, ...]) -> Non
                 f"The policy {policy.name} was made for the {policy.task} task, and {scenario.name} is of the {task} "
                 "task. Name a scenario, or a policy, of the other."
             )
-
-
-def _check_dynamics(
-    scenarios: tuple[AnyScenario, ...], conditions: tuple[Condition, ...], options: EvaluateOptions
-) -> None:
-    """Refuse ranges of dynamics for boats before anything is run."""
-    boats = [scenario.name for scenario in scenarios if isinstance(scenario, Bay)]
-    drawn = [task_under(condition, options).randomisation for condition in conditions]
-    found = sorted({str(name) for name in drawn if name is not None})
-    if boats and found:
-        raise InputError(
-            f"Boats draw no dynamics, and in {boats[0]} they would be drawn from {' and '.join(found)}. Leave out "
-            "--randomisation; where a protocol's grid names ranges, add --grid.randomisation none."
-        )
 
 
 def seal_of(plan: Plan) -> dict[str, str | None]:

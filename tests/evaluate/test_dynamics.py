@@ -13,6 +13,7 @@ import pyarrow.parquet
 import pytest
 
 from aquanav_tools.envs.cave_env import CaveEnv
+from aquanav_tools.envs.factory import make_env, read_any_scenario
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.dynamics_table import dynamics_tables
 from aquanav_tools.evaluate.episode_table import DYNAMICS, EpisodeTable
@@ -218,12 +219,18 @@ def test_ranges_that_there_are_not_are_refused_before_anything_runs(folder: Path
     assert not (tmp_path / "out").exists()
 
 
-def test_boats_are_told_to_leave_the_ranges_out_before_anything_runs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("backend", ["pybullet", "batch"])
+def test_results_of_boats_have_what_their_environment_draws(backend: str, tmp_path: Path) -> None:
     bay = tmp_path / "small.toml"
     bay.write_text(BAY)
-    with pytest.raises(InputError, match=r"Boats draw no dynamics.* from mild and wide.*--grid.randomisation none"):
-        run(bay, tmp_path / "out", grid=Grid(randomisation=("none", "mild", "wide")))
-    assert not (tmp_path / "out").exists()
+    table = run(bay, tmp_path / "out", randomisation="mild", backend=backend)
+    for row in table["episodes"]:
+        env = make_env(read_any_scenario(bay), randomisation="mild")
+        _, info = env.reset(seed=row["seed"])
+        env.close()
+        drawn = {name.removeprefix("dynamics/"): value for name, value in info.items() if name.startswith("dynamics/")}
+        assert len(drawn) > 5
+        assert row["dynamics"] == pytest.approx(drawn, abs=1e-6)
 
 
 def test_two_seeds_differ_in_what_they_draw_and_conditions_share_it(folder: Path, tmp_path: Path) -> None:
