@@ -53,6 +53,11 @@ class JointBatch:
                 or other.observation_space.shape != first.observation_space.shape
             ):
                 raise InputError("Caves and bays do not go into one batch: their actions and observations differ.")
+            if other.dynamics.keys() != first.dynamics.keys():
+                raise InputError(
+                    f"The randomisation draws {', '.join(other.dynamics)} of one scenario's vehicle and "
+                    f"{', '.join(first.dynamics)} of another's. In one batch take vehicles of one kind."
+                )
         self._threads = ThreadPoolExecutor(min(available, len(makes)))
 
     @property

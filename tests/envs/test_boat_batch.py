@@ -106,6 +106,36 @@ def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.r
         env.close()
 
 
+@pytest.mark.parametrize("num", [1024, pytest.param(16384, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_boat_among_thousands_has_the_episodes_that_it_has_alone(
+    num: int, threads: int, rng: np.random.Generator
+) -> None:
+    """To the bit, drawn dynamics and its second episode included, with threads and without."""
+    options: dict[str, Any] = HARD | {"bay": bay_with(block(-38.6, 3.0, 20.0)), "max_decisions": 4, "action_delay": 1}
+    options |= {"sensor_noise": 0.1, "sensor_dropout": 0.1, "randomisation": "wide"}
+    seeds, chosen = rng.integers(1 << 32, size=num).tolist(), [0, num - 1, *rng.permutation(num)[:6].tolist()]
+    together = SurfaceVectorEnv(num, num_threads=threads, **options)
+    alone = [SurfaceVectorEnv(1, num_threads=1, **options) for _ in chosen]
+    whole = together.reset(seed=seeds)[0]
+    singles = [env.reset(seed=[seeds[n]])[0][0] for n, env in zip(chosen, alone, strict=True)]
+    assert np.array_equal(whole[chosen], singles) and len({row.tobytes() for row in singles}) == len(set(chosen))
+    touched = 0
+    for _ in range(7):
+        actions = actions_of(rng, num)
+        rows = together.step(actions)
+        touched += int(rows[4]["collision"][chosen].sum())
+        for n, env in zip(chosen, alone, strict=True):
+            own = env.step(actions[n : n + 1])
+            for many, one in zip(rows[:4], own[:4], strict=True):
+                assert np.array_equal(many[n : n + 1], one)
+            for key, values in own[4].items():
+                assert np.array_equal(rows[4][key][n : n + 1], values), key
+    assert touched > 0 and (together.batch.view_of("episodes") == 2).all()
+    for env in (together, *alone):
+        env.close()
+
+
 def test_the_order_of_boats_changes_nothing(rng: np.random.Generator) -> None:
     order, seeds, found = rng.permutation(40), np.arange(40), []
     for turn in (np.arange(40), order):

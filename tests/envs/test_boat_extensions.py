@@ -10,6 +10,7 @@ import pytest
 
 import aquanav_tools.envs  # noqa: F401  # registers the environments
 from aquanav_tools.envs.boat_batch import BoatBatch
+from aquanav_tools.envs.factory import make_batch
 from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.vector_env import SurfaceVectorEnv
@@ -234,6 +235,38 @@ def test_a_rule_ends_episodes_and_others_begin(own_module: WriteModule) -> None:
     ends.reset()
     told = [info for n in range(60) for info in ends.step(np.tile(IDLE, (3, 1)))[3] if info]
     assert {info["outcome"] for info in told} <= {"ended", "timeout"} and told
+
+
+def test_a_rule_and_a_reward_count_from_an_episodes_first_decision_to_its_last(own_module: WriteModule) -> None:
+    """In the step that begins the next one nothing ends or is paid, nor after the end where none follows."""
+    own = own_module("def always(batch):\n    return batch.decisions >= 0\n" + CODE)
+    envs = SurfaceVectorEnv(3, bay_with(), termination=f"{own}:always", reward=f"{own}:Turns")
+    envs.reset(seed=1)
+    rows = [envs.step(np.tile(AHEAD, (3, 1))) for _ in range(6)]
+    assert [row[2].tolist() for row in rows] == [[True] * 3, [False] * 3] * 3
+    assert all((row[1] == 0.0).all() == (n % 2 == 1) for n, row in enumerate(rows))
+    env = SurfaceEnv(bay_with(), termination=f"{own}:always", reward=f"{own}:Turns")
+    env.reset(seed=1)
+    first, *others = [env.step(AHEAD) for _ in range(3)]
+    assert first[2] and first[1] != 0.0
+    assert all(not other[2] and other[1] == 0.0 and other[4]["outcome"] == "ended" for other in others)
+
+
+def test_bays_in_one_batch_have_ones_own_reward_and_dynamics_of_their_own(own_module: WriteModule) -> None:
+    own = own_module(CODE)
+    options: dict[str, Any] = {"reward": f"{own}:Turns", "randomisation": "mild"}
+    joint = make_batch(["bay-calm", "bay-breeze"], 5, next_step=True, **options)
+    alone = make_batch("bay-breeze", 3, next_step=True, **options)
+    for batch, seeds in ((joint, [1, 2, 3, 4, 5]), (alone, [3, 4, 5])):
+        batch.reset(seeds)
+        for n in range(5):
+            batch.command(np.tile(steers(3, n)[1], (batch.num, 1)))
+            batch.step()
+    part = slice(5 - alone.num, 5)
+    for name in ("rewards", "terms", "positions"):
+        assert np.array_equal(joint.copy_of(name)[part], alone.copy_of(name))
+    assert joint.term_names[-2:] == ("changed", "near") and len(joint.dynamics["mass"]) == 5
+    assert np.array_equal(joint.dynamics["mass"][part], alone.dynamics["mass"])
 
 
 def test_a_disturbance_changes_what_acts_and_what_is_observed(own_module: WriteModule) -> None:

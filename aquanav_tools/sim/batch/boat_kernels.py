@@ -14,7 +14,7 @@ from aquanav_tools.sim.batch.boat_contact import (
     place_hull,
     pushed_off,
 )
-from aquanav_tools.sim.batch.boat_motion import drive_wrench, sail
+from aquanav_tools.sim.batch.boat_motion import BoatBody, drive_wrench, sail
 from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion
 from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
 from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
@@ -84,6 +84,28 @@ def meet_rocks(i: int, state: State, bay: Bay, mobility: vec6, model: Model):
     return result, is_touched
 
 
+@wp.func
+def hold_command(
+    i: int, begun: State, current: wp.vec3d, wind: wp.vec2d, bay: Bay, body: BoatBody, boats: BoatState,
+    around: Surroundings, model: Model, rules: BoatRules,
+):  # fmt: skip
+    """Return the state after a decision's physics steps, and how many of them were in contact.
+
+    A function of its own, so that the body is read from its array once, not in each step.
+    """
+    state, touched = begun, int(0)
+    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), body.controls)
+    for n in range(rules.substeps):
+        boats.positions_before[i] = state.position
+        boats.orientations_before[i] = state.orientation
+        elapsed = f64(n) * rules.dt
+        free = sail(i, state, drives, current, wind, around.sea, elapsed, body, model.hull_work, rules.dt)
+        after, is_touched = meet_rocks(i, free, bay, body.mobility, model)
+        state = after
+        touched += is_touched
+    return state, touched
+
+
 @wp.kernel
 def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
     """Hold each boat's command for a decision; waves go on, current and wind stay as they are."""
@@ -97,19 +119,11 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
     for n in range(3):
         boats.acting[i, n] = boats.commands[i, n]
     exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], boats.action_delays[i])
+    now, bay = boats.decisions[i] % NUM_AHEAD, around.bays[around.bay_of[i]]
+    current, wind = around.currents[i, now], around.winds[i, now]
     body = model.bodies[boats.body_of[i]]
-    drives = drive_wrench(f64(boats.acting[i, 1]), f64(boats.acting[i, 2]), body.controls)
-    now = boats.decisions[i] % NUM_AHEAD
-    current, wind, bay = around.currents[i, now], around.winds[i, now], around.bays[around.bay_of[i]]
-    touched = int(0)
-    for n in range(rules.substeps):
-        boats.positions_before[i] = state.position
-        boats.orientations_before[i] = state.orientation
-        elapsed = f64(n) * rules.dt
-        free = sail(i, state, drives, current, wind, around.sea, elapsed, body, model.hull_work, rules.dt)
-        after, is_touched = meet_rocks(i, free, bay, body.mobility, model)
-        state = after
-        touched += is_touched
+    after, touched = hold_command(i, state, current, wind, bay, body, boats, around, model, rules)
+    state = after
     duration = f64(rules.substeps) * rules.dt
     for b in range(around.sea.phases.shape[1]):
         around.sea.phases[i, b] = around.sea.phases[i, b] + around.sea.table[i, RATE, b] * duration
