@@ -20,7 +20,7 @@ OPTIONS = {
 """For every module with kernels: nothing is differentiated, and float64 is meant as such.
 
 The flags are Warp's own but for the first threshold, 9000 there: a function that is not inlined gets copies of all the
-structures it is given, 7 kB for `kernels.hold`, which took a quarter of the time.
+structures it is given, 7 kB for `kernels.hold`, which took a quarter of the time of `advance`.
 """
 BOAT_OPTIONS = OPTIONS | {
     "cpu_compiler_flags": (
