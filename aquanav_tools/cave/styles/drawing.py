@@ -193,6 +193,8 @@ def by_pass(main: Passage, first: int, last: int, offset: float, size: float, rn
     axis = np.stack([np.interp(even, ways, column) for column in rough.T], axis=1)
     along = np.gradient(axis, axis=0)
     headings = np.arctan2(along[:, 1], along[:, 0])
-    widths = [size * np.interp(even, ways, values[part]) for values in (main.half_width, main.above, main.below)]
+    wide, above, below = (
+        size * np.interp(even, ways, values[part]) for values in (main.half_width, main.above, main.below)
+    )
     floor = None if main.floor is None else size * np.interp(even, ways, main.floor[part])
-    return Passage(axis, headings, *widths, main.exponent_above, main.exponent_below, floor=floor)
+    return Passage(axis, headings, wide, above, below, main.exponent_above, main.exponent_below, floor=floor)

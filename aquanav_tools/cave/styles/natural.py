@@ -21,7 +21,7 @@ def phreatic_tube(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.5, 0.9) * draw.waves(s, rng.uniform(18.0, 32.0), rng)
     slopes = fade * rng.uniform(0.15, 0.38) * draw.waves(s, rng.uniform(14.0, 26.0), rng)
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    swell = np.exp(0.22 * np.abs(draw.waves(s, 11.0, rng)) + 0.12 * np.abs(draw.waves(s, 4.0, rng)))
+    swell = np.exp(0.22 * draw.waves(s, 11.0, rng) ** 2 + 0.12 * draw.waves(s, 4.0, rng) ** 2)
     rooms = draw.spots(int(length // 25), 6.0, length - 6.0, rng)
     swell += (
         draw.bumps(s, rooms, rng.uniform(0.3, 1.1, len(rooms)), rng.uniform(1.5, 3.5, len(rooms)))
@@ -33,7 +33,7 @@ def phreatic_tube(length: float, opening: float, rng: Rng) -> Plan:
     main = Passage(axis, headings, half * wide, half, half)
     sides = tuple(
         draw.dead_end(main, share, rng.uniform(3.0, 6.0), 0.75, rng, rng.uniform(-0.3, 0.3))
-        for share in draw.spots(rng.integers(0, 2 + int(length // 60)), 0.2, 0.8, rng)
+        for share in draw.spots(int(rng.integers(0, 2 + int(length // 60))), 0.2, 0.8, rng)
     )
     relief = Relief(swell=0.26, scallops=0.13, scallop_length=rng.uniform(0.7, 1.2), grain=0.04)
     return Plan((main, *sides), draw.extent_of(axis, s, length), opening, relief)
@@ -46,8 +46,8 @@ def vadose_canyon(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.8, 1.15) * draw.waves(s, rng.uniform(9.0, 15.0), rng)
     slopes = fade * (-rng.uniform(0.02, 0.08) + 0.06 * draw.waves(s, 20.0, rng))
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * np.exp(0.3 * np.abs(draw.waves(s, 8.0, rng)))
-    tall = rng.uniform(2.2, 4.5) * np.exp(0.12 * draw.waves(s, 18.0, rng))
+    half = 0.5 * opening * np.exp(0.3 * draw.waves(s, 8.0, rng) ** 2)
+    tall = rng.uniform(2.8, 6.5) * np.exp(0.12 * draw.waves(s, 18.0, rng))
     tall = np.maximum(tall, 2.2 * half)
     lean = fade * 0.35 * np.minimum(half, 0.8) * (1.0 + 0.6 * draw.waves(s, 12.0, rng))
     main = Passage(axis, headings, half, 0.45 * tall, 0.55 * tall, 2.6, 3.2, lean, rng.uniform(2.5, 4.5), 0.5 * tall)
@@ -63,7 +63,7 @@ def bedding_plane(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.3, 0.6) * draw.waves(s, rng.uniform(22.0, 40.0), rng)
     slopes = fade * (rng.uniform(-0.12, 0.12) + 0.05 * draw.waves(s, 12.0, rng))
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * (1.05 + 0.3 * np.abs(draw.waves(s, 9.0, rng)))
+    half = 0.5 * opening * (1.05 + 0.3 * draw.waves(s, 9.0, rng) ** 2)
     wide = np.maximum(rng.uniform(2.2, 4.2) * np.exp(0.3 * draw.waves(s, 13.0, rng)), 2.0 * half)
     main = Passage(axis, headings, wide, half, half, 3.5, 3.0, floor=0.92 * half)
     columns = draw.columns_beside(main, int(length / 4.0), (0.2, 0.55), 0.75 * opening, rng)
@@ -88,7 +88,7 @@ def shaft_ramp(length: float, opening: float, rng: Rng) -> Plan:
     level = np.cos(slopes) ** 2 * draw.faded(s, length)
     headings = draw.faded(s, length) * rng.uniform(0.4, 0.9) * draw.waves(s, 24.0, rng)
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * (1.0 + 0.35 * np.abs(draw.waves(s, 9.0, rng)) + 0.35 * (1.0 - level))
+    half = 0.5 * opening * (1.0 + 0.35 * draw.waves(s, 9.0, rng) ** 2 + 0.35 * (1.0 - level))
     main = Passage(axis, headings, half * 1.15, half, half)
     relief = Relief(swell=0.32, ledges=0.16, bed=0.8, joints=0.12, grain=0.06)
     return Plan((main,), draw.extent_of(axis, s, length), opening, relief)
@@ -106,7 +106,7 @@ def sump_series(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.5, 0.8) * draw.waves(s, 26.0, rng)
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
     roomy = np.cos(np.pi * phase) ** 4 * fade
-    half = 0.5 * opening * (1.0 + 0.25 * np.abs(draw.waves(s, 7.0, rng)) + rng.uniform(0.5, 1.2) * roomy)
+    half = 0.5 * opening * (1.0 + 0.25 * draw.waves(s, 7.0, rng) ** 2 + rng.uniform(0.5, 1.2) * roomy)
     main = Passage(
         axis, headings, half * (1.25 + 0.5 * roomy), half * (1.0 + 0.4 * roomy), 1.15 * half, floor=0.95 * half
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.styles import drawing as draw
-from aquanav_tools.cave.styles.plan import Passage, Plan, Relief
+from aquanav_tools.cave.styles.plan import Block, Passage, Plan, Relief
 
 Rng = np.random.Generator
 
@@ -17,7 +17,7 @@ def breakdown_chamber(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.3, 0.6) * draw.waves(s, 30.0, rng)
     slopes = fade * 0.12 * draw.waves(s, 18.0, rng)
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * (1.0 + 0.25 * np.abs(draw.waves(s, 8.0, rng)))
+    half = 0.5 * opening * (1.0 + 0.25 * draw.waves(s, 8.0, rng) ** 2)
     count = max(1, int(length // 32))
     places = draw.spots(count, 0.1 * length, 0.9 * length, rng)
     reach = rng.uniform(3.0, 0.5 * min(0.42 * length / count, 11.0) + 1.5, count)
@@ -33,7 +33,7 @@ def breakdown_chamber(length: float, opening: float, rng: Rng) -> Plan:
         2.6,
         floor=0.9 * half + 0.7 * room,
     )
-    blocks = []
+    blocks: list[Block] = []
     for place, extent in zip(places, reach, strict=True):
         ends = tuple((place + sign * 1.1 * extent - s[0]) / (s[-1] - s[0]) for sign in (-1.0, 1.0))
         blocks += draw.blocks_on_floor(main, int(9.0 * extent), (0.5, 2.2), 0.65 * opening, rng, ends)
@@ -53,8 +53,8 @@ def maze(length: float, opening: float, rng: Rng) -> Plan:
     turns = np.interp(s, s, sides[np.searchsorted(borders, s)] * angle)
     headings = fade * np.convolve(np.pad(turns, 6, mode="edge"), np.ones(13) / 13.0, mode="valid")
     axis = draw.shifted(draw.axis_of(headings, fade * 0.08 * draw.waves(s, 15.0, rng)), s)
-    half = 0.5 * opening * (1.0 + 0.3 * np.abs(draw.waves(s, 7.0, rng)))
-    tall = half * (1.25 + 0.4 * np.abs(draw.waves(s, 11.0, rng)))
+    half = 0.5 * opening * (1.0 + 0.3 * draw.waves(s, 7.0, rng) ** 2)
+    tall = half * (1.25 + 0.4 * draw.waves(s, 11.0, rng) ** 2)
     main = Passage(axis, headings, half, tall, tall, 2.4, 2.8, floor=0.85 * tall)
     branches, step = [], 14.0 + 6.0 * opening
     for number, place in enumerate(draw.spots(max(1, int((length - 8.0) // step)), 4.0, length - 4.0, rng)):
@@ -75,7 +75,7 @@ def flooded_gallery(length: float, opening: float, rng: Rng) -> Plan:
     headings = fade * rng.uniform(0.25, 0.5) * draw.waves(s, rng.uniform(35.0, 60.0), rng)
     slopes = fade * 0.06 * draw.waves(s, 30.0, rng)
     axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * np.exp(0.18 * np.abs(draw.waves(s, 20.0, rng)))
+    half = 0.5 * opening * np.exp(0.18 * draw.waves(s, 20.0, rng) ** 2)
     wide = half * rng.uniform(1.2, 1.8) * np.exp(0.15 * draw.waves(s, 14.0, rng))
     main = Passage(axis, headings, wide, half, half * 1.1, 2.2, 2.6, floor=0.8 * half)
     columns = draw.columns_beside(main, int(length / 5.0), (0.15, 0.5), 0.45 * opening, rng)
@@ -93,7 +93,7 @@ def mine_drift(length: float, opening: float, rng: Rng) -> Plan:
     turns = angles[np.searchsorted(borders, s)]
     headings = fade * np.convolve(np.pad(turns, 7, mode="edge"), np.ones(15) / 15.0, mode="valid")
     axis = draw.shifted(draw.axis_of(headings, fade * 0.005 * np.ones(len(s))), s)
-    half = 0.5 * opening * (1.05 + 0.06 * np.abs(draw.waves(s, 5.0, rng)))
+    half = 0.5 * opening * (1.05 + 0.06 * draw.waves(s, 5.0, rng) ** 2)
     main = Passage(axis, headings, half, 1.1 * half, 1.0 * half, 2.4, 9.0, floor=0.97 * half)
     sides = [
         draw.dead_end(main, share, rng.uniform(3.0, 9.0), 0.9, rng)
