@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numba
 import numpy as np
+from scipy.ndimage import gaussian_filter1d
 
 from aquanav_tools.cave.styles.plan import NO_FLOOR, Block, Column, Passage, Plan
 from aquanav_tools.cave.synthetic.noise import fractal, noise
@@ -13,14 +14,18 @@ MARGIN = 0.75
 """Rock around the passages that is looked at, m."""
 MAX_RELIEF = 0.65
 """The relief of the wall is cut off at this, m."""
+NEAR = 0.3
+"""A cross-section lays its floor this far into the rock, m; the cross-section nearest along the passage lays it."""
 RELIEF_SIZE = 1.2
 """Half width at which relief has its full height, m."""
 SPACING_SHARE = 0.25
 """Of the shortest half axis, between the stations that are carved."""
 _UNLIMITED = 1e9
 _CENTRE, _AHEAD, _SIDE, _UP, _W, _ABOVE, _BELOW, _ALONG = 0, 3, 6, 9, 12, 13, 14, 15
-_P_ABOVE, _P_BELOW, _LEAN, _LEAN_RATE, _PHASE, _FLOOR, _SCALE, _REACH = 16, 17, 18, 19, 20, 21, 22, 23
-COLUMNS = 24
+_P_ABOVE, _P_BELOW, _LEAN, _LEAN_RATE, _PHASE, _FLOOR, _CLIMB, _SCALE, _REACH = 16, 17, 18, 19, 20, 21, 22, 23, 24
+COLUMNS = 25
+_FLOOR_LENGTH = 1.5
+"""Length over which floors are smoothed, m: sediment fills what is uneven below it."""
 
 
 def station_table(passages: tuple[Passage, ...]) -> Array:
@@ -47,7 +52,10 @@ def _stations(passage: Passage) -> Array:
     lean = np.zeros(len(axis)) if passage.lean is None else passage.lean
     table[:, _LEAN], table[:, _LEAN_RATE] = lean, 2.0 * np.pi / passage.lean_length
     table[:, _PHASE] = 0.6 * np.arange(len(axis)) * step / passage.lean_length
-    table[:, _FLOOR] = NO_FLOOR if passage.floor is None else axis[:, 2] - passage.floor
+    table[:, _FLOOR] = NO_FLOOR
+    if passage.floor is not None:
+        table[:, _FLOOR] = gaussian_filter1d(axis[:, 2] - passage.floor, _FLOOR_LENGTH / step, mode="nearest")
+        table[:, _CLIMB] = np.gradient(table[:, _FLOOR], step)
     table[:, _SCALE] = np.minimum(smallest / RELIEF_SIZE, 1.0)
     highest = np.maximum(passage.above, passage.below)
     table[:, _REACH] = np.maximum(np.hypot(passage.half_width + np.abs(lean), highest), table[:, _ALONG]) + MARGIN
@@ -78,7 +86,7 @@ def relief_table(plan: Plan) -> Array:
 
 
 @numba.njit(cache=True)
-def fill_block(low, voxel, stations, members, blocks, columns, relief, seed, field, floor, scale):  # type: ignore[no-untyped-def]
+def fill_block(low, voxel, stations, members, blocks, columns, relief, seed, rooms):  # type: ignore[no-untyped-def]
     """Write the field of one cubic block of samples.
 
     Args:
@@ -90,15 +98,16 @@ def fill_block(low, voxel, stations, members, blocks, columns, relief, seed, fie
         columns: of `column_table`.
         relief: of `relief_table`.
         seed: picks the noise.
-        field: (S, S, S) is written.
-        floor: (S, S, S) room for the height of the floor.
-        scale: (S, S, S) room for the size of the relief.
+        rooms: (4, S, S, S); the first is written: the field. The others are room for the height of the floor, the
+            distance along the passage to the cross-section that laid it, and the size of the relief.
     """
+    field, floor, along, scale = rooms[0], rooms[1], rooms[2], rooms[3]
     field[:] = MARGIN
     floor[:] = NO_FLOOR
+    along[:] = _UNLIMITED
     scale[:] = 1.0
     for m in members:
-        _carve(low, voxel, stations[m], field, floor, scale)
+        _carve(low, voxel, stations[m], field, floor, along, scale)
     _roughen(low, voxel, relief, seed, field, floor, scale)
     for b in range(len(blocks)):
         _leave_block(low, voxel, blocks[b], relief, seed, field)
@@ -114,7 +123,7 @@ def _range(low, voxel, middle, reach, size):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _carve(low, voxel, st, field, floor, scale):  # type: ignore[no-untyped-def]
+def _carve(low, voxel, st, field, floor, along, scale):  # type: ignore[no-untyped-def]
     """Unite the field with one station's cross-section, thick along the passage."""
     size = field.shape[0]
     # The box around the section: its half axes, projected.
@@ -133,13 +142,14 @@ def _carve(low, voxel, st, field, floor, scale):  # type: ignore[no-untyped-def]
         for j in range(j0, j1):
             dy = low[1] + j * voxel - st[1]
             for k in range(k0, k1):
-                if field[i, j, k] < -MARGIN:
-                    continue
                 dz = low[2] + k * voxel - st[2]
                 away = _section(st, dx, dy, dz)
+                ahead = dx * st[_AHEAD] + dy * st[_AHEAD + 1] + dz * st[_AHEAD + 2]
+                if away < NEAR and abs(ahead) < along[i, j, k]:
+                    along[i, j, k] = abs(ahead)
+                    floor[i, j, k] = st[_FLOOR] + ahead * st[_CLIMB]
                 if away < field[i, j, k]:
                     field[i, j, k] = away
-                    floor[i, j, k] = st[_FLOOR]
                     scale[i, j, k] = st[_SCALE]
 
 
@@ -188,7 +198,20 @@ def _roughen(low, voxel, relief, seed, field, floor, scale):  # type: ignore[no-
                     wall += min(max(out, -MAX_RELIEF), MAX_RELIEF)
                 ground = floor[i, j, k] - z
                 if ground > -0.6:
-                    ground += relief[7] * scale[i, j, k] * fractal(x, y, 0.0, 0.5, 3, 0.5, 0.5 / voxel, seed + 40)
+                    ground += (
+                        relief[7]
+                        * scale[i, j, k]
+                        * fractal(
+                            0.8 * x + 0.5 * y,
+                            0.8 * y - 0.5 * x,
+                            0.3 * x - 0.35 * y,
+                            0.5,
+                            3,
+                            0.5,
+                            0.5 / voxel,
+                            seed + 40,
+                        )
+                    )
                     blend = max(0.25 - abs(wall - ground), 0.0) / 0.25  # sediment meets rock in a fillet, not an edge
                     wall = max(wall, ground) + 0.06 * blend * blend
                 field[i, j, k] = wall

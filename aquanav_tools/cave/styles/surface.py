@@ -34,13 +34,14 @@ def water_surface(plan: Plan, voxel: float, seed: int) -> Mesh:
     places, members = _blocks_near(stations, voxel)
     tables = rock.block_table(plan.blocks, BLOCK_FACES), rock.column_table(plan.columns)
     relief, edge = rock.relief_table(plan), CELLS * voxel
-    field, floor, scale = (np.empty((CELLS + 1,) * 3) for _ in range(3))
+    rooms = np.empty((4, *(CELLS + 1,) * 3))
+    field = rooms[0]
     last = round(plan.extent / voxel)
     pieces = _Pieces()
     for place, near in zip(places, members, strict=True):
         low = edge * place
         blocks = _touching(tables[0], low, edge)
-        rock.fill_block(low, voxel, stations, near, blocks, tables[1], relief, seed, field, floor, scale)
+        rock.fill_block(low, voxel, stations, near, blocks, tables[1], relief, seed, rooms)
         first = CELLS * place
         ends = first[0] + np.arange(CELLS + 1)
         near_level = np.clip(np.abs(field), NEAREST * voxel, FARTHEST * voxel)
