@@ -22,7 +22,8 @@ from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import Route, find_route
 from aquanav_tools.cave.route.starts import draw_starts
-from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH, DrawnCave, draw_cave, style_of
+from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH, DrawnCave, draw_cave
+from aquanav_tools.cave.styles.names import style_of
 from aquanav_tools.cave.styles.surface import water_surface
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.cave.water.distance import distance_field
