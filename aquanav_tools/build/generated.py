@@ -68,7 +68,8 @@ class GeneratedCave:
 def generate(style: str, seed: int) -> GeneratedCave:
     """Return the scenario in the cave of a style and a seed; the same ones always give the same.
 
-    A drawn cave that cannot be dived, or is narrower or wider than MIN_WIDTHS and MAX_WIDTHS allow, is drawn anew.
+    A drawn cave that cannot be dived, or is narrower or wider than MIN_WIDTHS and MAX_WIDTHS allow, is drawn anew, a
+    little wider.
 
     Raises:
         InputError: there is no such style, or the seed is out of range.

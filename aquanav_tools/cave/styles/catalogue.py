@@ -16,6 +16,8 @@ VEHICLE_WIDTH = 0.46
 """Of a BlueROV2, m: openings are drawn in multiples of it."""
 LENGTHS = (20.0, 200.0)
 """Shortest and longest main passage, m; drawn evenly in the logarithm."""
+WIDENING = 0.07
+"""By how much wider every further attempt is: relief, which was in the way, narrows it by up to 0.3 m."""
 VOXEL_SHARE, MIN_VOXEL, MAX_VOXEL = 0.11, 0.14, 0.32
 """The voxel is this share of the opening, and between so many m."""
 
@@ -58,7 +60,7 @@ class DrawnCave:
 
 
 def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
-    """Return the cave of a style and a seed; further attempts are other caves of the same length and opening.
+    """Return the cave of a style and a seed; further attempts are other caves of the same length.
 
     Raises:
         InputError: as in `style_of`.
@@ -67,7 +69,7 @@ def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
     kind = STYLES[name]
     sizes = np.random.default_rng([number_of(name, seed), 1])
     length, opening = (float(np.exp(sizes.uniform(*np.log(limits)))) for limits in (kind.lengths, kind.openings))
-    opening *= VEHICLE_WIDTH
+    opening *= VEHICLE_WIDTH * (1.0 + WIDENING * attempt)
     rng = np.random.default_rng([number_of(name, seed), 2, attempt])
     plan = kind.draws(length, opening, rng)
     plan = dataclasses.replace(plan, extent=round(plan.extent, 3))  # portals lie at whole millimetres

@@ -80,7 +80,7 @@ def test_the_same_seed_is_the_same_cave_to_the_byte_and_another_another() -> Non
     assert one.faces.tobytes() == same.faces.tobytes()
     assert one.vertices.shape != other.vertices.shape
     again = draw_cave("phreatic-tube", 1, attempt=1)
-    assert again.plan.opening == draw_cave("phreatic-tube", 1).plan.opening
+    assert again.plan.opening > draw_cave("phreatic-tube", 1).plan.opening
     assert not np.array_equal(again.plan.passages[0].axis, draw_cave("phreatic-tube", 1).plan.passages[0].axis)
 
 
