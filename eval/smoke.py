@@ -18,7 +18,7 @@ from eval.child import run_child
 
 FOLDER = Path(__file__).parent
 TIMEOUT_S = 600.0
-OTHERS = ("corpus/run.py",)
+OTHERS = ("corpus/run.py", "generated.py")
 """Scripts elsewhere in eval. The study is left out: it is commands that tests run, and a page that tests/test_study.py
 writes."""
 PARTS = ("cavity_peers.py",)

@@ -29,7 +29,7 @@ SUBCOMMANDS = {
     *(("aquanav-eval", name) for name in ("compare", "replay", "stress")),
     *(
         ("aquanav", name)
-        for name in ("info", "doctor", "list", "render", "import-original", "water-impact", "scenarios")
+        for name in ("info", "doctor", "list", "render", "import-original", "water-impact", "scenarios", "generate")
     ),
 }
 """Words that choose what a command does."""

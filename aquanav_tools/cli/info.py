@@ -16,6 +16,7 @@ import tyro
 from aquanav_tools import __version__
 from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
 from aquanav_tools.cli.command import DEBUG_FLAG, run_command
+from aquanav_tools.cli.generate import Generate, run_generate
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
@@ -106,6 +107,7 @@ class Options:
         | Annotated[ImportOriginal, tyro.conf.subcommand("import-original")]
         | Annotated[WaterImpact, tyro.conf.subcommand("water-impact")]
         | Annotated[Scenarios, tyro.conf.subcommand("scenarios")]
+        | Annotated[Generate, tyro.conf.subcommand("generate")]
     )
     """What to do."""
 
@@ -155,6 +157,8 @@ def _run(options: Options) -> None:
             run_water_impact(experiment)
         case Scenarios() as scenarios:
             run_scenarios(scenarios)
+        case Generate() as drawing:
+            run_generate(drawing)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

@@ -13,6 +13,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
@@ -29,6 +30,10 @@ WORK_SUFFIX = ".work"
 """Of the folder beside a scenario's that is locked while it is built."""
 BUILDER = "aquanav_tools.build.shipped_scenarios"
 """Module whose code, with all that it imports, the content of a scenario rests on."""
+GENERATED = "generated"
+"""First part of the names of caves that are drawn: generated/STYLE/SEED."""
+GENERATOR = "aquanav_tools.build.generated"
+"""The same for a drawn cave."""
 
 
 def cache_dir() -> Path:
@@ -48,10 +53,40 @@ def scenario_names() -> list[str]:
     return [*shipped_names(CONTENT), *slot_names()]
 
 
+def generated_name(style: str, seed: int) -> str:
+    """Return the name of the cave that is drawn in a style from a seed."""
+    return f"{GENERATED}/{style}/{seed}"
+
+
+def drawn_from(name: str) -> tuple[str, int] | None:
+    """Return the style and the seed in a name generated/STYLE/SEED; None for a name that does not begin so.
+
+    Raises:
+        ScenarioError: there is no such style, or the seed is no whole number in range.
+    """
+    parts = name.split("/")
+    if parts[0] != GENERATED or Path(name).exists():
+        return None
+    if len(parts) != 3 or not re.fullmatch(r"[0-9]{1,10}", parts[2]) or int(parts[2]) > MAX_SEED:
+        raise ScenarioError(
+            f"'{name}' is no drawn cave: write {GENERATED}/STYLE/SEED with a whole number from 0 to {MAX_SEED} as "
+            f"SEED, such as {GENERATED}/{MIXED}/7. Styles: {', '.join([*STYLE_NAMES, MIXED])}."
+        )
+    try:
+        style_of(parts[1], int(parts[2]))
+    except InputError as error:
+        raise ScenarioError(str(error)) from error
+    return parts[1], int(parts[2])
+
+
 def named_folder(name: str) -> Path:
-    """Return where a shipped scenario, or one in a slot, lies or will lie."""
+    """Return where a shipped or drawn scenario, or one in a slot, lies or will lie."""
     if name in slot_names():
         return cache_dir() / name
+    drawn = drawn_from(name)
+    if drawn is not None:
+        style, seed = style_of(*drawn), drawn[1]
+        return cache_dir() / GENERATED / f"{style}-{seed}-{digest(style, seed, code_digest(GENERATOR))}"
     key = digest(file_hash(shipped_path(CONTENT, name)), code_digest(BUILDER))
     return cache_dir() / f"{name}-{key}"
 
@@ -88,7 +123,8 @@ def scenario_folder(spec: str | Path) -> Path:
         ScenarioError: the slot of that name is empty, or building failed.
     """
     name = str(spec)
-    if name not in scenario_names() or (Path(name) / SETTINGS_FILE).is_file():
+    drawn = drawn_from(name)
+    if drawn is None and (name not in scenario_names() or (Path(name) / SETTINGS_FILE).is_file()):
         return Path(spec)
     folder = named_folder(name)
     if (folder / SETTINGS_FILE).is_file():
@@ -97,19 +133,31 @@ def scenario_folder(spec: str | Path) -> Path:
         raise ScenarioError(
             f"{name} is a slot for a cave of your own and is empty. Fill it: aquanav-build-cave SCAN -o {folder}"
         )
+    if drawn is None:
+        _build(name, folder, ["scenarios", name], "about a minute on a free core, and only once")
+    else:
+        half = " What lies there was left half built, and is replaced." if folder.is_dir() else ""
+        words = ["generate", "--style", drawn[0], "--seed", str(drawn[1])]
+        _build(name, folder, words, f"some seconds, and only once.{half}")
+    return folder
 
+
+def _build(name: str, folder: Path, words: list[str], cost: str) -> None:
+    """Build a scenario with a command of its own: building belongs to the room above this one.
+
+    Raises:
+        ScenarioError: it failed.
+    """
     code = "from aquanav_tools.cli.info import main; main()"
-    command = [sys.executable, "-c", code, "scenarios", name]
+    command = [sys.executable, "-c", code, *words]
     is_watched = sys.stderr.isatty()  # then the minute passes with progress bars
     if not is_watched:
-        print(f"Building {name} in {folder}: about a minute on a free core, and only once.", file=sys.stderr)
+        print(f"Building {name} in {folder}: {cost.rstrip('.')}.", file=sys.stderr)
     child = subprocess.run(
         command, stdout=subprocess.DEVNULL, stderr=None if is_watched else subprocess.PIPE, text=True
     )
     if child.returncode != 0 or not (folder / SETTINGS_FILE).is_file():
         told = "see above." if is_watched else child.stderr.strip()[-600:] or "no message."
         raise ScenarioError(
-            f"The shipped scenario {name} could not be built in {folder}: {told} Try it by itself: "
-            f"aquanav scenarios {name}"
+            f"The scenario {name} could not be built in {folder}: {told} Try it by itself: aquanav {' '.join(words)}"
         )
-    return folder

@@ -6,6 +6,7 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, prove_watertight
 from aquanav_tools.cave.mesh.decimation import without_excess
+from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, IntArray, Mesh
 
 END_TOLERANCE = 1e-4
@@ -20,7 +21,7 @@ def made_up_cavity(truth: Mesh, tolerance: float) -> Cavity:
         tolerance: triangles are merged where that moves the wall by no more than about this, m.
 
     Raises:
-        MeshError: the surface is no proven solid.
+        MeshError: the surface is no proven solid, or an end is not flat.
     """
     ends = np.array([truth.vertices[:, 0].min(), truth.vertices[:, 0].max()]).round(3)
     vertices = truth.vertices.copy()
@@ -30,6 +31,9 @@ def made_up_cavity(truth: Mesh, tolerance: float) -> Cavity:
     mesh = without_excess(flat, tolerance, _labels(flat, ends))
     prove_watertight(mesh)
     labels = _labels(mesh, ends)
+    for label, end in enumerate(ends, start=1):
+        if not (labels == label).any():
+            raise MeshError(f"The water does not end in a plane at x = {end:.3f} m. Choose another seed.")
     portals = tuple(_portal(mesh, labels, label, side) for label, side in ((1, -1.0), (2, 1.0)))
     return Cavity(mesh, labels, labels == WALL, portals)
 

@@ -1,0 +1,78 @@
+"""The styles by name, and drawing a cave of one from a seed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from aquanav_tools.cave.styles import natural, rooms
+from aquanav_tools.cave.styles.names import number_of, style_of
+from aquanav_tools.cave.styles.plan import Plan
+
+VEHICLE_WIDTH = 0.46
+"""Of a BlueROV2, m: openings are drawn in multiples of it."""
+LENGTHS = (20.0, 200.0)
+"""Shortest and longest main passage, m; drawn evenly in the logarithm."""
+WIDENING = 0.07
+"""By how much wider every further attempt is: relief, which was in the way, narrows it by up to 0.3 m."""
+VOXEL_SHARE, MIN_VOXEL, MAX_VOXEL = 0.11, 0.14, 0.32
+"""The voxel is this share of the opening, and between so many m."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """A kind of cave."""
+
+    draws: Callable[[float, float, np.random.Generator], Plan]
+    """Returns the plan of a length and an opening, m."""
+    openings: tuple[float, float]
+    """Narrowest and widest opening, vehicle widths; drawn evenly in the logarithm."""
+    lengths: tuple[float, float] = LENGTHS
+
+
+STYLES: dict[str, Style] = {
+    "phreatic-tube": Style(natural.phreatic_tube, (2.6, 9.0)),
+    "vadose-canyon": Style(natural.vadose_canyon, (2.8, 5.0)),
+    "bedding-plane": Style(natural.bedding_plane, (2.8, 5.0), (20.0, 100.0)),
+    "breakdown-chamber": Style(rooms.breakdown_chamber, (3.4, 7.0)),
+    "shaft-ramp": Style(natural.shaft_ramp, (3.0, 9.0)),
+    "maze": Style(rooms.maze, (2.8, 5.0), (20.0, 120.0)),
+    "sump-series": Style(natural.sump_series, (2.8, 7.0)),
+    "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),
+    "mine-drift": Style(rooms.mine_drift, (3.0, 6.5)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnCave:
+    """A plan and how finely its surface is to be made."""
+
+    style: str
+    seed: int
+    plan: Plan
+    voxel: float
+    """m; a whole number of them makes the plan's extent."""
+    noise_seed: int
+    """Picks the relief."""
+
+
+def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
+    """Return the cave of a style and a seed; further attempts are other caves of the same length.
+
+    Raises:
+        InputError: as in `style_of`.
+    """
+    name = style_of(style, seed)
+    kind = STYLES[name]
+    sizes = np.random.default_rng([number_of(name, seed), 1])
+    length, opening = (float(np.exp(sizes.uniform(*np.log(limits)))) for limits in (kind.lengths, kind.openings))
+    opening *= VEHICLE_WIDTH * (1.0 + WIDENING * attempt)
+    rng = np.random.default_rng([number_of(name, seed), 2, attempt])
+    plan = kind.draws(length, opening, rng)
+    plan = dataclasses.replace(plan, extent=round(plan.extent, 3))  # portals lie at whole millimetres
+    voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL), MAX_VOXEL)
+    voxel = plan.extent / round(plan.extent / voxel)
+    return DrawnCave(name, seed, plan, voxel, int(rng.integers(1 << 20)))

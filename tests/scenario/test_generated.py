@@ -1,0 +1,77 @@
+"""Names generated/STYLE/SEED: built on first use, whole or not at all, and told when they make no sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+
+from aquanav_tools.build.generated import MAX_WIDTHS, MIN_WIDTHS, build_generated
+from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
+from aquanav_tools.errors import ScenarioError
+from aquanav_tools.scenario import shipped
+from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.scenario.shipped import named_folder, scenario_folder
+
+NAME = "generated/phreatic-tube/1"
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_drawn_cave_is_built_into_the_cache_and_read_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = build_generated("phreatic-tube", 1)
+    assert folder == named_folder(NAME)
+    before = files(folder)
+    monkeypatch.setattr("subprocess.run", lambda *_, **__: pytest.fail("nothing had to be built"))
+    scenario = read_scenario(NAME)
+    assert scenario.guide.length > 15.0 and len(scenario.starts) > 10 and scenario.flow is not None
+    # The way's room, by another library: half the narrowest place is the distance to the wall of some point.
+    inner = scenario.guide.centreline[20:-20]
+    samples = trimesh.sample.sample_surface(scenario.cavity.walls.to_trimesh(), 200_000, seed=1)[0]
+    width = 2.0 * cKDTree(samples).query(inner)[0].min() / VEHICLE_WIDTH
+    assert MIN_WIDTHS <= width <= MAX_WIDTHS  # samples lie 3 cm apart: at this distance they overstate it by 1 mm
+    (folder / "scenario.toml").unlink()  # half a scenario
+    build_generated("phreatic-tube", 1)
+    assert files(folder) == before
+    assert not list(folder.parent.glob("*.work"))
+    field = folder / "field.npz"
+    field.write_bytes(field.read_bytes()[:-1])
+    with pytest.raises(ScenarioError, match=r"field\.npz has changed since the scenario was written"):
+        read_scenario(NAME)
+
+
+def test_a_half_built_one_is_told_and_built_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    named_folder(NAME).mkdir(parents=True)
+    monkeypatch.setattr("sys.executable", "/bin/false")
+    with pytest.raises(ScenarioError, match="Try it by itself: aquanav generate --style phreatic-tube --seed 1"):
+        scenario_folder(NAME)
+    assert "What lies there was left half built, and is replaced." in capsys.readouterr().err
+
+
+def test_mixed_shares_the_folder_of_the_style_it_picks() -> None:
+    assert named_folder("generated/mixed/1") == named_folder("generated/breakdown-chamber/1")
+
+
+@pytest.mark.parametrize(
+    "name", ["generated/maze", "generated/maze/x", "generated/maze/-1", "generated/maze/99999999999"]
+)
+def test_a_name_without_a_seed_is_told(name: str) -> None:
+    with pytest.raises(ScenarioError, match="write generated/STYLE/SEED with a whole number from 0 to"):
+        read_scenario(name)
+
+
+def test_an_unknown_style_is_told_the_nearest() -> None:
+    with pytest.raises(ScenarioError, match=r"no style 'sump-serie'\. Did you mean 'sump-series'"):
+        read_scenario("generated/sump-serie/1")
