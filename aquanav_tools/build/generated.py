@@ -86,9 +86,9 @@ def generate(style: str, seed: int) -> GeneratedCave:
         if MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
             return GeneratedCave(scenario, drawn, attempt + 1, width)
         faults.append(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
-    told = "; ".join(f"{n}: {fault}" for n, fault in enumerate(faults, start=1))
+    text = "; ".join(f"{n}: {fault}" for n, fault in enumerate(faults, start=1))
     raise MeshError(
-        f"None of {MAX_ATTEMPTS} caves of {generated_name(style, seed)} can be dived ({told}). Take another seed."
+        f"None of {MAX_ATTEMPTS} caves of {generated_name(style, seed)} can be dived ({text}). Take another seed."
     )
 
 
