@@ -8,7 +8,7 @@ whatever runs beside it.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -66,14 +66,21 @@ def check_plan(plan: Plan) -> None:
 @contextmanager
 def open_batch(spec: EvaluationSpec, plan: Plan, count: int) -> Iterator[Runner]:
     """Yield what runs episodes side by side; their tasks come in the plan's order. See `open_runner`."""
-    policies = [spec.load(spec.policy) for _ in range(num_policies(plan.policy, min(count, BATCH_SIZE)))]
+    num = num_policies(plan.policy, min(count, BATCH_SIZE))
+
+    def load() -> list[LoadedPolicy]:
+        return [spec.load(spec.policy) for _ in range(num)]
+
     writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
-    with closing(BatchRunner(policies, spec.options, CallTimeout(spec.options.action_time_limit))) as runner:
-        yield partial(_rows_of, runner, writer, plan)
+    with closing(BatchRunner(load(), spec.options, CallTimeout(spec.options.action_time_limit))) as runner:
+        yield partial(_rows_of, runner, writer, plan, load)
 
 
-def _rows_of(runner: BatchRunner, writer: EpisodeWriter, plan: Plan, tasks: Tasks) -> Iterator[Row]:
+def _rows_of(
+    runner: BatchRunner, writer: EpisodeWriter, plan: Plan, load: Callable[[], list[LoadedPolicy]], tasks: Tasks
+) -> Iterator[Row]:
     for batch in task_batches(plan, (task for task in tasks if task is not None)):
+        runner.renew(batch[0].policy_sha256, load)
         episodes = [plan.episodes[task.index] for task in batch]
         for episode, task, (trajectory, metrics) in zip(episodes, batch, runner.run(episodes), strict=True):
             yield writer.keep(episode, task.record, trajectory, metrics)
@@ -108,8 +115,14 @@ class BatchRunner:
     ) -> None:
         """Take over policies that were loaded one by one: `num_policies` of them."""
         self._policies, self._options, self._timeout = policies, options, timeout or CallTimeout()
+        self._policy_sha256: str | None = None
         self._task: Batch | None = None
         self._key: tuple[AnyScenario, TaskOptions, int] | None = None
+
+    def renew(self, policy_sha256: str | None, load: Callable[[], Sequence[LoadedPolicy]]) -> None:
+        """Take newly loaded policies where the file has another hash than at the last call; None is as they came."""
+        if policy_sha256 != self._policy_sha256:
+            self._policies, self._policy_sha256 = load(), policy_sha256
 
     def run(self, batch: Sequence[EpisodeSpec]) -> list[tuple[Trajectory, EpisodeMetrics]]:
         """Return the trajectory of each episode of a batch, and its metrics."""

@@ -160,9 +160,8 @@ class RunSettings:
     checkpoint_every: int = 100_000
     """Decisions between two checkpoints. A run that was killed goes on from the last one."""
     backend: Literal["pybullet", "batch"] = "pybullet"
-    """Where the vehicles move while learning: each by itself, in caves in PyBullet, which judges them too; or all of
-    them in one batch, faster by several times with hundreds of them (num_envs). Validation takes the former in any
-    case."""
+    """Where the vehicles move while learning: each by itself, in caves with PyBullet's contacts; or all of them in one
+    batch, faster by several times with hundreds of them (num_envs). Trials are run by the same."""
     workers: int = 0
     """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
     process that learns. The result is the same."""

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -66,6 +66,7 @@ class Validation:
         folder: Path,
         num_workers: int = 0,
         observation: str | None = None,
+        backend: Literal["pybullet", "batch"] = "pybullet",
     ) -> None:
         """Prepare trials; environments are made, and workers started, by the first.
 
@@ -76,6 +77,7 @@ class Validation:
             folder: Of the run; holds the policy during a trial.
             num_workers: Processes that run episodes; fewer than two run them in this process.
             observation: What policies observe; None tells it from the number of values.
+            backend: What runs episodes, as in an evaluation.
         """
         self._path = folder / TRIED_FILE
         options = EvaluateOptions(
@@ -83,8 +85,9 @@ class Validation:
             scenario=tuple(Path(scenario.name) for scenario in scenarios),
             episodes=num_episodes,
             seed=SEED,
-            workers=max(1, num_workers),
+            workers=max(1, num_workers) if backend == "pybullet" else None,
             observation=observation,
+            backend=backend,
             **choices_of(task),
         )
         self._evaluation = RepeatedEvaluation(options, scenarios)
@@ -143,11 +146,11 @@ def open_trials(
         seen = settings.observation
         if validation:
             own_water = dataclasses.replace(settings, current=None, current_range=(1.0, 1.0))
-            between = Validation(validation, own_water, run.validation_episodes, folder, num_workers, seen)
+            between = Validation(validation, own_water, run.validation_episodes, folder, num_workers, seen, run.backend)
             held.callback(between.close)
         if is_last and run.final_episodes > 0:
             num_each = max(1, run.final_episodes // len(scenarios))
-            final = Validation(scenarios, settings, num_each, folder, num_workers, seen)
+            final = Validation(scenarios, settings, num_each, folder, num_workers, seen, run.backend)
             held.callback(final.close)
         yield Trials(between, final)
 

@@ -55,7 +55,7 @@ def test_stopped_run_ends_as_one_that_never_stopped(
     assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch, checkpoint)
 
 
-def test_curve_tells_of_the_batchs_episodes_and_trials_are_flown_in_pybullet(tube: Path, tmp_path: Path) -> None:
+def test_curve_tells_of_the_batchs_episodes_and_trials_are_the_batchs_too(tube: Path, tmp_path: Path) -> None:
     run = dataclasses.replace(ON_BATCH, validation=(str(tube),), validation_episodes=2, validate_every=256)
     trained = train(tiny_pipeline(tube, run=run, steps=256), 0, tmp_path)
     # 4 vehicles of 64 decisions each; none reaches the goal in 40, and the first episode of each is shorter.

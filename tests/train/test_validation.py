@@ -7,7 +7,7 @@ import io
 import json
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import torch
@@ -61,10 +61,12 @@ def test_a_straight_tube_is_swum_through_by_who_goes_straight_ahead_for_long_eno
         assert (trial.success_rate, trial.collision_free_success, trial.mean_collisions) == (rate, rate, 0.0)
 
 
-@pytest.mark.parametrize("num_workers", [0, 2])
-def test_trials_of_one_policy_after_another_are_of_that_policy(num_workers: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("num_workers", "backend"), [(0, "pybullet"), (2, "pybullet"), (0, "batch")])
+def test_trials_of_one_policy_after_another_are_of_that_policy(
+    num_workers: int, backend: Literal["pybullet", "batch"], tmp_path: Path
+) -> None:
     tube = tube_scenario(limits=LimitSettings(decisions=300))
-    with closing(Validation([tube], TINY, 3, tmp_path, num_workers)) as validation:
+    with closing(Validation([tube], TINY, 3, tmp_path, num_workers, backend=backend)) as validation:
         rates = [
             validation.trial(policy_of(tube, thrust), 1, 1).collision_free_success for thrust in (IDLE, AHEAD, IDLE)
         ]
