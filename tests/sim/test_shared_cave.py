@@ -141,6 +141,7 @@ def test_workers_move_as_the_process_that_started_them(tube: Scenario, method: s
 
 
 def test_a_client_is_freed_with_its_last_world(tube: Scenario) -> None:
+    gc.collect()  # what other tests have left
     shared, before = rough(tube), len(_arenas)
     first, second, forgotten = (BulletContacts(shared, VEHICLES[0]) for _ in range(3))
     finer = dataclasses.replace(shared.settings, limits=dataclasses.replace(shared.settings.limits, dt=0.01))
