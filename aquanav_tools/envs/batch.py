@@ -16,7 +16,7 @@ Floats = npt.NDArray[np.float32]
 
 
 class Batch(Protocol):
-    """N vehicles at the task of one scenario. `reset`, then `command` or `hold`, and `step`, once per decision.
+    """N vehicles at the task of one scenario. `reset`, then `command` or `set_commands`, and `step`, once per decision.
 
     Arrays go by name, a row for each vehicle: positions, orientations, velocities, currents (where the last decision
     began), clearances, touched (steps), collisions, remaining, start_indices, observations, final_observations, terms,

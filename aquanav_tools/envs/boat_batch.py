@@ -12,9 +12,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import AFLOAT, ActionModel
-from aquanav_tools.envs.batch import Floats, copied
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.dict_observation import parts_of
+from aquanav_tools.envs.extended_batch import ExtendedBatch
 from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS
 from aquanav_tools.envs.surface_observation import surface_space
@@ -25,7 +25,7 @@ from aquanav_tools.task import task_options
 from aquanav_tools.types import Array
 
 
-class BoatBatch:
+class BoatBatch(ExtendedBatch):
     """N boats, with the options and definitions of `SurfaceEnv`: a `Batch`.
 
     A boat given a seed of its own has the very episode that `SurfaceEnv` has of it, as that is a batch of one: bay, sea
@@ -86,21 +86,6 @@ class BoatBatch:
         return space if self._parts is None else self._parts.prepare(self.world, preset, pairs, None, self._own)
 
     @property
-    def dynamics(self) -> dict[str, Array]:
-        """(N,) what each episode has drawn of its boat's dynamics, by name: see `sim.randomisation`."""
-        return self.world.dynamics
-
-    @property
-    def term_names(self) -> tuple[str, ...]:
-        """Of the columns of "terms"."""
-        return self._own.term_names
-
-    @property
-    def failures(self) -> dict[int, str]:
-        """Why code of the user's own failed in the last reset or step, by vehicle."""
-        return self._own.failures
-
-    @property
     def route_lengths(self) -> Array:
         """(N,) how far the goal was at the episodes' beginnings, m."""
         lengths: Array = self.copy_of("lengths")
@@ -126,51 +111,16 @@ class BoatBatch:
         for name in CONDITIONS:
             arrays[name][:] = (conditions or {}).get(name, getattr(self.task, name))
         self.world.reset()
-        self._own.begin()
-        if self._parts is not None:
-            self._parts.begin()
+        self._begin_observing()
 
     def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
         most = self.definition.numbers.max_decisions
         self.world.randomise_time_limits(np.random.default_rng(seed).integers(most, size=self.num))
 
-    def command(self, actions: Any) -> None:
-        """Hand the actions of all boats to the next step."""
-        self.set_commands(self._actions.commands(actions, self.num))
-
-    def set_commands(self, commands: Floats) -> None:
-        """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
-        self.world.set_commands(commands)
-
-    def retire(self, vehicles: Sequence[int]) -> None:
-        """Let no episode follow of these vehicles until the next reset."""
-        self.world.retire(vehicles)
-
-    def step(self) -> None:
-        """Carry out a decision of every boat; where the last one ended an episode, begin the next instead."""
-        self._own.before()
-        self.world.step(self._judge)
-        self._own.after()
-        if self._parts is not None:
-            self._parts.follow()
-
-    def _judge(self) -> None:
-        """Look at what the decision led to, before the successors of ended episodes begin."""
-        self._own.judge()
-        if self._parts is not None:
-            self._parts.judge()
-
     def view_of(self, name: str) -> Any:
         """Return an array of a `Batch`, which later steps change; of a `Dict`, one for each part."""
-        if self._parts is not None and name in ("observations", "final_observations"):
-            return getattr(self._parts, name)
-        arrays = self._arrays if name in self._arrays else self._own.arrays
-        return arrays[name] if name in arrays else self.world.as_numpy(name)
-
-    def copy_of(self, name: str) -> Any:
-        """Return a copy of what `view_of` returns that later steps leave alone."""
-        return copied(self.view_of(name))
+        return self._arrays[name] if name in self._arrays else super().view_of(name)
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all that the future depends on; bays and seas come again from their seeds."""
@@ -189,10 +139,6 @@ class BoatBatch:
         self._own.restore(state)
         if self._parts is not None:
             self._parts.restore(state)
-
-    def close(self) -> None:
-        """End the threads."""
-        self.world.close()
 
     def _draw(self, i: int) -> BoatEpisode:
         """Return the next episode of a boat."""

@@ -13,11 +13,11 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import DIVING, ActionModel
-from aquanav_tools.envs.batch import Floats, copied
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts, parts_of
 from aquanav_tools.envs.episode import COLLISION_RULES
+from aquanav_tools.envs.extended_batch import ExtendedBatch
 from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.envs.reward import TERMS, cave_weights
@@ -41,7 +41,7 @@ CONTACTS = ("own", "bullet")
 CaveSpec = str | Path | Scenario
 
 
-class CaveBatch:
+class CaveBatch(ExtendedBatch):
     """N vehicles in one cave or several, with the options and definitions of `CaveEnv`."""
 
     def __init__(
@@ -142,16 +142,6 @@ class CaveBatch:
         space = own.prepare(view, world, preset, pairs, make_sensors)
         return space if self._parts is None else self._parts.prepare(world, preset, pairs, make_sensors, own)
 
-    @property
-    def term_names(self) -> tuple[str, ...]:
-        """Of the columns of "terms"."""
-        return self._own.term_names
-
-    @property
-    def failures(self) -> dict[int, str]:
-        """Why code of the user's own failed in the last reset or step, by vehicle."""
-        return self._own.failures
-
     def _engines(self, contacts: str) -> list[Any]:
         if contacts == "own":
             return []
@@ -163,11 +153,6 @@ class CaveBatch:
     def limits(self) -> npt.NDArray[np.int64]:
         """(N,) decisions after which an episode is truncated."""
         return self._limits.copy()
-
-    @property
-    def dynamics(self) -> dict[str, Array]:
-        """(N,) what each episode has drawn of its vehicle's dynamics, by name: see `sim.randomisation`."""
-        return self.world.dynamics
 
     @property
     def route_lengths(self) -> Array:
@@ -194,50 +179,11 @@ class CaveBatch:
             first = np.array([-1 if start is None else check_start(start, count) for start, count in chosen], np.int32)
         given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
         self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
-        self._own.begin()
-        if self._parts is not None:
-            self._parts.begin()
+        self._begin_observing()
 
     def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
         self.world.age(np.random.default_rng(seed).integers(self._limits))
-
-    def command(self, actions: Any) -> None:
-        """Hand the actions of all vehicles to the next step."""
-        self.set_commands(self._actions.commands(actions, self.num))
-
-    def set_commands(self, commands: Floats) -> None:
-        """Hand (N, 3) ballast, steer and thrust in [-1, 1] to the next step."""
-        self.world.arrays.commands.assign(commands)
-
-    def retire(self, vehicles: Sequence[int]) -> None:
-        """Draw no further starts of these vehicles until the next reset; the kernels move all vehicles."""
-        self.world.retire(vehicles)
-
-    def step(self) -> None:
-        """Carry out a decision of every vehicle."""
-        self._own.before()
-        self.world.step(self._judge)
-        self._own.after()
-        if self._parts is not None:
-            self._parts.follow()
-
-    def _judge(self) -> None:
-        """Look at what the decision led to, before the successors of ended episodes begin."""
-        self._own.judge()
-        if self._parts is not None:
-            self._parts.judge()
-
-    def view_of(self, name: str) -> Any:
-        """Return an array of `sim.batch.state.BatchState`, which later steps change; of a `Dict`, one for each part."""
-        if self._parts is not None and name in ("observations", "final_observations"):
-            return getattr(self._parts, name)
-        own = self._own.arrays
-        return own[name] if name in own else self.world.as_numpy(name)
-
-    def copy_of(self, name: str) -> Any:
-        """Return a copy of what `view_of` returns that later steps leave alone."""
-        return copied(self.view_of(name))
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays."""
@@ -249,13 +195,6 @@ class CaveBatch:
         self._own.restore(state)
         if self._parts is not None:
             self._parts.restore(state)
-
-    def close(self) -> None:
-        """End the threads, and let go of the physics. Closing twice does nothing."""
-        self._own.close()
-        if self._parts is not None:
-            self._parts.close()
-        self.world.close()
 
 
 def slices_of(num: int, num_parts: int) -> list[slice]:

@@ -75,6 +75,14 @@ SAME = {
 ENDS = ("terminated", "truncated", "outcomes")
 
 
+def assert_row(rows: Any, n: int, alone: Any) -> None:
+    """What a step returned for boat n of a batch is, to the bit, what it returned for a boat alone."""
+    for many, one in zip(rows[:4], alone[:4], strict=True):
+        assert np.array_equal(many[n : n + 1], one)
+    for key, values in alone[4].items():
+        assert np.array_equal(rows[4][key][n : n + 1], values), key
+
+
 @pytest.mark.parametrize("num", [1, 7, 256])
 @pytest.mark.parametrize("place", ["drawn bays", "a rock ahead"])
 def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.random.Generator) -> None:
@@ -94,11 +102,7 @@ def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.r
         rows = together.step(actions)
         touched += int(rows[4]["collision"].sum())
         for n, env in zip(chosen, alone, strict=True):
-            own = env.step(actions[n : n + 1])
-            for many, one in zip(rows[:4], own[:4], strict=True):
-                assert np.array_equal(many[n : n + 1], one)
-            for key, values in own[4].items():
-                assert np.array_equal(rows[4][key][n : n + 1], values), key
+            assert_row(rows, n, env.step(actions[n : n + 1]))
             for name in ("rays", "tags", "orientations", "currents", "path_lengths"):
                 assert np.array_equal(together.batch.copy_of(name)[n : n + 1], env.batch.copy_of(name)), name
     assert (touched > 0) == (place == "a rock ahead")
@@ -126,11 +130,7 @@ def test_boat_among_thousands_has_the_episodes_that_it_has_alone(
         rows = together.step(actions)
         touched += int(rows[4]["collision"][chosen].sum())
         for n, env in zip(chosen, alone, strict=True):
-            own = env.step(actions[n : n + 1])
-            for many, one in zip(rows[:4], own[:4], strict=True):
-                assert np.array_equal(many[n : n + 1], one)
-            for key, values in own[4].items():
-                assert np.array_equal(rows[4][key][n : n + 1], values), key
+            assert_row(rows, n, env.step(actions[n : n + 1]))
     assert touched > 0 and (together.batch.view_of("episodes") == 2).all()
     for env in (together, *alone):
         env.close()

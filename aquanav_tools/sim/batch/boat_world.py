@@ -149,10 +149,6 @@ class BoatWorld:
         """Let no episode follow of these boats until the next reset."""
         self._is_retired[list(boats)] = True
 
-    def set_commands(self, commands: npt.NDArray[np.float32]) -> None:
-        """Hand (N, 3) ballast, of which boats have none, steer and thrust in [-1, 1] to the next step."""
-        self.write("commands", commands)
-
     def step(self, judge: Callable[[], None] | None = None) -> None:
         """Carry out a decision of every boat.
 
