@@ -30,9 +30,11 @@ ROOMS_BELOW = {
     "train": {"cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
     "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report"},
+    "benchmark": {"scenario", "envs", "evaluate", "report", "workers", "build"},
     "api": {"envs", "evaluate", "train", "build"},
     "cli": {
         "api",
+        "benchmark",
         "cave",
         "photograph",
         "reconstruct",

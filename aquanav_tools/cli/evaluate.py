@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import tyro
 
+from aquanav_tools.cli.benchmark import BENCHMARK, BENCHMARK_FLAG, BenchmarkCommand, run_benchmark
 from aquanav_tools.cli.command import NO_TERMINAL, run_command
 from aquanav_tools.cli.evaluate_options import CompareCommand, EvaluateCommand, ReplayCommand, StressCommand
 from aquanav_tools.errors import PolicyError
@@ -26,6 +27,7 @@ DESCRIPTION = (
     "recordings. Policy files are read without running any code from them, unless --trust is given. Ends with exit "
     "code 8 where the policy itself failed in every episode: by an error, by hanging, or by what is no action.\n\n"
     "Example: aquanav-eval policy.zip --scenario out/han --episodes 50 --seed 0 -o out/eval\n"
+    "In a fixed set of caves: aquanav-eval policy.zip --benchmark aquanav-300 (with --help: its options).\n"
     "Also: aquanav-eval compare out/a out/b, aquanav-eval replay out/eval --episode 17, and aquanav-eval stress "
     "policy.zip --scenario out/han (each has --help)."
 )
@@ -47,6 +49,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run_command(ReplayCommand, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
     elif arguments[:1] == ["stress"]:
         run_command(StressCommand, _stress, "aquanav-eval stress", STRESS, arguments=arguments[1:])
+    elif any(word.split("=")[0] == BENCHMARK_FLAG for word in arguments):
+        run_command(BenchmarkCommand, run_benchmark, "aquanav-eval", BENCHMARK, arguments=arguments)
     else:
         run_command(
             EvaluateCommand, _evaluate_all, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments

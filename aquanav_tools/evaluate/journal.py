@@ -54,9 +54,9 @@ class Journal:
         self._recordings: dict[int, str] = {}
         self._recorded: list[int] = []
         identity = json.loads(json.dumps(identity))
-        lines = _whole_lines(self._path) if is_resumed else iter(())
-        first = next(lines, _line(identity) + b"\n")
-        _check_identity(json.loads(first), identity, folder)
+        lines = whole_lines(self._path) if is_resumed else iter(())
+        first = next(lines, json_line(identity) + b"\n")
+        check_identity(json.loads(first), identity, folder)
         (folder / TRAJECTORIES).mkdir(exist_ok=True)
         for path in (folder / TRAJECTORIES).glob("*.partial"):
             path.unlink()
@@ -77,7 +77,7 @@ class Journal:
     def add(self, row: dict[str, Any]) -> None:
         """Keep a finished episode, whose trail and recording are on disk, from its `journal_row`."""
         with self._path.open("ab", buffering=0) as stream:
-            stream.write(_line(row) + b"\n")
+            stream.write(json_line(row) + b"\n")
         self._keep(row)
 
     @property
@@ -175,14 +175,19 @@ def _trajectory_path(folder: Path, index: int) -> Path:
     return folder / trajectory_name(index)
 
 
-def _whole_lines(path: Path) -> Iterator[bytes]:
+def whole_lines(path: Path) -> Iterator[bytes]:
     """Yield the lines that were written to their end."""
     if path.is_file():
         with path.open("rb") as stream:
             yield from (line for line in stream if line.endswith(b"\n"))
 
 
-def _check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
+def check_identity(found: dict[str, Any], wanted: dict[str, Any], folder: Path) -> None:
+    """Refuse to go on with what was begun with other options or files than are wanted.
+
+    Raises:
+        InputError: they differ; the message says in what.
+    """
     different = [_difference_text(key, found.get(key), wanted.get(key)) for key in sorted({*found, *wanted})]
     different = [told for told in different if told]
     if different:
@@ -202,7 +207,8 @@ def _difference_text(key: str, found: Any, wanted: Any) -> str:
     return f"{key} ({', '.join(parts)})"
 
 
-def _line(table: dict[str, Any]) -> bytes:
+def json_line(table: dict[str, Any]) -> bytes:
+    """Return a table as the line of a journal, without the line's end."""
     return json.dumps(table, allow_nan=False).encode()
 
 

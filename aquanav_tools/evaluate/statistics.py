@@ -119,7 +119,7 @@ def bootstrap_ratio(above: Array, below: Array, resamples: int = RESAMPLES) -> E
 
 def interquartile_mean(scores: Array) -> float:
     """Return the mean of the middle half of all scores: robust like the median, steadier."""
-    return float(_middle_means(scores.reshape(1, -1))[0])
+    return float(interquartile_means(scores.reshape(1, -1))[0])
 
 
 def stratified_iqm(scores: Array, resamples: int = RESAMPLES) -> Estimate:
@@ -130,13 +130,13 @@ def stratified_iqm(scores: Array, resamples: int = RESAMPLES) -> Estimate:
     runs, tasks = scores.shape
     rng = np.random.default_rng(BOOTSTRAP_SEED)
     drawn = rng.integers(runs, size=(resamples, runs, tasks))
-    values = _middle_means(scores[drawn, np.arange(tasks)].reshape(resamples, -1))
+    values = interquartile_means(scores[drawn, np.arange(tasks)].reshape(resamples, -1))
     low, high = np.percentile(values, [2.5, 97.5])
     return Estimate(interquartile_mean(scores), float(low), float(high))
 
 
-def _middle_means(rows: Array) -> Array:
-    """Return the mean of the middle half of each row."""
+def interquartile_means(rows: Array) -> Array:
+    """Return the (N,) interquartile means of (N, M) scores: of each row the mean of its middle half."""
     from scipy.stats import trim_mean
 
     means: Array = trim_mean(rows, 0.25, axis=1)
