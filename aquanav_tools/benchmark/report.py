@@ -1,4 +1,4 @@
-"""What a benchmark's run looks like: lines for the terminal, and a page with the tiers, the caves and the worst dives."""
+"""What a benchmark's run looks like: lines for the terminal, and a page of the tiers, the caves and the worst dives."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from aquanav_tools.evaluate.episode_table import EpisodeTable
 from aquanav_tools.evaluate.journal import worst_first
 from aquanav_tools.evaluate.statistics import Estimate
 from aquanav_tools.evaluate.summary_text import estimate_text, fraction_text, metres
-from aquanav_tools.report.figures import BLUE, INK, MUTED, new_figure, save_figure
+from aquanav_tools.report.figures import BAD, BLUE, GOOD, IDLE, INK, MUTED, PORTAL, new_figure, save_figure
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Section, Table, write_page
 
 NUM_WORST = 10
@@ -24,6 +24,7 @@ COLUMNS = (
     "collisions per 100 m", "clearance, mean, m", "time, s",
 )  # fmt: skip
 PLOT = "tiers.png"
+COLOURS = (BLUE, GOOD, IDLE, BAD, PORTAL, MUTED)
 
 
 def points(estimate: Estimate) -> str:
@@ -51,11 +52,11 @@ def score_text(benchmark: Benchmark, policy: str, score: Score) -> str:
         f"  collision-free success, interquartile mean   {points(total.iqm)}",
     ]
     for tier in score.tiers:
-        means = tier.means
+        means, mean = tier.means, points(tier.mean)
         lines.append(
-            f"  {tier.name:<11} {tier.caves:>3} caves  {points(tier.mean):<24} worst cave {fraction_text(tier.worst):>5}"
-            f"   success {fraction_text(means['success']):>5}   SPL {means['spl']:.2f}"
-            f"   collisions per 100 m {tier.collisions_per_100m.mean:.2f}   clearance {metres(means['mean_clearance'])} m"
+            f"  {tier.name:<11} {tier.caves:>3} caves  {mean:<24} worst cave {fraction_text(tier.worst):>5}"
+            f"   success {fraction_text(means['success']):>5}   SPL {means['spl']:.2f}   collisions per 100 m "
+            f"{tier.collisions_per_100m.mean:.2f}   clearance {metres(means['mean_clearance'])} m"
             f"   {means['time']:.0f} s"
         )
     return "\n".join(lines)
@@ -110,21 +111,28 @@ def plot_tiers(scores: dict[str, Score], path: Path) -> None:
     figure = new_figure(max(5.0, 1.3 * len(names)), 3.6)
     axes = figure.subplots()
     width, rng = 0.8 / len(scores), np.random.default_rng(0)
-    for number, (policy, score) in enumerate(scores.items()):
+    for number, score in enumerate(scores.values()):
         for tier in score.tiers:
             place = names.index(tier.name) + (number - (len(scores) - 1) / 2.0) * width
-            axes.bar(place, tier.mean.mean, 0.9 * width, color=BLUE, alpha=1.0 - 0.6 * number / len(scores), zorder=1)
+            colour, fade = COLOURS[number % len(COLOURS)], 1.0 if number < len(COLOURS) else 0.5
+            axes.bar(place, tier.mean.mean, 0.9 * width, color=colour, alpha=fade, zorder=1)
             error = [[tier.mean.mean - tier.mean.low], [tier.mean.high - tier.mean.mean]]
             axes.errorbar(place, tier.mean.mean, yerr=error, color=INK, capsize=3, linewidth=1.2, zorder=3)
             own = [cave.collision_free_success for cave in score.caves if cave.tier == tier.name]
             spread = place + 0.35 * width * rng.uniform(-1.0, 1.0, len(own))
-            axes.scatter(spread, own, s=5, color=MUTED, zorder=2)
+            axes.scatter(spread, own, s=4, color=INK, alpha=0.35, zorder=2)
+    if len(scores) > 1:
+        from matplotlib.patches import Patch
+
+        labels = [Patch(color=COLOURS[n % len(COLOURS)], label=name) for n, name in enumerate(scores)]
+        axes.legend(handles=labels, frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     axes.set_xticks(range(len(names)), names)
     axes.set_ylim(0.0, 1.03)
     axes.set_yticks(np.linspace(0.0, 1.0, 6), [f"{100 * share:.0f} %" for share in np.linspace(0.0, 1.0, 6)])
     axes.set_title("Collision-free success", loc="left", fontweight="bold")
     for side in ("top", "right"):
         axes.spines[side].set_visible(False)
+    figure.tight_layout()
     save_figure(figure, path, 140)
 
 

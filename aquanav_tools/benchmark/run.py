@@ -6,7 +6,6 @@ import dataclasses
 import json
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -46,8 +45,8 @@ class BenchmarkRun:
     policy: LoadedPolicy
     score: Score
     episodes: EpisodeTable
-    results: dict[str, Any]
-    """Of results.json, without its episodes."""
+    caves: tuple[dict[str, Any], ...]
+    """What a worker returned of each cave, in the benchmark's order."""
     changed_caves: tuple[str, ...]
     """Names of caves that are not those of the published set: other versions of libraries built them."""
     report: Path
@@ -96,7 +95,20 @@ def _run_into_folder(
     changed = changed_caves(benchmark, rows)
     (folder / SCORE).write_text(json.dumps(dataclasses.asdict(score), indent=2) + "\n", encoding="utf-8")
     report = write_report(benchmark, policy.name, score, episodes, changed, folder / REPORT)
-    return BenchmarkRun(benchmark, policy, score, episodes, table, changed, report, folder / SCORE)
+    return BenchmarkRun(benchmark, policy, score, episodes, tuple(rows), changed, report, folder / SCORE)
+
+
+def run_caves(
+    options: BenchmarkOptions, benchmark: Benchmark, numbers: Sequence[int], progress: Progress
+) -> list[dict[str, Any]]:
+    """Return what workers return of some caves, by their places in a benchmark; nothing is written."""
+    policy_of(options, benchmark)
+    rows = []
+    progress(0, len(numbers))
+    for row in _rows(BenchmarkSpec(options, benchmark), [CaveTask(number) for number in numbers]):
+        rows.append(row)
+        progress(len(rows), len(numbers))
+    return sorted(rows, key=lambda row: row["number"])
 
 
 def tiers_of(benchmark: Benchmark, rows: Sequence[dict[str, Any]]) -> dict[str, str]:
@@ -113,8 +125,7 @@ def changed_caves(benchmark: Benchmark, rows: Sequence[dict[str, Any]]) -> tuple
 def _rows(spec: BenchmarkSpec, tasks: Sequence[CaveTask]) -> Iterator[dict[str, Any]]:
     num = min(spec.options.workers or len(os.sched_getaffinity(0)), len(tasks))
     if num < 2:
-        with closing(CaveWorker(spec)) as worker:
-            yield from map(worker.run, tasks)
+        yield from map(CaveWorker(spec).run, tasks)
         return
     timeout = CallTimeout(spec.options.action_time_limit)
     worker_spec = WorkerSpec(

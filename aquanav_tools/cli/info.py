@@ -18,6 +18,7 @@ from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
 from aquanav_tools.cli.command import DEBUG_FLAG, run_command
 from aquanav_tools.cli.generate import Generate, run_generate
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
+from aquanav_tools.cli.leaderboard import Leaderboard, run_leaderboard
 from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
@@ -108,6 +109,7 @@ class Options:
         | Annotated[WaterImpact, tyro.conf.subcommand("water-impact")]
         | Annotated[Scenarios, tyro.conf.subcommand("scenarios")]
         | Annotated[Generate, tyro.conf.subcommand("generate")]
+        | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
     )
     """What to do."""
 
@@ -159,6 +161,8 @@ def _run(options: Options) -> None:
             run_scenarios(scenarios)
         case Generate() as drawing:
             run_generate(drawing)
+        case Leaderboard() as leaderboard:
+            run_leaderboard(leaderboard)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

@@ -93,13 +93,13 @@ def check_results(table: dict[str, Any]) -> None:
 
 def write_results(table: dict[str, Any], episodes: Sequence[EpisodeMetrics], path: Path) -> None:
     """Check a table and its episodes and write them as results.json, whole or not at all, an episode at a time."""
-    check_results({**table, "episodes": [_row(episodes[0])]})
+    check_results({**table, "episodes": [episode_row(episodes[0])]})
     row_validator = _validator("episode")
     partial = path.with_name(path.name + ".partial")
     with partial.open("w", encoding="utf-8") as stream:
         stream.write(json.dumps(table, indent=2, allow_nan=False).removesuffix("\n}") + ',\n  "episodes": [')
         for number, episode in enumerate(episodes):
-            row = _row(episode)
+            row = episode_row(episode)
             row_validator.validate(row)
             text = json.dumps(row, indent=2, allow_nan=False)
             stream.write(("," if number else "") + "\n" + textwrap.indent(text, "    "))
@@ -134,6 +134,24 @@ def episodes_of(table: dict[str, Any]) -> list[EpisodeMetrics]:
     return [EpisodeMetrics(**episode) for episode in table["episodes"]]
 
 
+def read_episode_rows(rows: Any, where: str) -> list[EpisodeMetrics]:
+    """Return the episodes in rows as results.json has them.
+
+    Raises:
+        InputError: they do not follow this version's schema; `where` is what the message calls their file.
+    """
+    import jsonschema
+
+    validator = _validator("episode")
+    try:
+        jsonschema.validate(rows, {"type": "array"})
+        for row in rows:
+            validator.validate(row)
+    except jsonschema.ValidationError as cause:
+        raise InputError(f"{where} has an episode that is none: {cause.message[:200]}.") from cause
+    return [EpisodeMetrics(**row) for row in rows]
+
+
 def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
     """Write a row per episode as Parquet, whole or not at all."""
     import pyarrow as pa
@@ -150,7 +168,7 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
     partial = path.with_name(path.name + ".partial")
     with pq.ParquetWriter(partial, schema) as writer:
         for first in range(0, len(episodes), ROWS_AT_A_TIME):
-            rows = [_flat(_row(episode)) for episode in episodes[first : first + ROWS_AT_A_TIME]]
+            rows = [_flat(episode_row(episode)) for episode in episodes[first : first + ROWS_AT_A_TIME]]
             writer.write_table(pa.Table.from_pylist(rows, schema=schema))
     os.replace(partial, path)
 
@@ -171,7 +189,8 @@ def _validator(part: str = "") -> Any:
     return whole.evolve(schema=schema["$defs"][part]) if part else whole
 
 
-def _row(episode: EpisodeMetrics) -> dict[str, Any]:
+def episode_row(episode: EpisodeMetrics) -> dict[str, Any]:
+    """Return an episode as results.json has it."""
     row: dict[str, Any] = _rounded(dataclasses.asdict(episode))
     if not row["dynamics"]:
         del row["dynamics"]
