@@ -148,8 +148,8 @@ class CaveBatch(ExtendedBatch):
         if len(self.slices) < num_caves:
             raise InputError(f"{num_caves} scenarios need at least as many vehicles, got {num}.")
         self._slot_of = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
-        self._current = np.arange(num_caves)
-        """Index of the cave in each place."""
+        self.current_caves = np.arange(num_caves)
+        """Index of the cave of now in each place."""
         self.cave_of = self._slot_of.copy()
         """(N,) index of the cave that each vehicle is in."""
 
@@ -251,7 +251,7 @@ class CaveBatch(ExtendedBatch):
         if (self.cave_of == other).any():
             return False
         self.put(other, scenario)
-        self._current[place] = other
+        self.current_caves[place] = other
         return True
 
     def put(self, index: int, scenario: CaveSpec) -> None:
@@ -268,7 +268,7 @@ class CaveBatch(ExtendedBatch):
     def _other(self, place: int) -> int:
         assert self._is_replaceable, "this batch's caves stay"
         num_places = len(self.slices)
-        return int(place + num_places if self._current[place] == place else place)
+        return int(place + num_places if self.current_caves[place] == place else place)
 
     def _judge(self) -> None:
         """Look at what the decision led to; then vehicles whose episodes have ended go into the caves of now."""
@@ -278,7 +278,7 @@ class CaveBatch(ExtendedBatch):
 
     def _move(self, vehicles: npt.NDArray[np.int64]) -> None:
         """Let the next episodes of vehicles begin in the caves that are in their places now."""
-        wanted = self._current[self._slot_of[vehicles]]
+        wanted = self.current_caves[self._slot_of[vehicles]]
         is_new = wanted != self.cave_of[vehicles]
         if is_new.any():
             self.cave_of[vehicles] = wanted
@@ -287,14 +287,14 @@ class CaveBatch(ExtendedBatch):
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of all arrays. Which caves there are is not in it."""
         own = self._own.state() | ({} if self._parts is None else self._parts.state())
-        places = {CURRENT: self._current.copy()} if self._is_replaceable else {}
+        places = {CURRENT: self.current_caves.copy()} if self._is_replaceable else {}
         return self.world.state() | places | own
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken, with the same caves."""
         self.cave_of[:] = state["cave_of"]
         if self._is_replaceable:
-            self._current[:] = state[CURRENT]
+            self.current_caves[:] = state[CURRENT]
         self.world.restore({name: values for name, values in state.items() if "/" not in name})
         self._own.restore(state)
         if self._parts is not None:

@@ -30,10 +30,11 @@ def old_cave() -> Scenario:
 
 
 def new_cave() -> Scenario:
-    """The same for 15 decisions, with denser water, in which bodies move otherwise, and other starts."""
+    """The same for 15 decisions, with denser water, in which bodies move otherwise, other starts and a larger goal."""
     scenario = flowing()
     water = dataclasses.replace(scenario.settings.water, density=1200.0)
-    settings = dataclasses.replace(scenario.settings, limits=LimitSettings(decisions=15), water=water)
+    goal = dataclasses.replace(scenario.settings.goal, tolerance=4.0)  # which starts anywhere keep away from
+    settings = dataclasses.replace(scenario.settings, limits=LimitSettings(decisions=15), water=water, goal=goal)
     return dataclasses.replace(scenario, settings=settings, starts=scenario.starts[:1])
 
 
