@@ -12,6 +12,8 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
@@ -191,6 +193,18 @@ def scenario_folder(spec: str | Path) -> Path:
         words = ["generate", "--style", drawn[0], "--seed", str(drawn[1])]
         _build(name, folder, words, f"some seconds, and only once.{half}")
     return folder
+
+
+def build_side_by_side(names: Iterable[object]) -> None:
+    """Build those of some scenarios that are drawn caves, and are not built yet, on all cores.
+
+    Raises:
+        ScenarioError: one could not be built.
+    """
+    drawn = [name for name in names if isinstance(name, str) and drawn_from(name) is not None]
+    missing = [name for name in drawn if not (named_folder(name) / SETTINGS_FILE).is_file()]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        list(threads.map(scenario_folder, missing))
 
 
 def _build(name: str, folder: Path, words: list[str], cost: str) -> None:

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 from aquanav_tools.cave.styles.names import MAX_SEED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError
@@ -18,6 +20,7 @@ from aquanav_tools.scenario.shipped import GENERATED, drawn_from, generated_name
 if TYPE_CHECKING:
     from aquanav_tools.scenario.schema import Scenario
 
+Spec = TypeVar("Spec")
 SALT = "aquanav-300"
 """Begins what is hashed; another word would make another split."""
 TEST_ONE_IN = 5
@@ -66,6 +69,25 @@ def check_training_scenario(scenario: Scenario) -> None:
     is_drawn = scenario.settings.built.kind == "synthetic" and style in STYLE_NAMES and seed.isdecimal()
     if is_drawn and int(seed) <= MAX_SEED:
         _refuse_test_cave(scenario.name, style, int(seed))
+
+
+def fixed_draw(specs: Sequence[Spec], most: int, seed: int) -> list[Spec | str]:
+    """Return scenarios with names in place of each style without a seed: those of caves for training.
+
+    Args:
+        specs: Names, paths or whatever stands for scenarios.
+        most: Drawn caves in all, dealt to the styles in turn; each has one at least.
+        seed: Draws them.
+
+    Raises:
+        InputError: there is no such style.
+    """
+    found = [distribution_of(str(spec)) if isinstance(spec, str | Path) else None for spec in specs]
+    fixed = [spec for spec, style in zip(specs, found, strict=True) if style is None]
+    styles = [style for style in found if style is not None]
+    turns = [styles[n % len(styles)] for n in range(max(most, len(styles)))] if styles else []
+    drawn = [generated_name(style, training_seed(style, seed, n, 0)) for n, style in enumerate(turns)]
+    return [*fixed, *drawn]
 
 
 def _refuse_test_cave(name: str, style: str, seed: int) -> None:
