@@ -45,9 +45,9 @@ PPO learns from whole rollouts: --n-steps decisions of each of the --num-envs en
 it is chosen so that a short run has at least 30 updates and ends at the steps asked for, or just after them. The
 command says what it will learn from.
 
-In generated/mixed, or another style without a seed, --num-caves drawn caves are learned in at once, and another one comes
-in after every --new-cave-every decisions: which and when follows from --seed alone. They are built ahead of need; the bar
-shows how much of the time the learner waits for them. A fifth of all seeds is kept for tests, and refused here.
+In generated/mixed, or another style without a seed, --num-caves drawn caves are learned in at once, and another one
+comes in after every --new-cave-every decisions: which and when follows from --seed alone. They are built ahead of need;
+the bar shows how much of the time the learner waits for them. A fifth of all seeds is kept for tests, and refused here.
 
 A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy. With
 more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length."""
@@ -154,8 +154,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
         )
     if WAITING in point.learner:
         lines.append(
-            f"It flew {point.learner[FLOWN]:.0f} drawn caves; {point.learner[WAITING]:.2%} of the last lesson's time was "
-            f"spent waiting for them, and {point.learner[TAKING]:.2%} on taking them in."
+            f"It flew {point.learner[FLOWN]:.0f} drawn caves; of the last lesson's time, {point.learner[WAITING]:.2%} was "
+            f"spent waiting for them and {point.learner[TAKING]:.2%} on taking them in."
         )
     vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
     style = distribution_of(lesson.scenario)

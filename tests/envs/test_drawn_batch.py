@@ -15,7 +15,6 @@ from aquanav_tools.envs.factory import make_batch, with_drawn
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.shipped import named_folder
 from aquanav_tools.scenario.split import fixed_draw, is_test_cave
 from tests.caves import tube_scenario
 
