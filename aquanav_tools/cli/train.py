@@ -154,8 +154,8 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
         )
     if WAITING in point.learner:
         lines.append(
-            f"It flew {point.learner[FLOWN]:.0f} drawn caves; of the last lesson's time, {point.learner[WAITING]:.2%} was "
-            f"spent waiting for them and {point.learner[TAKING]:.2%} on taking them in."
+            f"It flew {point.learner[FLOWN]:.0f} drawn caves. Of the last lesson's time, {point.learner[WAITING]:.2%} "
+            f"was spent waiting for them and {point.learner[TAKING]:.2%} on taking them in."
         )
     vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
     style = distribution_of(lesson.scenario)
