@@ -12,9 +12,11 @@ from typing import Any
 
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.errors import AquanavError
+from aquanav_tools.provenance import code_digest
+from aquanav_tools.scenario.shipped import GENERATOR, cache_dir
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
-from aquanav_tools.workers.ray_cluster import connected
+from aquanav_tools.workers.ray_cluster import as_at_home, connected
 from aquanav_tools.workers.worker import Transport, WorkerSpec
 
 IDLE_PRIORITY = 19
@@ -63,14 +65,20 @@ def make_cave_builder(niceness: int, _clock: Any) -> CaveBuilder:
 
 
 def builder_pool(num_workers: int, transport: Transport | None = None, *, niceness: int = 0) -> WorkerPool:
-    """Return workers that build caves, for `built_by`; they are processes of this machine unless told otherwise."""
+    """Return workers that build caves, for `built_by`: processes of this machine, unless given a cluster's transport."""
+    make = partial(make_cave_builder, niceness)
     spec = WorkerSpec(
-        partial(make_cave_builder, niceness),
+        make if transport is None else as_at_home(make, _versions),
         name="cave builder",
         activity="caves were built",
         advice="Caves that are built stay; the same command goes on with the others.",
     )
     return WorkerPool(transport or PipeTransport(), spec, num_workers)
+
+
+def _versions() -> dict[str, str]:
+    """Return what must be the same on all nodes of a cluster."""
+    return {"cave generator": code_digest(GENERATOR), "cache folder": str(cache_dir().resolve())}
 
 
 def built_by(pool: WorkerPool, tasks: Iterator[CaveTask | None]) -> Iterator[tuple[CaveTask, BuiltCave]]:
