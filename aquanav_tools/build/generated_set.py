@@ -65,7 +65,7 @@ def make_cave_builder(niceness: int, _clock: Any) -> CaveBuilder:
 
 
 def builder_pool(num_workers: int, transport: Transport | None = None, *, niceness: int = 0) -> WorkerPool:
-    """Return workers that build caves, for `built_by`: processes of this machine, unless given a cluster's transport."""
+    """Return workers that build caves, for `built_by`: processes of this machine, or of a cluster by its transport."""
     make = partial(make_cave_builder, niceness)
     spec = WorkerSpec(
         make if transport is None else as_at_home(make, _versions),
