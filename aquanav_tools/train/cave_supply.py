@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from aquanav_tools.build.generated import build_generated
-from aquanav_tools.build.generated_set import IDLE_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
+from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
 from aquanav_tools.envs.factory import with_vehicle
 from aquanav_tools.errors import InputError, ResourceError, ScenarioError
 from aquanav_tools.scenario.folder import read_scenario
@@ -56,7 +56,7 @@ class NumberedTask(CaveTask):
 
 
 class CaveSupply:
-    """Builds the caves of a sequence, ahead of need in processes of the lowest priority; a context manager."""
+    """Builds the caves of a sequence, ahead of need in processes of lower priority; a context manager."""
 
     def __init__(self, sequence: CaveSequence, num_workers: int) -> None:
         """Prepare; builders start when a cave is first asked for ahead (`expect`).
@@ -147,7 +147,7 @@ class CaveSupply:
     def _work(self) -> None:
         """Keep builders busy until closed: the thread."""
         try:
-            with builder_pool(self._num_workers, niceness=IDLE_PRIORITY) as pool:
+            with builder_pool(self._num_workers, niceness=LOWER_PRIORITY) as pool:
                 while self._waits_for_need():
                     again: list[NumberedTask] = []
                     busy: set[int] = set()

@@ -174,7 +174,7 @@ class RunSettings:
     """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
     process that learns. The result is the same."""
     cave_workers: int = 0
-    """Processes of the lowest priority that build drawn caves ahead of need; 0 takes as many as the learner leaves of
+    """Processes of lower priority that build drawn caves ahead of need; 0 takes as many as the learner leaves of
     the cores, all but two, and at least one. The result is the same."""
     ray: str | None = None
     """Have the workers' environments on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same
