@@ -21,7 +21,7 @@ from aquanav_tools.workers.worker import Transport, WorkerSpec
 
 LOWER_PRIORITY = 5
 """Added to the nice value of workers beside a process that goes first, which then gets three times the time of one of
-them where they share a core. With 19 it would get 68 times as much, as would other programs: it would wait for caves."""
+them where they share a core. With 19 it would get 68 times as much, as would other programs, and wait for caves."""
 
 
 @dataclass(frozen=True)
