@@ -112,7 +112,7 @@ def build_set(
         num_cores = len(os.sched_getaffinity(0))
         if ray is not None:
             transport = held.enter_context(connected(ray))
-            num_cores = transport.num_cores  # type: ignore[attr-defined]  # a RayTransport
+            num_cores = transport.num_cores
         num = min(num_workers or num_cores, len(waiting))
         if num <= 1 and ray is None:  # not worth a process
             yield from ((task, CaveBuilder().build(task)) for task in waiting)

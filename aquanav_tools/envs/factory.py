@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.boat_batch import BoatBatch
@@ -31,6 +31,7 @@ logger = logging.getLogger(__name__)
 
 AnyScenario = Scenario | Bay
 Spec = str | Path | AnyScenario
+Given = TypeVar("Given", bound=Spec)
 NUM_DRAWN = 16
 """Caves that stand for a style without a seed, unless another number is asked for."""
 TaskEnv = CaveEnv | SurfaceEnv
@@ -91,7 +92,7 @@ def make_env(scenario: AnyScenario, *, max_decisions: int | None = None, **choic
     )
 
 
-def with_drawn(specs: Spec | Sequence[Spec], num: int, num_caves: int, cave_seed: int) -> list[Spec]:
+def with_drawn(specs: Given | Sequence[Given], num: int, num_caves: int, cave_seed: int) -> list[Given | str]:
     """Return scenarios as a list, with caves, which are built, in place of each generated/STYLE without a seed.
 
     Args:
@@ -104,12 +105,12 @@ def with_drawn(specs: Spec | Sequence[Spec], num: int, num_caves: int, cave_seed
         ScenarioError: a cave cannot be built.
         InputError: there is no such style, or no number of caves.
     """
-    several = [specs] if isinstance(specs, str | Path | AnyScenario) else list(specs)
+    several: list[Given] = [specs] if isinstance(specs, str | Path | AnyScenario) else list(specs)
     if num_caves < 1:
         raise InputError(f"num_caves must be at least 1, got {num_caves}.")
     num_drawn = sum(isinstance(spec, str | Path) and distribution_of(str(spec)) is not None for spec in several)
     if not num_drawn:
-        return several
+        return [*several]
     drawn = fixed_draw(several, min(num_caves, num - len(several) + num_drawn), cave_seed)
     build_side_by_side(drawn)
     return drawn

@@ -103,7 +103,7 @@ def train(
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     check_names(pipeline)
-    drawn = [None] * len(pipeline.lessons) if scenario else drawn_caves(pipeline, seed)
+    drawn: list[DrawnCaves | None] = [None] * len(pipeline.lessons) if scenario else drawn_caves(pipeline, seed)
     scenarios = [
         [
             with_vehicle(scenario or read_any_scenario(name), vehicle)
