@@ -27,9 +27,9 @@ ROOMS_BELOW = {
     "policy": set(),
     "report": {"cave", "scenario", "sea"},
     "workers": set(),
-    "train": {"cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
+    "train": {"build", "cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
     "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
-    "build": {"cave", "reconstruct", "scenario", "sim", "report"},
+    "build": {"cave", "reconstruct", "scenario", "sim", "report", "workers"},
     "benchmark": {"scenario", "envs", "evaluate", "report", "workers", "build"},
     "api": {"envs", "evaluate", "train", "build"},
     "cli": {

@@ -58,6 +58,8 @@ def make_vec_env(
     autoreset_mode: str = ...,
     seed: int = ...,
     vehicle: str | None = ...,
+    num_caves: int = ...,
+    cave_seed: int = ...,
     **options: Any,
 ) -> BatchVectorEnv: ...
 @overload
@@ -69,6 +71,8 @@ def make_vec_env(
     autoreset_mode: str = ...,
     seed: int = ...,
     vehicle: str | None = ...,
+    num_caves: int = ...,
+    cave_seed: int = ...,
     **options: Any,
 ) -> BatchedVecEnv: ...
 def make_vec_env(
@@ -79,6 +83,8 @@ def make_vec_env(
     autoreset_mode: str = "NextStep",
     seed: int = 0,
     vehicle: str | None = None,
+    num_caves: int = factory.NUM_DRAWN,
+    cave_seed: int = 0,
     **options: Any,
 ) -> BatchVectorEnv | BatchedVecEnv:
     """Return `num_envs` vehicles in one process as one vector environment, in one scenario or shared out over several.
@@ -87,11 +93,14 @@ def make_vec_env(
 
     Args:
         scenario: Folder, shipped name, loaded scenario, or a list of these, over which the vehicles are shared out.
+            generated/mixed, or another style without a seed, stands for several caves.
         num_envs: Vehicles.
         kind: "gymnasium" for a `gymnasium.vector.VectorEnv`, "sb3" for a `VecEnv` of Stable-Baselines3.
         autoreset_mode: Of Gymnasium's: "NextStep" or "SameStep". SB3's begin the next episode in the same step.
         seed: From which SB3's kind draws its episodes; Gymnasium's takes it at `reset(seed=...)`.
         vehicle: Name or TOML file of another vehicle than the scenarios'.
+        num_caves: Caves that are drawn where a scenario is a style without a seed, of those that are for training.
+        cave_seed: Draws them: the same one gives the same caves.
         options: As in `make_env`: observation, action, max_decisions and the task's.
 
     Raises:
@@ -99,7 +108,7 @@ def make_vec_env(
         InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than scenarios.
     """
     check_choice("kind of vector environment", kind, KINDS)
-    several = [scenario] if isinstance(scenario, str | Path | AnyScenario) else list(scenario)
+    several = factory.with_drawn(scenario, num_envs, num_caves, cave_seed)
     loaded = [with_vehicle(_scenario(one), vehicle) for one in several]
     if kind == "sb3":
         from aquanav_tools.envs.sb3_env import BatchedVecEnv  # loads torch

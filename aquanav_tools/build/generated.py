@@ -32,7 +32,14 @@ from aquanav_tools.cave.water.flow import Flow, find_flow
 from aquanav_tools.errors import MeshError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
-from aquanav_tools.scenario.shipped import SETTINGS_FILE, WORK_SUFFIX, generated_name, named_folder
+from aquanav_tools.scenario.shipped import (
+    SETTINGS_FILE,
+    WORK_SUFFIX,
+    generated_name,
+    mark_used,
+    named_folder,
+    trim_drawn,
+)
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import locked
 from aquanav_tools.text_files import read_text
@@ -143,6 +150,7 @@ def build_generated(style: str, seed: int) -> Path:
     """
     folder = named_folder(generated_name(style_of(style, seed), seed))
     if (folder / SETTINGS_FILE).is_file():
+        mark_used(folder)
         return folder
     work = folder.with_name(folder.name + WORK_SUFFIX)
     with locked(work, waits=True):
@@ -153,6 +161,7 @@ def build_generated(style: str, seed: int) -> Path:
                 write_scenario(generate(style, seed).scenario, staged)
                 shutil.rmtree(folder, ignore_errors=True)  # half a scenario: it has no settings
                 os.replace(staged, folder)
+                trim_drawn(kept=folder)
         finally:
             shutil.rmtree(work, ignore_errors=True)
     return folder

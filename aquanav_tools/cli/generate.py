@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from aquanav_tools.cave.styles.names import MIXED
+from aquanav_tools.cli.command import stage_bar
 from aquanav_tools.errors import InputError
-
-if TYPE_CHECKING:
-    from pathlib import Path
+from aquanav_tools.workers.ray_cluster import ADDRESS
 
 
 @dataclass(frozen=True)
@@ -21,7 +17,9 @@ class Generate:
 
     That name will do wherever a scenario is asked for; what is not built yet is built then. The same style and seed are
     the same cave always. Styles: phreatic-tube, vadose-canyon, bedding-plane, breakdown-chamber, shaft-ramp, maze,
-    sump-series, flooded-gallery, mine-drift; mixed picks one by the seed.
+    sump-series, flooded-gallery, mine-drift; mixed picks one by the seed. Of several caves each is built whole or not
+    at all: after a kill the same command goes on with those that are left. The cache keeps 10 GB of drawn caves, and
+    drops those that were not used for longest.
     """
 
     style: str = MIXED
@@ -32,37 +30,9 @@ class Generate:
     """How many, with seeds from `seed` upwards."""
     workers: int = 0
     """Processes that build them; one for each free core when 0."""
-
-
-@dataclass(frozen=True)
-class Task:
-    """One cave that a worker builds."""
-
-    style: str
-    seed: int
-    fault: str = ""
-    """Why it is not to be built: it brought its worker down."""
-
-
-class Builder:
-    """What a worker builds caves with."""
-
-    def build(self, task: Task) -> tuple[Path | None, str]:
-        """Return the folder of a cave; where it could not be built, None and why."""
-        from aquanav_tools.build.generated import build_generated
-        from aquanav_tools.errors import AquanavError
-
-        if task.fault:
-            return None, task.fault
-        try:
-            return build_generated(task.style, task.seed), ""
-        except AquanavError as error:
-            return None, str(error)
-
-
-def make_builder(_clock: object) -> Builder:
-    """Return a builder; its library threads are one each, as there is a worker for every core."""
-    return Builder()
+    ray: str | None = None
+    """Build them on the Ray cluster at HOST:PORT (auto finds one that runs here). This machine must be one of its
+    nodes, and the cache folder must be the same for all. Needs pip install 'aquanav[cluster]'."""
 
 
 def run_generate(options: Generate) -> None:
@@ -71,40 +41,33 @@ def run_generate(options: Generate) -> None:
     Raises:
         InputError: there is no such style, or a number is out of range.
         MeshError: caves could not be built; the message says which, and why.
+        ResourceError: workers end again and again, or the cluster does not answer.
     """
+    from aquanav_tools.build.generated_set import CaveTask, build_set
     from aquanav_tools.cave.styles.names import style_of
     from aquanav_tools.errors import MeshError
 
-    if options.count < 1 or options.workers < 0:
-        raise InputError(f"--count {options.count} must be at least 1, and --workers {options.workers} not negative.")
-    tasks = [Task(options.style, options.seed + n) for n in range(options.count)]
+    _check(options)
+    tasks = [CaveTask(options.style, options.seed + n) for n in range(options.count)]
     for task in tasks:
         style_of(task.style, task.seed)
     faults = []
-    for task, (folder, fault) in _built(tasks, options.workers or len(os.sched_getaffinity(0))):
-        if folder is None:
-            faults.append(f"seed {task.seed}: {fault}")
-        else:
-            print(folder)
-        if options.count > 1:
-            print(f"generated/{task.style}/{task.seed} is {'built' if folder else 'not built'}.", file=sys.stderr)
+    with stage_bar(f"{len(tasks)} cave{'s' if len(tasks) > 1 else ''}") as progress:
+        for done, (task, built) in enumerate(build_set(tasks, options.workers, options.ray), 1):
+            progress(done, len(tasks))
+            if built.folder is None:
+                faults.append(f"seed {task.seed}: {built.fault}")
+            else:
+                print(built.folder)
+            if options.count > 1 and not sys.stderr.isatty():
+                state = "built" if built.folder else "not built"
+                print(f"generated/{task.style}/{task.seed} is {state} ({done} of {len(tasks)}).", file=sys.stderr)
     if faults:
         raise MeshError(f"{len(faults)} of {len(tasks)} caves could not be built. {' '.join(faults)}")
 
 
-def _built(tasks: list[Task], num_workers: int) -> Iterator[tuple[Task, tuple[Path | None, str]]]:
-    """Yield each task with what came of it, as it ends; of several tasks, workers do one each at a time."""
-    from dataclasses import replace
-
-    num = min(num_workers, len(tasks))
-    if num == 1:
-        builder = Builder()
-        yield from ((task, builder.build(task)) for task in tasks)
-        return
-    from aquanav_tools.workers.pipe import PipeTransport
-    from aquanav_tools.workers.pool import WorkerPool
-    from aquanav_tools.workers.worker import WorkerSpec
-
-    spec = WorkerSpec(make_builder, "cave builder", "caves were built", "Caves that are built stay; run it again.")
-    with WorkerPool(PipeTransport(), spec, num) as pool:
-        yield from pool.results(iter(tasks), "build", lambda task, why: replace(task, fault=why))
+def _check(options: Generate) -> None:
+    if options.count < 1 or options.workers < 0:
+        raise InputError(f"--count {options.count} must be at least 1, and --workers {options.workers} not negative.")
+    if options.ray is not None and not ADDRESS.fullmatch(options.ray):
+        raise InputError(f"--ray is {options.ray!r}; give auto, or the HOST:PORT that `ray start --head` shows.")

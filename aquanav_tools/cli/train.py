@@ -27,10 +27,13 @@ DESCRIPTION = """Learn a policy with Stable-Baselines3, in one scenario or lesso
   aquanav-train --pipeline paper --clip 0.1 --seed 3  the same with another clip range in all lessons
   aquanav-train --pipeline mine.toml                  a file like those in pipelines/train
   aquanav-train --scenario caves/mine --init out/old  begin with the policy of another run
+  aquanav-train --scenario generated/mixed --backend batch --num-envs 256
+                                                      in caves that are drawn while it learns
 
 Shipped pipelines: paper, paper-batch (the same on one batch of 512 vehicles, in less time), paper-end-to-end,
 paper-clip-01, paper-clip-02, paper-sparse, paper-safe, paper-careful (a contact costs a hundred times as much),
-paper-recurrent, paper-sac, quick, reference (keeps off walls in caves it never saw; it made what is in eval/policies).
+paper-recurrent, paper-sac, quick, reference (keeps off walls in caves it never saw; it made what is in eval/policies),
+generated (the same recipe in drawn caves).
 Options given here count above the file's, in all lessons.
 
 The output folder gets policy.zip (the last policy) and, with --validation, best.zip (the best in validation), both
@@ -41,6 +44,10 @@ install the extra: pip install 'aquanav[tensorboard]').
 PPO learns from whole rollouts: --n-steps decisions of each of the --num-envs environments. Unless --n-steps is given,
 it is chosen so that a short run has at least 30 updates and ends at the steps asked for, or just after them. The
 command says what it will learn from.
+
+In generated/mixed, or another style without a seed, --num-caves drawn caves are learned in at once, and another one
+comes in after every --new-cave-every decisions: which and when follows from --seed alone. They are built ahead of need;
+the bar shows how much of the time the learner waits for them. A fifth of all seeds is kept for tests, and refused here.
 
 A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy. With
 more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length."""
@@ -123,6 +130,9 @@ def _given(settings: Any, arguments: Sequence[str]) -> dict[str, Any]:
 
 
 def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
+    from aquanav_tools.scenario.split import distribution_of, names_for_tests
+    from aquanav_tools.train.cave_rotation import FLOWN, TAKING, WAITING
+
     point, best, final, lesson = trained.point, trained.best, trained.final, pipeline.lessons[-1]
     deed = "This run was finished before; nothing was done. It learned" if trained.was_finished else "Learned"
     lines = [f"{deed} from {point.steps:,} decisions in {point.seconds:.0f} s."]
@@ -142,8 +152,15 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
             f"Best in validation: after {best.steps:,} decisions, {best.collision_free_success:.0%} collision-free "
             f"success ({policy})."
         )
+    if WAITING in point.learner:
+        lines.append(
+            f"It flew {point.learner[FLOWN]:.0f} drawn caves. Of the last lesson's time, {point.learner[WAITING]:.2%} "
+            f"was spent waiting for them and {point.learner[TAKING]:.2%} on taking them in."
+        )
     vehicle = f" --vehicle {pipeline.run.vehicle}" if pipeline.run.vehicle else ""
-    score = f"aquanav-eval {policy} --scenario {lesson.scenario}{vehicle}"
+    style = distribution_of(lesson.scenario)
+    scenario = lesson.scenario if style is None else names_for_tests(style, 1)[0]
+    score = f"aquanav-eval {policy} --scenario {scenario}{vehicle}"
     lines += [f"Report: {folder / 'report.html'}", f"Score it: {score}"]
     return "\n".join(lines)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -34,11 +35,25 @@ from aquanav_tools.task import MEASURES, TaskOptions, task_options
 from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
-    from aquanav_tools.sim.batch.world import CaveSetup
+    from aquanav_tools.sim.batch.setup import CaveSetup
 
 RAY_SOURCES = ("field", "mesh")
 CONTACTS = ("own", "bullet")
 CaveSpec = str | Path | Scenario
+
+
+CURRENT = "places/current"
+"""Name of the array of the caves of now in `state`."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """One cave, with what is made of it."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    starts: Starts
+    setup: CaveSetup
 
 
 class CaveBatch(ExtendedBatch):
@@ -58,6 +73,7 @@ class CaveBatch(ExtendedBatch):
         contacts: str = "own",
         device: str = "cpu",
         num_threads: int | None = None,
+        replaceable: bool = False,
         **task: Any,
     ) -> None:
         """Load scenarios and prepare their physics.
@@ -78,6 +94,7 @@ class CaveBatch(ExtendedBatch):
                 vehicle after the other.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
+            replaceable: Whether other caves may take the place of these while the batch goes on: see `replace`.
             task: The fields of `aquanav_tools.task.TaskOptions`.
 
         Raises:
@@ -85,7 +102,8 @@ class CaveBatch(ExtendedBatch):
             InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
                 than caves.
         """
-        from aquanav_tools.sim.batch.world import BatchWorld, WorldOptions
+        from aquanav_tools.sim.batch.setup import WorldOptions
+        from aquanav_tools.sim.batch.world import BatchWorld
 
         several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
         self.task = options = task_options(task)
@@ -97,15 +115,15 @@ class CaveBatch(ExtendedBatch):
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
+        self._vehicle = vehicle
+        if replaceable and (next_step or contacts != "own"):
+            raise InputError("Caves are replaced in batches with contacts of their own only, and not at the next step.")
         pairs = [prepared(scenario, vehicle) for scenario in several]
-        self.scenarios, self.vehicles = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
-        self.starts = [Starts(cave, craft.capsule, options.starts) for cave, craft in pairs]
-        setups = [
-            _setup(cave, craft, options, own.reward, starts, max_decisions)
-            for (cave, craft), starts in zip(pairs, self.starts, strict=True)
-        ]
-        self.decision_seconds = _decision_seconds(self.scenarios)
-        self._limits = np.array([setup.task.max_decisions for setup in setups])[self.cave_of]
+        self._max_decisions = max_decisions
+        rooms = [self._room(*pair) for pair in pairs]
+        self._rooms = rooms * 2 if replaceable else rooms
+        """Of each cave; the second half is for those that take the place of the first, and the other way round."""
+        self.decision_seconds = _decision_seconds([room.scenario for room in rooms])
         world_options = WorldOptions(
             observation=own.observation,
             rays="mesh" if rays == "mesh" else "field",
@@ -115,9 +133,11 @@ class CaveBatch(ExtendedBatch):
             next_step=next_step,
             device=device,
             num_threads=num_threads,
-            law=own.law(self.scenarios[0].settings.limits.dt),
+            law=own.law(rooms[0].scenario.settings.limits.dt),
         )
-        self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
+        self.world = BatchWorld(
+            [room.setup for room in self._rooms], self.cave_of, world_options, self._engines(contacts)
+        )
         self.observation_space = self._prepare_observations(pairs, num_threads)
 
     def _share_out(self, num: int, num_caves: int) -> None:
@@ -127,7 +147,17 @@ class CaveBatch(ExtendedBatch):
         """Vehicles of each scenario."""
         if len(self.slices) < num_caves:
             raise InputError(f"{num_caves} scenarios need at least as many vehicles, got {num}.")
-        self.cave_of = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
+        self._slot_of = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
+        self.current_caves = np.arange(num_caves)
+        """Index of the cave of now in each place."""
+        self.cave_of = self._slot_of.copy()
+        """(N,) index of the cave that each vehicle is in."""
+
+    def _room(self, scenario: Scenario, vehicle: Vehicle) -> _Room:
+        """Return what is made of a cave and the vehicle in it."""
+        starts = Starts(scenario, vehicle.capsule, self.task.starts)
+        setup = _setup(scenario, vehicle, self.task, self._own.reward, starts, self._max_decisions)
+        return _Room(scenario, vehicle, starts, setup)
 
     def _prepare_observations(
         self, pairs: list[tuple[Scenario, Vehicle]], num_threads: int | None
@@ -147,23 +177,40 @@ class CaveBatch(ExtendedBatch):
             return []
         from aquanav_tools.sim.bullet import BulletContacts
 
-        return [BulletContacts(self.scenarios[cave], self.vehicles[cave]) for cave in self.cave_of.tolist()]
+        rooms = [self._rooms[cave] for cave in self.cave_of.tolist()]
+        return [BulletContacts(room.scenario, room.vehicle) for room in rooms]
+
+    @property
+    def scenarios(self) -> list[Scenario]:
+        """The caves, by `cave_of`."""
+        return [room.scenario for room in self._rooms]
+
+    @property
+    def vehicles(self) -> list[Vehicle]:
+        """The vehicle in each cave."""
+        return [room.vehicle for room in self._rooms]
+
+    @property
+    def starts(self) -> list[Starts]:
+        """What chooses the starts in each cave."""
+        return [room.starts for room in self._rooms]
 
     @property
     def limits(self) -> npt.NDArray[np.int64]:
         """(N,) decisions after which an episode is truncated."""
-        return self._limits.copy()
+        return np.array([room.setup.task.max_decisions for room in self._rooms])[self.cave_of]
 
     @property
     def route_lengths(self) -> Array:
         """(N,) length of the guide, m."""
-        return np.array([scenario.guide.length for scenario in self.scenarios])[self.cave_of]
+        return np.array([room.scenario.guide.length for room in self._rooms])[self.cave_of]
 
     @property
     def path_lengths(self) -> Array:
         """(N,) length of the shortest way to the goal from where each episode began, m."""
         rows = zip(self.cave_of, self.view_of("beginnings"), self.view_of("start_indices").tolist(), strict=True)
-        return np.array([self.starts[cave].way_to_goal(position, index) for cave, position, index in rows])
+        starts = self.starts
+        return np.array([starts[cave].way_to_goal(position, index) for cave, position, index in rows])
 
     def reset(
         self,
@@ -172,9 +219,10 @@ class CaveBatch(ExtendedBatch):
         conditions: dict[str, Any] | None = None,
     ) -> None:
         """Begin all episodes, each from a seed of its own: see `Batch`."""
+        self._move(np.arange(self.num))
         first = None
         if starts is not None:
-            counts = [len(self.scenarios[cave].starts) for cave in self.cave_of.tolist()]
+            counts = [len(self._rooms[cave].scenario.starts) for cave in self.cave_of.tolist()]
             chosen = zip(starts, counts, strict=True)
             first = np.array([-1 if start is None else check_start(start, count) for start, count in chosen], np.int32)
         given = {name: getattr(self.task, name) for name in CONDITIONS} | (conditions or {})
@@ -183,14 +231,70 @@ class CaveBatch(ExtendedBatch):
 
     def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
-        self.world.age(np.random.default_rng(seed).integers(self._limits))
+        self.world.age(np.random.default_rng(seed).integers(self.limits))
+
+    def replace(self, place: int, scenario: CaveSpec) -> bool:
+        """Let another cave take a place: each vehicle there goes into it when its episode ends.
+
+        Args:
+            place: Which of the scenarios that the batch began with, by its index, or what took its place since.
+            scenario: The cave, with the vehicle that dives it.
+
+        Returns:
+            Whether it does; not while vehicles are still in the cave before, and then nothing is changed.
+
+        Raises:
+            ScenarioError: the scenario cannot be read.
+            InputError: it does not go into this batch.
+        """
+        other = self._other(place)
+        if (self.cave_of == other).any():
+            return False
+        self.put(other, scenario)
+        self.current_caves[place] = other
+        return True
+
+    def put(self, index: int, scenario: CaveSpec) -> None:
+        """Put a cave where no vehicle is, in the second half of a place or in the first: see `replace`."""
+        room = self._room(*prepared(scenario, self._vehicle))
+        _decision_seconds([self._rooms[0].scenario, room.scenario])
+        self.world.replace_cave(index, room.setup)
+        self._rooms[index] = room
+
+    @property
+    def _is_replaceable(self) -> bool:
+        return len(self._rooms) > len(self.slices)
+
+    def _other(self, place: int) -> int:
+        assert self._is_replaceable, "this batch's caves stay"
+        num_places = len(self.slices)
+        return int(place + num_places if self.current_caves[place] == place else place)
+
+    def _judge(self) -> None:
+        """Look at what the decision led to; then vehicles whose episodes have ended go into the caves of now."""
+        super()._judge()
+        if self._is_replaceable:
+            self._move(np.flatnonzero(self.view_of("outcomes") > 0))
+
+    def _move(self, vehicles: npt.NDArray[np.int64]) -> None:
+        """Let the next episodes of vehicles begin in the caves that are in their places now."""
+        wanted = self.current_caves[self._slot_of[vehicles]]
+        is_new = wanted != self.cave_of[vehicles]
+        if is_new.any():
+            self.cave_of[vehicles] = wanted
+            self.world.move(vehicles[is_new], wanted[is_new])
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
-        """Return copies of all arrays."""
-        return self.world.state() | self._own.state() | ({} if self._parts is None else self._parts.state())
+        """Return copies of all arrays. Which caves there are is not in it."""
+        own = self._own.state() | ({} if self._parts is None else self._parts.state())
+        places = {CURRENT: self.current_caves.copy()} if self._is_replaceable else {}
+        return self.world.state() | places | own
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
-        """Go back to where `state` was taken."""
+        """Go back to where `state` was taken, with the same caves."""
+        self.cave_of[:] = state["cave_of"]
+        if self._is_replaceable:
+            self.current_caves[:] = state[CURRENT]
         self.world.restore({name: values for name, values in state.items() if "/" not in name})
         self._own.restore(state)
         if self._parts is not None:
@@ -231,7 +335,7 @@ def _setup(
     max_decisions: int | None,
 ) -> CaveSetup:
     from aquanav_tools.sim.batch.caves import CaveTask
-    from aquanav_tools.sim.batch.world import CaveSetup
+    from aquanav_tools.sim.batch.setup import CaveSetup
 
     limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
     if limit < 1:

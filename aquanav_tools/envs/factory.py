@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from aquanav_tools.envs.batch import Batch
 from aquanav_tools.envs.boat_batch import BoatBatch
@@ -22,6 +22,8 @@ from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.bay import Bay, is_bay, read_bay
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import OtherVehicle, Scenario
+from aquanav_tools.scenario.shipped import build_side_by_side
+from aquanav_tools.scenario.split import distribution_of, fixed_draw
 from aquanav_tools.sim.boat import boat_path
 from aquanav_tools.sim.vehicle import vehicle_path
 
@@ -29,6 +31,9 @@ logger = logging.getLogger(__name__)
 
 AnyScenario = Scenario | Bay
 Spec = str | Path | AnyScenario
+Given = TypeVar("Given", bound=Spec)
+NUM_DRAWN = 16
+"""Caves that stand for a style without a seed, unless another number is asked for."""
 TaskEnv = CaveEnv | SurfaceEnv
 
 
@@ -87,8 +92,38 @@ def make_env(scenario: AnyScenario, *, max_decisions: int | None = None, **choic
     )
 
 
+def with_drawn(specs: Given | Sequence[Given], num: int, num_caves: int, cave_seed: int) -> list[Given | str]:
+    """Return scenarios as a list, with caves, which are built, in place of each generated/STYLE without a seed.
+
+    Args:
+        specs: The scenarios.
+        num: Vehicles: at most so many scenarios there are.
+        num_caves: Caves that are drawn for all such names together.
+        cave_seed: Draws them.
+
+    Raises:
+        ScenarioError: a cave cannot be built.
+        InputError: there is no such style, or no number of caves.
+    """
+    several: list[Given] = [specs] if isinstance(specs, str | Path | AnyScenario) else list(specs)
+    if num_caves < 1:
+        raise InputError(f"num_caves must be at least 1, got {num_caves}.")
+    num_drawn = sum(isinstance(spec, str | Path) and distribution_of(str(spec)) is not None for spec in several)
+    if not num_drawn:
+        return [*several]
+    drawn = fixed_draw(several, min(num_caves, num - len(several) + num_drawn), cave_seed)
+    build_side_by_side(drawn)
+    return drawn
+
+
 def make_batch(
-    scenarios: Spec | Sequence[Spec], num: int, *, max_decisions: int | None = None, **choices: Any
+    scenarios: Spec | Sequence[Spec],
+    num: int,
+    *,
+    max_decisions: int | None = None,
+    num_caves: int = NUM_DRAWN,
+    cave_seed: int = 0,
+    **choices: Any,
 ) -> Batch:
     """Return a batch of `num` vehicles in a scenario, in a cave or in bays; or in several.
 
@@ -96,13 +131,16 @@ def make_batch(
         scenarios: The scenario, its name or path; or several, over which the vehicles are shared out evenly, in order.
         num: Vehicles.
         max_decisions: Episode limit; None takes each scenario's.
+        num_caves: Caves that stand for generated/STYLE, or generated/mixed, without a seed: a fixed draw of those that
+            are for training.
+        cave_seed: Draws them.
         choices: The other options of `CaveBatch` or `BoatBatch`.
 
     Raises:
         ScenarioError: a scenario cannot be read, or has no start.
         InputError: an option is unknown, senseless or not batched; or scenarios do not go into one batch.
     """
-    several = [scenarios] if isinstance(scenarios, str | Path | AnyScenario) else list(scenarios)
+    several = with_drawn(scenarios, num, num_caves, cave_seed)
     if not several:
         raise InputError("A batch needs a scenario.")
     read = [read_any_scenario(scenario) if isinstance(scenario, str | Path) else scenario for scenario in several]

@@ -16,6 +16,7 @@ from aquanav_tools.envs.batch import Batch, Floats, raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.episode import OUTCOMES
+from aquanav_tools.envs.factory import NUM_DRAWN, with_drawn
 from aquanav_tools.envs.starting import NUM_SEEDS, episode_conditions
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
@@ -139,6 +140,7 @@ class CaveVectorEnv(BatchVectorEnv):
 
     `gymnasium.make_vec("aquanav/Cave-v0", num_envs=1024, vectorization_mode="vector_entry_point", scenario=...)`, with
     a list of scenarios where there are several: `batch.slices` then has the slice of the vehicles in each of them.
+    generated/mixed, or another style without a seed, stands for `num_caves` caves that `cave_seed` draws.
     """
 
     def __init__(
@@ -147,6 +149,8 @@ class CaveVectorEnv(BatchVectorEnv):
         scenario: str | Path | Scenario | Sequence[str | Path | Scenario],
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        num_caves: int = NUM_DRAWN,
+        cave_seed: int = 0,
         **options: Any,
     ) -> None:
         """Load the scenarios; `options` are those of `CaveBatch`.
@@ -155,7 +159,8 @@ class CaveVectorEnv(BatchVectorEnv):
             ScenarioError: a scenario cannot be read, or has no start.
             InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than caves.
         """
-        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, scenario, **options))
+        caves = with_drawn(scenario, num_envs, num_caves, cave_seed)
+        super().__init__(num_envs, autoreset_mode, partial(CaveBatch, caves, **options))
 
 
 class SurfaceVectorEnv(BatchVectorEnv):

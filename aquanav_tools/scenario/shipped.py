@@ -6,11 +6,14 @@ scenarios/*.toml say how each is built. Building belongs to the room above this 
 
 from __future__ import annotations
 
+import contextlib
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
@@ -34,6 +37,8 @@ GENERATED = "generated"
 """First part of the names of caves that are drawn: generated/STYLE/SEED."""
 GENERATOR = "aquanav_tools.build.generated"
 """The same for a drawn cave."""
+DRAWN_LIMIT = 10_000_000_000
+"""Bytes that drawn caves may take up in the cache: some thousands of them."""
 
 
 def cache_dir() -> Path:
@@ -70,7 +75,8 @@ def drawn_from(name: str) -> tuple[str, int] | None:
     if len(parts) != 3 or not re.fullmatch(r"[0-9]{1,10}", parts[2]) or int(parts[2]) > MAX_SEED:
         raise ScenarioError(
             f"'{name}' is no drawn cave: write {GENERATED}/STYLE/SEED with a whole number from 0 to {MAX_SEED} as "
-            f"SEED, such as {GENERATED}/{MIXED}/7. Styles: {', '.join([*STYLE_NAMES, MIXED])}."
+            f"SEED, such as {GENERATED}/{MIXED}/7. Styles: {', '.join([*STYLE_NAMES, MIXED])}. A style without a seed "
+            "stands for all its caves, and only training on the batch and batches of environments take that."
         )
     try:
         style_of(parts[1], int(parts[2]))
@@ -92,7 +98,7 @@ def named_folder(name: str) -> Path:
 
 
 def old_versions() -> list[Path]:
-    """Return the folders of shipped scenarios as other recipes or other code made them."""
+    """Return the folders of shipped scenarios, and of drawn ones, as other recipes or other code made them."""
     cache = cache_dir()
     if not cache.is_dir():
         return []
@@ -100,7 +106,52 @@ def old_versions() -> list[Path]:
     names = "|".join(re.escape(name) for name in shipped_names(CONTENT))
     version = re.compile(rf"((?:{names})-[0-9a-f]{{16}})(?:{re.escape(WORK_SUFFIX)})?")
     found = {match[1] for path in cache.iterdir() if (match := version.fullmatch(path.name)) and path.is_dir()}
-    return [cache / name for name in sorted(found - kept)]
+    drawn = [folder for folder in _drawn_folders() if folder != _drawn_folder_like(folder)]
+    return [*(cache / name for name in sorted(found - kept)), *drawn]
+
+
+def _drawn_folders() -> list[Path]:
+    """Return where drawn caves lie, or were begun, in the order of their names."""
+    base, version = cache_dir() / GENERATED, re.compile(rf"((?:{'|'.join(STYLE_NAMES)})-\d{{1,10}}-[0-9a-f]{{16}}).*")
+    found = {match[1] for path in base.glob("*") if (match := version.fullmatch(path.name))}
+    return [base / name for name in sorted(found)]
+
+
+def _drawn_folder_like(folder: Path) -> Path:
+    """Return where this code puts the cave whose folder is given."""
+    style, seed, _ = folder.name.rsplit("-", 2)
+    return named_folder(generated_name(style, int(seed)))
+
+
+def mark_used(folder: Path) -> None:
+    """Note that a drawn cave is used now: those that were not used for longest go first."""
+    with contextlib.suppress(OSError):  # a cache that may only be read
+        os.utime(folder)
+
+
+def trim_drawn(kept: Path) -> None:
+    """Remove drawn caves that were not used for longest until the others take up DRAWN_LIMIT bytes at most.
+
+    Args:
+        kept: One that stays.
+    """
+    sizes = {folder: _size_and_use(folder) for folder in _drawn_folders()}
+    excess = sum(size for size, _ in sizes.values()) - DRAWN_LIMIT
+    for folder in sorted(sizes, key=lambda folder: sizes[folder][1]):
+        if excess <= 0:
+            return
+        if folder != kept and remove_version(folder):
+            excess -= sizes[folder][0]
+
+
+def _size_and_use(folder: Path) -> tuple[int, float]:
+    """Return the bytes of a drawn cave, with what its building left, and when it was used last."""
+    size, used = 0, 0.0
+    for place in (folder, folder.with_name(folder.name + WORK_SUFFIX)):
+        with contextlib.suppress(OSError):  # others may be removing it
+            used = max(used, place.stat().st_mtime)
+            size += sum(path.stat().st_size for path in place.rglob("*") if path.is_file())
+    return size, used
 
 
 def remove_version(folder: Path) -> bool:
@@ -128,6 +179,8 @@ def scenario_folder(spec: str | Path) -> Path:
         return Path(spec)
     folder = named_folder(name)
     if (folder / SETTINGS_FILE).is_file():
+        if drawn is not None:
+            mark_used(folder)
         return folder
     if name in slot_names():
         raise ScenarioError(
@@ -140,6 +193,18 @@ def scenario_folder(spec: str | Path) -> Path:
         words = ["generate", "--style", drawn[0], "--seed", str(drawn[1])]
         _build(name, folder, words, f"some seconds, and only once.{half}")
     return folder
+
+
+def build_side_by_side(names: Iterable[object]) -> None:
+    """Build those of some scenarios that are drawn caves, and are not built yet, on all cores.
+
+    Raises:
+        ScenarioError: one could not be built.
+    """
+    drawn = [name for name in names if isinstance(name, str) and drawn_from(name) is not None]
+    missing = [name for name in drawn if not (named_folder(name) / SETTINGS_FILE).is_file()]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+        list(threads.map(scenario_folder, missing))
 
 
 def _build(name: str, folder: Path, words: list[str], cost: str) -> None:

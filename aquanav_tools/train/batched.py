@@ -9,9 +9,11 @@ import numpy as np
 import torch
 
 from aquanav_tools.envs.batch import Floats
+from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.task import choices_of
+from aquanav_tools.train.cave_rotation import CaveRotation
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary
 from aquanav_tools.train.settings import TrainSettings
 
@@ -19,9 +21,20 @@ from aquanav_tools.train.settings import TrainSettings
 class BatchedEnvs(BatchedVecEnv):
     """All vehicles of a lesson. Where they are is a few arrays: coming back there takes no time."""
 
-    def __init__(self, scenarios: Sequence[AnyScenario], settings: TrainSettings) -> None:
-        """Make the batch; it begins with the seed that SB3 gives it."""
-        form = {"observation": settings.observation, "action": settings.action}
+    def __init__(
+        self, scenarios: Sequence[AnyScenario], settings: TrainSettings, rotation: CaveRotation | None = None
+    ) -> None:
+        """Make the batch; it begins with the seed that SB3 gives it.
+
+        Args:
+            scenarios: Of the lesson; drawn caves are the last of them.
+            settings: Of the lesson.
+            rotation: What brings other drawn caves in; None where there are none.
+        """
+        form: dict[str, Any] = {"observation": settings.observation, "action": settings.action}
+        if rotation is not None:
+            form["replaceable"] = True
+        self.rotation = rotation
         super().__init__(scenarios, settings.num_envs, **(form | choices_of(settings)))
 
     def reset(self) -> Floats:
@@ -35,13 +48,29 @@ class BatchedEnvs(BatchedVecEnv):
         self._task.randomise_time_limits(seed)
         return observations
 
+    def step_wait(self) -> tuple[Floats, Floats, Any, list[dict[str, Any]]]:
+        """Carry out the decision; then the next drawn cave comes in where it is its turn."""
+        stepped = super().step_wait()
+        if self.rotation is not None:
+            self.rotation.step(self._caves)
+        return stepped
+
+    @property
+    def _caves(self) -> CaveBatch:
+        assert isinstance(self._task, CaveBatch)
+        return self._task
+
     def state(self) -> dict[str, Any]:
-        """Return all arrays of the batch."""
-        return {name: torch.from_numpy(values) for name, values in self._task.state().items()}
+        """Return all arrays of the batch, and which drawn caves are in it."""
+        drawn = {} if self.rotation is None else self.rotation.state()
+        return {name: torch.from_numpy(values) for name, values in (self._task.state() | drawn).items()}
 
     def restore(self, state: dict[str, Any]) -> Floats:
         """Go back to where `state` was taken; return the observations there."""
-        self._task.restore({name: tensor.numpy() for name, tensor in state.items()})
+        arrays = {name: tensor.numpy() for name, tensor in state.items()}
+        if self.rotation is not None:
+            self.rotation.restore(arrays, self._caves)
+        self._task.restore(arrays)
         return self._task.copy_of("observations")
 
     def _describe_ends(self, infos: list[dict[str, Any]], ended: Any, truncated: np.ndarray) -> None:

@@ -12,6 +12,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 from aquanav_tools.errors import TrainingError
 from aquanav_tools.policy.run_folder import BEST_FILE
 from aquanav_tools.store import write_whole
+from aquanav_tools.train.cave_rotation import FLOWN, WAITING, CaveRotation
 from aquanav_tools.train.checkpoint import CHECKPOINT_FILE, Checkpoint, learner_state
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.episodes import CurvePoint
@@ -33,8 +34,10 @@ class TrainingCallback(BaseCallback):
         journal: RunJournal,
         trials: Trials,
         bar: Any,
+        rotation: CaveRotation | None = None,
     ) -> None:
         super().__init__()
+        self._rotation = rotation
         self._run, self._settings = pipeline.run, pipeline.lessons[lesson]
         self._lesson, self._is_last = lesson, lesson == len(pipeline.lessons) - 1
         self._record, self._journal, self._trials, self._bar = record, journal, trials, bar
@@ -67,6 +70,8 @@ class TrainingCallback(BaseCallback):
         self._seen.clear()
         self._marked = self.num_timesteps
         statistics = {name: float(value) for name, value in self.logger.name_to_value.items()}
+        if self._rotation is not None:
+            statistics |= self._rotation.statistics
         self._show(journal.mark(self._lesson + 1, statistics))
         if is_lesson_over or _is_passed(self._run.validate_every, before, journal.steps):
             self._try_out()
@@ -134,8 +139,15 @@ class TrainingCallback(BaseCallback):
     def _show(self, point: CurvePoint) -> None:
         self._bar.set_postfix_str(
             f"lesson {point.lesson}, reward {point.mean_reward:.0f}, success {point.success_rate:.0%}, "
-            f"collision-free {point.collision_free_success:.0%}"
+            f"collision-free {point.collision_free_success:.0%}{_caves_text(point.learner)}"
         )
+
+
+def _caves_text(learner: dict[str, float]) -> str:
+    """Return what the bar says of drawn caves; nothing where there are none."""
+    if FLOWN not in learner:
+        return ""
+    return f", {learner[FLOWN]:.0f} caves, {learner[WAITING]:.1%} of the time waiting for them"
 
 
 def _is_passed(every: int, before: int, now: int) -> bool:

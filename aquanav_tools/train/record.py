@@ -28,7 +28,7 @@ from aquanav_tools.train.versions import versions
 FORMAT = 2
 RECORD_FILE, CURVE_FILE, TRIALS_FILE = "train.json", "curve.csv", "validation.csv"
 EVENTS_DIR = "tensorboard"
-FREE = ("workers", "ray", "checkpoint_every", "init")
+FREE = ("workers", "cave_workers", "ray", "checkpoint_every", "init")
 """Settings of the run that change neither the policy nor its record; of `init` the file's hash counts."""
 OWN_FILES = (
     CHECKPOINT_FILE, POLICY_FILE, BEST_FILE, RECORD_FILE, CURVE_FILE, TRIALS_FILE, EVENTS_DIR, "policy.onnx",

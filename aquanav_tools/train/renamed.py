@@ -18,7 +18,9 @@ RENAMED = {
 BUFFER = "buffer"
 """Was n_steps * num_envs."""
 OLD_NAMES = frozenset({*RENAMED, BUFFER})
-ADDED: dict[str, Any] = {"precision": "float32", "randomisation": None, "sensors": []}
+ADDED: dict[str, Any] = {
+    "precision": "float32", "randomisation": None, "sensors": [], "num_caves": 64, "new_cave_every": 100_000,
+}  # fmt: skip
 """Settings that records of earlier versions lack, as those versions learned."""
 
 

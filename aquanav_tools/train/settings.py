@@ -15,7 +15,8 @@ OFF_POLICY = ("sac", "td3")
 NETWORK = ("algorithm", "observation", "sensors", "action", "hidden", "normalise", "masked_observations", "memory")
 """Settings that make the network, so that all lessons of a run share them."""
 _POSITIVE = (
-    "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio",
+    "steps", "num_envs", "epochs", "learning_rate", "clip", "memory", "replay", "update_ratio", "num_caves",
+    "new_cave_every",
 )  # fmt: skip
 
 
@@ -24,9 +25,16 @@ class TrainSettings(TaskOptions):
     """One lesson. The defaults are the original benchmark's first lesson with fewer steps and a price on contacts."""
 
     scenario: str = ""
-    """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario."""
+    """Where to learn: a scenario folder, as aquanav-build-cave wrote it, or the name of a shipped scenario; or
+    generated/mixed (or another style), caves that are drawn while it learns, another for every vehicle in turn."""
     scenarios: tuple[str, ...] = ()
     """More scenarios to learn in during the same lesson; the environments are divided evenly, in this order."""
+    num_caves: int = 64
+    """Drawn caves that are learned in at once where a scenario is generated/STYLE (or generated/mixed) without a seed;
+    one for each environment at most. Several such scenarios take turns. The batch only."""
+    new_cave_every: int = 100_000
+    """Decisions of all environments after which the next drawn cave takes the place of another, in turn; a vehicle goes
+    there when its episode ends."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
@@ -165,6 +173,9 @@ class RunSettings:
     workers: int = 0
     """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
     process that learns. The result is the same."""
+    cave_workers: int = 0
+    """Processes of lower priority that build drawn caves ahead of need; 0 takes as many as the learner leaves of
+    the cores, all but two, and at least one. The result is the same."""
     ray: str | None = None
     """Have the workers' environments on the Ray cluster at HOST:PORT (auto finds one that runs here), with the same
     result; trials then run in the process that learns. This machine must be one of its nodes, and the working directory
@@ -181,7 +192,8 @@ class RunSettings:
         for name in ("validation_episodes", "validate_every", "checkpoint_every"):
             _check(getattr(self, name) > 0, f"{name} must be positive, got {getattr(self, name)}.")
         _check(self.final_episodes >= 0, f"final_episodes must not be negative, got {self.final_episodes}.")
-        _check(0 <= self.workers <= 256, f"workers is {self.workers}; choose 0 to 256.")
+        for name in ("workers", "cave_workers"):
+            _check(0 <= getattr(self, name) <= 256, f"{name} is {getattr(self, name)}; choose 0 to 256.")
         _check(
             self.workers == 0 or self.backend == "pybullet",
             f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "

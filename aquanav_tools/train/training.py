@@ -17,11 +17,23 @@ from tqdm import tqdm
 from aquanav_tools.envs.factory import AnyScenario, read_any_scenario, say_left_out, with_vehicle
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.split import check_training_scenario
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.callback import TrainingCallback
 from aquanav_tools.train.checkpoint import Checkpoint, restore_learner, return_statistics, set_return_statistics
 from aquanav_tools.train.continuing import is_lesson_over
+from aquanav_tools.train.drawn_lessons import (
+    DrawnCaves,
+    LessonCaves,
+    check_names,
+    drawn_caves,
+    first_cave,
+    fixed_names,
+    open_caves,
+    start_sentence,
+)
 from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
@@ -90,15 +102,20 @@ def train(
     """
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
+    check_names(pipeline)
+    drawn: list[DrawnCaves | None] = [None] * len(pipeline.lessons) if scenario else drawn_caves(pipeline, seed)
     scenarios = [
         [
             with_vehicle(scenario or read_any_scenario(name), vehicle)
-            for name in ([""] if scenario else lesson.all_scenarios)
+            for name in ([""] if scenario else fixed_names(lesson))
         ]
         for lesson in pipeline.lessons
     ]
     validation = [with_vehicle(read_any_scenario(name), vehicle) for name in pipeline.run.validation]
-    all_scenarios = [one for group in scenarios for one in group]
+    # Drawn caves are represented by the first: it changes when what draws them does.
+    all_scenarios = [
+        one for group, lesson in zip(scenarios, drawn, strict=True) for one in (*group, *first_cave(lesson))
+    ]
     _check_task(pipeline, [*all_scenarios, *validation])
     say_left_out([*all_scenarios, *validation])
     initial = _initial(pipeline, all_scenarios[0])
@@ -111,8 +128,8 @@ def train(
             journal = RunJournal(events) if checkpoint is None else RunJournal.from_table(checkpoint.journal, events)
             was_finished = checkpoint is not None and record.is_finished(checkpoint)
             if not was_finished:
-                run = _Run(record.pipeline, seed, record, journal, validation, initial)
-                _learn_all(run, scenarios, checkpoint, show_progress=show_progress, tell=tell)
+                run = _Run(record.pipeline, seed, record, journal, validation, initial, drawn, show_progress)
+                _learn_all(run, scenarios, checkpoint, tell)
             if not (was_finished and (output_dir / REPORT_FILE).is_file()):
                 write_artifacts(output_dir, record.pipeline, journal)
         return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
@@ -128,6 +145,9 @@ class _Run:
     journal: RunJournal
     validation: list[AnyScenario]
     initial: InitialPolicy | None
+    drawn: list[DrawnCaves | None]
+    """Of each lesson."""
+    show_progress: bool
 
 
 @dataclass(frozen=True)
@@ -142,6 +162,9 @@ class _Learned:
 def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
     bays = [one.name for one in scenarios if isinstance(one, Bay)]
     caves = [one.name for one in scenarios if not isinstance(one, Bay)]
+    for one in scenarios:
+        if isinstance(one, Scenario):
+            check_training_scenario(one)
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
     if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
@@ -162,8 +185,6 @@ def _learn_all(
     run: _Run,
     scenarios: list[list[AnyScenario]],
     checkpoint: Checkpoint | None,
-    *,
-    show_progress: bool,
     tell: Callable[[str], None],
 ) -> None:
     learned: _Learned | None = None
@@ -176,10 +197,12 @@ def _learn_all(
     total = run.journal.steps
     for number, lesson in enumerate(lessons[first:], first):
         done = checkpoint.learner["num_timesteps"] if checkpoint is not None and number == first else 0
-        tell(f"{_titled(number, lessons)} from {described(lesson, done)}")
+        drawn = run.drawn[number]
+        about = "" if drawn is None else f" {start_sentence(drawn)}"
+        tell(f"{_titled(number, lessons)} from {described(lesson, done)}{about}")
         total += decisions_of(lesson, done) - done
     # disable=None: no bar where stderr is no terminal
-    with tqdm(total=total, initial=run.journal.steps, unit="step", disable=None if show_progress else True) as bar:
+    with tqdm(total=total, initial=run.journal.steps, unit="step", disable=None if run.show_progress else True) as bar:
         for number in range(first, len(scenarios)):
             learned = _learn(run, number, scenarios[number], learned, checkpoint, bar)
             checkpoint = None
@@ -198,8 +221,9 @@ def _learn(
     bar: Any,
 ) -> _Learned:
     """Return what has been learned after one lesson."""
-    settings, journal = run.pipeline.lessons[number], run.journal
-    with closing(_environments(run.pipeline.run, settings, scenarios)) as envs:
+    settings, journal, general = run.pipeline.lessons[number], run.journal, run.pipeline.run
+    opened = open_caves(general, settings, scenarios, run.drawn[number], checkpoint, show_progress=run.show_progress)
+    with opened as caves, closing(_environments(general, settings, caves)) as envs:
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
         done = 0 if checkpoint is None else checkpoint.learner["num_timesteps"]
         learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number), done)
@@ -213,20 +237,22 @@ def _learn(
         elif run.initial is not None:
             begin_with(learner, run.initial)
         is_last, folder = number == len(run.pipeline.lessons) - 1, run.record.folder
-        with open_trials(run.pipeline.run, settings, run.validation, scenarios, folder, is_last=is_last) as trials:
-            callback = TrainingCallback(run.pipeline, number, run.record, journal, trials, bar)
+        if caves.rotation is not None:
+            caves.rotation.begin()
+        with open_trials(general, settings, run.validation, caves.final, folder, is_last=is_last) as trials:
+            callback = TrainingCallback(run.pipeline, number, run.record, journal, trials, bar, caves.rotation)
             _go_on(learner, settings.steps - learner.num_timesteps, callback)
         return _Learned(parameters_of(learner), return_statistics(scale))
 
 
 def _environments(
-    run: RunSettings, settings: TrainSettings, scenarios: list[AnyScenario]
+    run: RunSettings, settings: TrainSettings, caves: LessonCaves
 ) -> TrainingEnvs | BatchedEnvs | MirroredEnvs:
     envs: TrainingEnvs | BatchedEnvs
     if run.backend == "batch":
-        envs = BatchedEnvs(scenarios, settings)
+        envs = BatchedEnvs(caves.scenarios, settings, caves.rotation)
     else:
-        envs = TrainingEnvs(scenarios, settings, run.workers, run.ray)
+        envs = TrainingEnvs(caves.scenarios, settings, run.workers, run.ray)
     return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,31 @@ def test_a_name_without_a_seed_is_told(name: str) -> None:
 def test_an_unknown_style_is_told_the_nearest() -> None:
     with pytest.raises(ScenarioError, match=r"no style 'sump-serie'\. Did you mean 'sump-series'"):
         read_scenario("generated/sump-serie/1")
+
+
+def drawn_cave(cache: Path, seed: int, num_bytes: int, used: float) -> Path:
+    """Put a folder where a drawn cave would lie."""
+    folder = named_folder(f"generated/maze/{seed}")
+    folder.mkdir(parents=True)
+    (folder / "scenario.toml").write_bytes(b"x" * num_bytes)
+    os.utime(folder, (used, used))
+    return folder
+
+
+def test_caves_that_were_not_used_for_longest_leave_a_full_cache(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shipped, "DRAWN_LIMIT", 250)
+    folders = [drawn_cave(cache, seed, 100, 1000.0 + seed) for seed in range(4)]
+    begun = folders[0].with_name(folders[0].name + ".work")
+    begun.mkdir()  # what a killed build left
+    (begun / "staged").write_bytes(b"x" * 30)
+    os.utime(begun, (900.0, 900.0))
+    scenario_folder("generated/maze/1")  # is used now
+    shipped.trim_drawn(kept=folders[2])
+    assert [folder.is_dir() for folder in (*folders, begun)] == [False, True, True, False, False]
+
+
+def test_drawn_caves_of_other_code_are_old_versions(cache: Path) -> None:
+    here = drawn_cave(cache, 1, 10, 1.0)
+    other = here.with_name("maze-1-0123456789abcdef")
+    other.mkdir()
+    assert shipped.old_versions() == [other]

@@ -141,8 +141,9 @@ class DrawnCrafts(DrawnDynamics):
         for _, vehicle in pairs:
             randomisation.check(vehicle)
         super().__init__(randomisation, pairs[0][1], len(cave_of))
-        self._pairs, self._cave_of = pairs, np.asarray(cave_of)
-        self._nominal = wp.array(list(base), dtype=Craft, device="cpu").numpy()[self._cave_of]
+        self._pairs, self._cave_of = list(pairs), np.array(cave_of)
+        self._base = wp.array(list(base), dtype=Craft, device="cpu").numpy()
+        self._nominal = self._base[self._cave_of]
         most = max(1, *(num_thrusters(vehicle) for _, vehicle in pairs))
         self._matrices = wp.zeros((len(cave_of), 2), dtype=mat6, device=device)
         self._thrusters = wp.zeros((len(cave_of), most), dtype=Thruster, device=device)
@@ -151,6 +152,18 @@ class DrawnCrafts(DrawnDynamics):
         self._rows = rows
         self.array = wp.array(rows, dtype=Craft, device=device)
         """(N,) on the device."""
+
+    def put(self, cave: int, pair: tuple[Scenario, Vehicle], base: Craft) -> None:
+        """Put another cave with its vehicle in the place of one that no vehicle is in."""
+        self.randomisation.check(pair[1])
+        self._pairs[cave] = pair
+        self._base[cave] = wp.array([base], dtype=Craft, device="cpu").numpy()[0]
+
+    def move(self, vehicles: npt.NDArray[np.integer], caves: npt.NDArray[np.integer]) -> None:
+        """Say that (n,) vehicles are in (n,) caves now; what they draw next is drawn there."""
+        self._cave_of[vehicles] = caves
+        self._nominal[vehicles] = self._base[caves]
+        self._rows["hull"][vehicles] = self._nominal["hull"][vehicles]  # all else is drawn
 
     def draw(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.integer]) -> None:
         """Give some vehicles, (n,), the bodies of the episodes with (n,) seeds."""

@@ -35,7 +35,7 @@ class UnlistedStarts:
 
     def __init__(self, draws: Sequence[CaveStarts] | None, num: int, num_extra: int, device: Any) -> None:
         """Make room for `num` starts with so many extra values; without what draws them in each cave there are none."""
-        self._draws = draws
+        self._draws = None if draws is None else list(draws)
         self._is_retired = np.zeros(num, dtype=np.bool_)
         self.starts = _blank_starts(num if draws is not None else 1, num_extra, device)
 
@@ -43,6 +43,11 @@ class UnlistedStarts:
     def is_used(self) -> bool:
         """Whether starts are drawn here at all."""
         return self._draws is not None
+
+    def put(self, cave: int, draws: CaveStarts) -> None:
+        """Draw the starts in a cave from now on by something else: another cave has taken its place."""
+        assert self._draws is not None, "starts are listed"
+        self._draws[cave] = draws
 
     def retire(self, vehicles: npt.ArrayLike) -> None:
         """Draw none for these vehicles until the next reset."""

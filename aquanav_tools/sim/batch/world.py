@@ -5,31 +5,28 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch import kernels
-from aquanav_tools.sim.batch.caves import Cave, CaveTask, make_cave
+from aquanav_tools.sim.batch.caves import Cave, make_cave
 from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
-from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
+from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
 from aquanav_tools.sim.batch.runtime import find_device
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
+from aquanav_tools.sim.batch.setup import CaveSetup, WorldOptions
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
+from aquanav_tools.sim.batch.table import StructTable
 from aquanav_tools.sim.randomisation import Randomisation
-from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.types import Pose
 
-RaySource = Literal["field", "mesh"]
 MAX_VEHICLES = 1 << 20
 """Chosen; 2 GB."""
 PARTS_ON_GPU = 4
@@ -40,42 +37,6 @@ SORT_EVERY = 32
 """Decisions after which vehicles are put in order of place again: about a metre's way."""
 CONDITIONS = {"sensor_noise": "ray_noise", "sensor_dropout": "ray_dropout", "current_range": "current_ranges"}
 """Options of the task that each episode may have of its own, and the arrays that hold them."""
-
-
-@dataclass(frozen=True, eq=False)
-class CaveSetup:
-    """One of the caves of a batch."""
-
-    scenario: Scenario
-    vehicle: Vehicle
-    """Moves and collides as all vehicles in this cave do."""
-    task: CaveTask
-    draw_start: Callable[[int], Pose] | None = None
-    """Returns the start of the episode with a seed from 0 to 2^32 - 1; None draws from the scenario's list."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorldOptions:
-    """What all vehicles of a batch have in common."""
-
-    observation: str = "full"
-    """One of `observation.PRESETS`."""
-    rays: RaySource = "field"
-    """Traced through the distance field, or cast exactly against the mesh."""
-    action_delay: int = 0
-    """Decisions between choosing an action and its effect."""
-    observation_delay: int = 0
-    """Decisions by which observations are late."""
-    randomisation: Randomisation | None = None
-    """From which each episode draws its vehicle's dynamics; None leaves them as the vehicle's file has them."""
-    next_step: bool = True
-    """Whether an ended episode's successor begins at the next step (its command is not used then), or in the same."""
-    device: str = "cpu"
-    """"cpu", "cuda" or "cuda:0"."""
-    num_threads: int | None = None
-    """On the processor; None takes as many as the process may use."""
-    law: MotionLaw | None = None
-    """How vehicles move where there is no wall; None leaves it to the kernels. On the processor only."""
 
 
 class BatchWorld:
@@ -117,7 +78,7 @@ class BatchWorld:
         self._options = options
         self.arrays.cave_of.assign(np.asarray(cave_of, dtype=np.int32))
         self._make_bodies(caves, np.asarray(cave_of), ranges)
-        self._num_starts = np.array([len(cave.scenario.starts) for cave in caves])[np.asarray(cave_of)]
+        self._num_starts = np.array([len(cave.scenario.starts) for cave in caves])
         draws = [CaveStarts(cave.scenario, cave.vehicle, cave.draw_start) for cave in caves if cave.draw_start]
         self._unlisted = UnlistedStarts(draws or None, num, self.as_numpy("extra").shape[1], device)
         is_linked = bool(engines) or options.law is not None
@@ -126,22 +87,60 @@ class BatchWorld:
         self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         settings = self._settings
-        settings.caves, settings.crafts, settings.unlisted = self._caves, self._crafts, self._unlisted.starts
+        bodies = self._crafts if self._drawn_crafts is None else self._drawn_crafts
+        settings.caves, settings.crafts, settings.unlisted = self.caves.array, bodies.array, self._unlisted.starts
         self._record()
         self._steps_in_order = 0
 
     def _make_caves(self, caves: Sequence[CaveSetup], options: WorldOptions, margin: float) -> None:
         """Bring the caves, and the vehicles in them, to the device; structures are kept, as they hold the memory."""
+        self._margin = margin
+        made = {id(cave): self._made(cave, options) for cave in dict.fromkeys(caves)}
+        self.caves = StructTable(Cave, [made[id(cave)][0] for cave in caves], self.device)
+        """What is on the device of each cave."""
+        self._crafts = StructTable(Craft, [made[id(cave)][1] for cave in caves], self.device)
+
+    def _made(self, cave: CaveSetup, options: WorldOptions) -> tuple[Cave, Craft]:
+        """Return a cave, and the vehicle in it, on the device."""
         exact = options.rays == "mesh"
-        self._cave_parts: list[Cave] = [
-            make_cave(cave.scenario, cave.vehicle, cave.task, has_exact_rays=exact, device=self.device)
-            for cave in caves
-        ]
-        self._craft_parts: list[Craft] = [
-            make_craft(cave.scenario, cave.vehicle, margin, self.device) for cave in caves
-        ]
-        self._caves = wp.array(self._cave_parts, dtype=Cave, device=self.device)
-        self._crafts = wp.array(self._craft_parts, dtype=Craft, device=self.device)
+        return (
+            make_cave(cave.scenario, cave.vehicle, cave.task, has_exact_rays=exact, device=self.device),
+            make_craft(cave.scenario, cave.vehicle, self._margin, self.device),
+        )
+
+    def replace_cave(self, index: int, cave: CaveSetup) -> None:
+        """Put another cave in the place of one that no vehicle is in; see `move`.
+
+        Raises:
+            InputError: the arrays of this batch have no room for what the cave needs of each vehicle.
+        """
+        found, craft = self._made(cave, self._options)
+        needed = {"extra": found.starts.extra.shape[1], "eddies": found.water.kept.shape[0]}
+        if cave.task.progress == "original":
+            needed["touched_panels"] = len(cave.scenario.guide.panels)
+        for name, width in needed.items():
+            room = getattr(self.arrays, name).shape[1]
+            if width > room:
+                raise InputError(
+                    f"{cave.scenario.name} needs {width} values of {name} for each vehicle, and the caves that the "
+                    f"batch began with {room}. Begin with a cave like it."
+                )
+        self.caves.put(index, found)
+        self._crafts.put(index, craft)
+        self._num_starts[index] = len(cave.scenario.starts)
+        if cave.draw_start is not None:
+            self._unlisted.put(index, CaveStarts(cave.scenario, cave.vehicle, cave.draw_start))
+        if self._drawn_crafts is not None:
+            self._drawn_crafts.put(index, (cave.scenario, cave.vehicle), craft)
+
+    def move(self, vehicles: npt.NDArray[np.integer], caves: npt.NDArray[np.integer]) -> None:
+        """Let the next episodes of (n,) vehicles, whose episodes have just ended, begin in (n,) caves."""
+        for name in ["cave_of"] if self._drawn_crafts is not None else ["cave_of", "craft_of"]:
+            values = np.array(self.as_numpy(name))
+            values[vehicles] = caves
+            self.write(name, values)
+        if self._drawn_crafts is not None:
+            self._drawn_crafts.move(vehicles, caves)
 
     def _make_bodies(
         self, caves: Sequence[CaveSetup], cave_of: npt.NDArray[np.integer], ranges: Randomisation | None
@@ -154,8 +153,7 @@ class BatchWorld:
         self.arrays.observation_delays.fill_(self._options.observation_delay)
         if ranges is not None:
             pairs = [(cave.scenario, cave.vehicle) for cave in caves]
-            self._drawn_crafts = DrawnCrafts(pairs, cave_of, self._craft_parts, ranges, self.device)
-            self._crafts = self._drawn_crafts.array
+            self._drawn_crafts = DrawnCrafts(pairs, cave_of, self._crafts.rows, ranges, self.device)
             self.arrays.craft_of.assign(np.arange(self.num, dtype=np.int32))
 
     @property
@@ -189,8 +187,8 @@ class BatchWorld:
             "acting": 3,
             "waiting_commands": 3 * self._delays[0],
             "waiting_observations": size * self._delays[1],
-            "extra": max(cave.starts.extra.shape[1] for cave in self._cave_parts),
-            "eddies": max(cave.water.kept.shape[0] for cave in self._cave_parts),
+            "extra": max(cave.starts.extra.shape[1] for cave in self.caves.rows),
+            "eddies": max(cave.water.kept.shape[0] for cave in self.caves.rows),
             "touched_panels": max(chains, default=0),
             "rays": num_rays,
             "tags": num_rays if options.observation == PRESETS[int(ORIGINAL)] else 0,
@@ -215,8 +213,9 @@ class BatchWorld:
                 What is not named stays.
         """
         first = np.full(self.num, -1) if starts is None else np.asarray(starts)
-        if first.shape != (self.num,) or (first >= self._num_starts).any():
-            raise InputError(f"The starts must be {self.num} numbers from 0 to {self._num_starts.min() - 1}.")
+        num_starts = self._num_starts[self.as_numpy("cave_of")]
+        if first.shape != (self.num,) or (first >= num_starts).any():
+            raise InputError(f"The starts must be {self.num} numbers from 0 to {num_starts.min() - 1}.")
         for name, values in (conditions or {}).items():
             array = getattr(self.arrays, CONDITIONS[name])
             array.assign(np.broadcast_to(values, array.numpy().shape).astype(array.numpy().dtype))
@@ -238,11 +237,6 @@ class BatchWorld:
     def retire(self, vehicles: Sequence[int]) -> None:
         """Draw no unlisted starts for these vehicles until the next reset."""
         self._unlisted.retire(vehicles)
-
-    @property
-    def caves(self) -> tuple[Cave, ...]:
-        """What is on the device of each cave."""
-        return tuple(self._cave_parts)
 
     def step(self, judge: Callable[[], None] | None = None) -> None:
         """Carry out `arrays.commands`, (N, 3) ballast, steer and thrust in [-1, 1], for one decision.
@@ -318,6 +312,8 @@ class BatchWorld:
         """Go back to where `state` was taken, also by another batch of as many vehicles in the same task."""
         for name, values in state.items():
             getattr(self.arrays, name).assign(values)
+        if self._drawn_crafts is not None:
+            self._drawn_crafts.move(np.arange(self.num), self.as_numpy("cave_of"))
         self._draw_bodies(np.ones(self.num, dtype=np.bool_), self.as_numpy("seeds").view(np.uint32))
 
     def close(self) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.batch.caves import CaveTask
-from aquanav_tools.sim.batch.world import BatchWorld, CaveSetup, WorldOptions
+from aquanav_tools.sim.batch.setup import CaveSetup, WorldOptions
+from aquanav_tools.sim.batch.world import BatchWorld
 from aquanav_tools.sim.bullet import BulletContacts
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import water_of

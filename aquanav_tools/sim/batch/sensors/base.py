@@ -17,6 +17,7 @@ from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.random import RAYS
 from aquanav_tools.sim.batch.sensors.noise import draw_normals
 from aquanav_tools.sim.batch.state import BatchState
+from aquanav_tools.sim.batch.table import StructTable
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 Reading = npt.NDArray[np.float32]
@@ -42,7 +43,7 @@ class SensorBatch:
     def __init__(
         self,
         state: BatchState,
-        caves: Sequence[Cave],
+        caves: Sequence[Cave] | StructTable,
         decision_seconds: float,
         device: Any,
         num_threads: int | None = None,
@@ -51,14 +52,14 @@ class SensorBatch:
 
         Args:
             state: The vehicles'.
-            caves: Around them, by `state.cave_of`.
+            caves: Around them, by `state.cave_of`; in a table they may change.
             decision_seconds: Duration of a decision, s.
             device: Warp's.
             num_threads: On the processor; None takes as many as the process may use.
         """
         self.state, self.num, self.device = state, len(state.order), device
-        self._kept = tuple(caves)  # an array of structures does not keep alive what they point to
-        self.caves = wp.array(list(caves), dtype=Cave, device=device)
+        self._table = caves if isinstance(caves, StructTable) else StructTable(Cave, caves, device)
+        self.caves = self._table.array
         self.decision_seconds = decision_seconds
         self.only_restarted = False
         """Whether only the rows of vehicles are needed whose episodes have just begun; others may stay as they are."""
