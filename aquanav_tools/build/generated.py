@@ -47,7 +47,7 @@ SPACING_RADII, SPACING_VOXELS = 0.65, 0.65
 FLOW_CELLS = 12_000
 """The flow has about this many cells."""
 NUM_STARTS = 20
-MIN_WIDTHS, MAX_WIDTHS = 2.0, 20.0
+MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
 MAX_ATTEMPTS = 8
 """Caves that are drawn for a name until one can be dived."""

@@ -88,7 +88,7 @@ class Relief:
     """Length of these hollows, m."""
     joints: float = 0.0
     """Angular breaks along cracks in two upright directions."""
-    grain: float = 0.03
+    grain: float = 0.05
     """The finest that the surface can show."""
     floor: float = 0.1
     """Of the floor of sediment."""
