@@ -236,16 +236,22 @@ def by_pass(main: Passage, first: int, last: int, offset: float, size: float, rn
         main: passage that it leaves and joins.
         first: station where it leaves.
         last: station where it joins.
-        offset: farthest sideways distance between both axes, m; its sign is the side.
+        offset: how far it leads aside, m; its sign is the side where the main one hardly bends.
         size: of its cross-section, relative to the main one's.
         rng: draws its bends.
     """
     part = slice(first, last + 1)
     share = np.linspace(0.0, 1.0, last - first + 1)
     bow = np.sin(np.pi * share)
-    side = np.stack([-np.sin(main.heading[part]), np.cos(main.heading[part]), np.zeros(len(share))], axis=1)
+    # It bows from the straight line, away from where the main one bends to: beside bends it would fold.
+    start, end = main.axis[first], main.axis[last]
+    straight = start + share[:, None] * (end - start)
+    side = np.array([start[1] - end[1], end[0] - start[0], 0.0])
+    side /= max(float(np.linalg.norm(side)), 1e-9)
+    bulge = float(((main.axis[part] - straight) @ side).mean())
+    offset = -np.sign(bulge) * abs(offset) if abs(bulge) > 0.3 else offset
     level = rng.uniform(-0.25, 0.25) * abs(offset)
-    rough = main.axis[part] + bow[:, None] * offset * side
+    rough = straight + bow[:, None] * offset * side
     rough[:, 2] += bow**2 * level  # it leaves level: floors that meet at an angle would cut each other
     ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rough, axis=0), axis=1)))
     even = np.arange(0.0, ways[-1], STEP)

@@ -111,6 +111,15 @@ class Plan:
     columns: tuple[Column, ...] = ()
 
     @property
+    def wall_area(self) -> float:
+        """About the area of the wall, m^2, without what stands in the passages."""
+        return sum(
+            float(np.linalg.norm(np.diff(one.axis, axis=0), axis=1).mean())
+            * float(np.pi * (one.half_width + 0.5 * (one.above + one.below)).sum())
+            for one in self.passages
+        )
+
+    @property
     def length(self) -> float:
         """Metres along the main passage between the portals."""
         axis = self.passages[0].axis

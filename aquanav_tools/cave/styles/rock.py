@@ -12,8 +12,8 @@ from aquanav_tools.types import Array
 
 MARGIN = 0.75
 """Rock around the passages that is looked at, m."""
-MAX_RELIEF = 0.65
-"""The relief of the wall is cut off at this, m."""
+MAX_RELIEF = 0.45
+"""Hollows of the wall are cut off at this times the size of the relief, m."""
 NEAR = 0.3
 """A cross-section lays its floor this far into the rock, m; the cross-section nearest along the passage lays it."""
 RELIEF_SIZE, MAX_SCALE = 1.2, 1.5
@@ -22,11 +22,13 @@ INWARDS = 0.2
 """Rock stands out into the water by up to this share of the half width."""
 FINEST = 0.9
 """Cells of noise per sample: a wave takes two cells."""
+LOOK = 2.5
+"""Voxels around the wall that its surface is made from."""
 DEEP = 1.0
 """Water this far from the wall needs no further cross-section, m, once the nearest one along the passage is known."""
 FILLET = 0.25
 """Sediment meets rock in a fillet of this size, m."""
-SPACING_SHARE = 0.25
+SPACING_SHARE = 0.35
 """Of the shortest half axis, between the stations that are carved."""
 _UNLIMITED = 1e9
 _CENTRE, _AHEAD, _SIDE, _UP, _W, _ABOVE, _BELOW, _ALONG = 0, 3, 6, 9, 12, 13, 14, 15
@@ -156,12 +158,14 @@ def _range(low, voxel, middle, reach, size):  # type: ignore[no-untyped-def]
 def _carve(low, voxel, st, field, floor, along, scale):  # type: ignore[no-untyped-def]
     """Unite the field with one station's cross-section, thick along the passage; `floor` is of this passage alone."""
     size = field.shape[0]
+    # Farther out, neither relief nor the surface looks.
+    margin = min(MAX_RELIEF * st[_SCALE] + LOOK * voxel, MARGIN)
     # The box around the section: its half axes, projected.
     tall = max(st[_ABOVE], st[_BELOW])
     wide = st[_W] + abs(st[_LEAN])
     reach = np.empty(3)
     for axis in range(3):
-        reach[axis] = MARGIN + (
+        reach[axis] = margin + (
             abs(st[_AHEAD + axis]) * st[_ALONG] + abs(st[_SIDE + axis]) * wide + abs(st[_UP + axis]) * tall
         )
     i0, i1 = _range(low[0], voxel, st[0], reach[0], size)
@@ -176,7 +180,15 @@ def _carve(low, voxel, st, field, floor, along, scale):  # type: ignore[no-untyp
                 ahead = dx * st[_AHEAD] + dy * st[_AHEAD + 1] + dz * st[_AHEAD + 2]
                 if field[i, j, k] < -DEEP and abs(ahead) >= along[i, j, k]:
                     continue
-                away = _section(st, dx, dy, dz)
+                if abs(ahead) > st[_ALONG] + margin:
+                    continue
+                up = dx * st[_UP] + dy * st[_UP + 1] + dz * st[_UP + 2]
+                if up > st[_ABOVE] + margin or -up > st[_BELOW] + margin:
+                    continue
+                aside = dx * st[_SIDE] + dy * st[_SIDE + 1] + dz * st[_SIDE + 2]
+                if abs(aside) > wide + margin:
+                    continue
+                away = _section(st, ahead, aside, up)
                 if away < NEAR and abs(ahead) < along[i, j, k]:
                     along[i, j, k] = abs(ahead)
                     floor[i, j, k] = st[_FLOOR] + ahead * st[_CLIMB]
@@ -186,11 +198,9 @@ def _carve(low, voxel, st, field, floor, along, scale):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True)
-def _section(st, dx, dy, dz):  # type: ignore[no-untyped-def]
+def _section(st, ahead, u, v):  # type: ignore[no-untyped-def]
     """Return the distance to one station's body to first order, m: its implicit function over its gradient."""
-    a = abs(dx * st[_AHEAD] + dy * st[_AHEAD + 1] + dz * st[_AHEAD + 2]) / st[_ALONG]
-    v = dx * st[_UP] + dy * st[_UP + 1] + dz * st[_UP + 2]
-    u = dx * st[_SIDE] + dy * st[_SIDE + 1] + dz * st[_SIDE + 2]
+    a = abs(ahead) / st[_ALONG]
     if st[_LEAN] != 0.0:
         u -= st[_LEAN] * np.sin(st[_LEAN_RATE] * v + st[_PHASE])
     half, power = (st[_ABOVE], st[_P_ABOVE]) if v > 0.0 else (st[_BELOW], st[_P_BELOW])
@@ -199,12 +209,14 @@ def _section(st, dx, dy, dz):  # type: ignore[no-untyped-def]
         across = np.sqrt(u * u + v * v)
         du, dv = u, v
     else:
-        across = max(u, v)
-        if across > 1e-9:
-            across *= ((u / across) ** power + (v / across) ** power) ** (1.0 / power)
-            du, dv = across * (u / across) ** (power - 1.0), across * (v / across) ** (power - 1.0)
-        else:
-            du, dv = 0.0, 0.0
+        larger = max(u, v)
+        across, du, dv = 0.0, 0.0, 0.0
+        if larger > 1e-9:
+            share = (min(u, v) / larger) ** power
+            across = larger * (1.0 + share) ** (1.0 / power)
+            most = across * across / (larger * (1.0 + share))
+            least = most * share * larger / max(min(u, v), 1e-9)
+            du, dv = (most, least) if u >= v else (least, most)
     q = np.sqrt(a * a + across * across)
     slope = np.sqrt((a / st[_ALONG]) ** 2 + (du / st[_W]) ** 2 + (dv / half) ** 2)
     if slope < 1e-9:
@@ -218,7 +230,7 @@ def _roughen(low, voxel, relief, seed, field, floor, scale):  # type: ignore[no-
     size = field.shape[0]
     # Farther off than the relief is high, and than the surface looks, there is nothing to add.
     highest = min(4.0 * relief[0] + relief[1] + 0.6 * relief[3] + 1.5 * relief[5] + 2.2 * relief[6], MAX_RELIEF)
-    near = 2.5 * voxel
+    near = LOOK * voxel
     for i in range(size):
         x = low[0] + i * voxel
         for j in range(size):
@@ -232,7 +244,7 @@ def _roughen(low, voxel, relief, seed, field, floor, scale):  # type: ignore[no-
                     out = scale[i, j, k] * _wall_relief(x, y, z, relief, FINEST / voxel, seed)
                     # The scale is the root of the half width over RELIEF_SIZE.
                     inwards = INWARDS * RELIEF_SIZE * scale[i, j, k] ** 2
-                    wall += min(max(out, -MAX_RELIEF), inwards)
+                    wall += min(max(out, -MAX_RELIEF * scale[i, j, k]), inwards)
                 ground = floor[i, j, k] - z if floor[i, j, k] < _UNLIMITED else NO_FLOOR
                 if ground > -(relief[7] * 1.75 + FILLET + near) and wall < near:
                     if ground < relief[7] * 1.75 + FILLET + near:
