@@ -39,6 +39,8 @@ TURN_LENGTH = 1.0
 """Turns and slopes are measured over this length of the way, m."""
 NUM_RAYS, RAY_RANGE = 64, 10.0
 """Rays from each place, over all directions, and how far each sees, m; one that meets no wall there is open."""
+SMOOTH = 6.0
+"""Points of the way, a decimetre each, over which it is smoothed where profiles are taken: more would cut corners."""
 BANDS = ((0.25, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0))
 """Wavelengths along the wall whose roughness is told apart, m."""
 PANELS = (
@@ -120,14 +122,16 @@ def _cast(scenario: Scenario, origins: Array, directions: Array) -> Array:
 
 
 def _roughness(scenario: Scenario) -> Array:
-    """Return the root mean square height of profiles of the wall along the way, per band of wavelengths, m.
+    """Return the root mean square height of the wall along the way, per band of wavelengths, m.
 
-    A profile is the distance to the wall at one angle around the way, every 5 cm. Bends and chambers are longer waves
-    than the bands; jumps where a side passage opens are cut at a metre from the profile's median.
+    A profile is the distance across the passage at one angle around the way, every 5 cm: where the way winds, one wall
+    is nearer by as much as the other is farther. Two walls that differ at random make twice the variance of one. Bends
+    and chambers are longer waves than the bands. Side passages, columns and what lies behind an edge make jumps, which
+    are in every band: they are cut at half a metre from what is around them, and the median of twelve angles counts.
     """
-    from scipy.ndimage import gaussian_filter1d
+    from scipy.ndimage import gaussian_filter1d, median_filter
 
-    line = gaussian_filter1d(scenario.guide.centreline, 20.0, axis=0, mode="nearest")
+    line = gaussian_filter1d(scenario.guide.centreline, SMOOTH, axis=0, mode="nearest")
     ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
     stations = np.arange(0.0, ways[-1], 0.05)
     points = np.stack([np.interp(stations, ways, column) for column in line.T], axis=1)
@@ -136,15 +140,16 @@ def _roughness(scenario: Scenario) -> Array:
     side /= np.maximum(np.linalg.norm(side, axis=1, keepdims=True), 1e-9)
     up = np.cross(ahead / np.linalg.norm(ahead, axis=1, keepdims=True), side)
     powers = []
-    for angle in np.arange(0.0, 2.0 * np.pi, np.pi / 6.0):
-        reach = _cast(scenario, points, np.cos(angle) * side + np.sin(angle) * up)
-        middle = np.median(reach)
-        reach = np.clip(reach, middle - 1.0, middle + 1.0)
-        spectrum = np.abs(np.fft.rfft((reach - reach.mean()) * np.hanning(len(reach)))) ** 2
-        spectrum *= 2.0 / (len(reach) * (np.hanning(len(reach)) ** 2).sum())  # Parseval: sums to the variance
-        waves = 1.0 / np.maximum(np.fft.rfftfreq(len(reach), 0.05), 1e-9)
+    for angle in np.arange(0.0, np.pi, np.pi / 12.0):
+        across = np.cos(angle) * side + np.sin(angle) * up
+        width = np.minimum(_cast(scenario, points, across), 5.0) + np.minimum(_cast(scenario, points, -across), 5.0)
+        around = median_filter(width, 41, mode="nearest")
+        width = np.clip(width, around - 0.5, around + 0.5)
+        spectrum = np.abs(np.fft.rfft((width - width.mean()) * np.hanning(len(width)))) ** 2
+        spectrum *= 2.0 / (len(width) * (np.hanning(len(width)) ** 2).sum())  # Parseval: sums to the variance
+        waves = 1.0 / np.maximum(np.fft.rfftfreq(len(width), 0.05), 1e-9)
         powers.append([spectrum[(waves >= low) & (waves < high)].sum() for low, high in BANDS])
-    return np.asarray(np.sqrt(np.mean(powers, axis=0)))
+    return np.asarray(np.sqrt(0.5 * np.median(powers, axis=0)))
 
 
 def draw(found: dict[str, Measured], num_styles: int, path: Path) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 from aquanav_tools import __version__
 from aquanav_tools.build.water_stage import water_settings
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
@@ -29,6 +30,7 @@ from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow, find_flow
+from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import MeshError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
@@ -49,12 +51,14 @@ VEHICLE = "bluerov2"
 """Vehicle that must be able to pass."""
 MERGED_VOXELS = 0.1
 """Triangles are merged where that moves the wall by no more than this, voxels."""
-SPACING_RADII, SPACING_VOXELS = 0.65, 0.65
+SPACING_RADII, SPACING_VOXELS = 0.5, 0.75
 """The distance field's spacing: the larger of these shares of the vehicle's radius and of the voxel."""
+MAX_NODES = 80_000
+"""Places in the water among which ways are sought; more water is searched on every second sample."""
 FLOW_CELLS = 12_000
 """The flow has about this many cells."""
 NUM_STARTS = 20
-MIN_WIDTHS, MAX_WIDTHS = 2.0, 20.0
+MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
 MAX_ATTEMPTS = 8
 """Caves that are drawn for a name until one can be dived."""
@@ -90,9 +94,7 @@ def generate(style: str, seed: int) -> GeneratedCave:
         except MeshError as error:
             faults.append(str(error))
             continue
-        if MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
-            return GeneratedCave(scenario, drawn, attempt + 1, width)
-        faults.append(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
+        return GeneratedCave(scenario, drawn, attempt + 1, width)
     text = "; ".join(f"{n}: {fault}" for n, fault in enumerate(faults, start=1))
     raise MeshError(
         f"None of {MAX_ATTEMPTS} caves of {generated_name(style, seed)} can be dived ({text}). Take another seed."
@@ -103,15 +105,21 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     """Return the scenario in a drawn cave and the width of the narrowest place of its way, m.
 
     Raises:
-        MeshError: the surface is no proven solid, has not two whole portals, or the vehicle cannot pass.
+        MeshError: the surface is no proven solid, has not two whole portals, the vehicle cannot pass, or the narrowest
+            place is narrower or wider than MIN_WIDTHS and MAX_WIDTHS allow.
     """
     capsule = load_vehicle(VEHICLE).capsule
     cavity = made_up_cavity(water_surface(drawn.plan, drawn.voxel, drawn.noise_seed), MERGED_VOXELS * drawn.voxel)
     field = distance_field(cavity, max(SPACING_RADII * capsule.radius, SPACING_VOXELS * drawn.voxel))
-    route = find_route(cavity, field, capsule.radius, *(portal.centre for portal in cavity.portals))
-    guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius)
+    graph = WaterGraph(field, capsule.radius, MAX_NODES)
+    route = find_route(cavity, field, capsule.radius, *(portal.centre for portal in cavity.portals), graph)
+    width = _narrowest(route, cavity, capsule)
+    if not MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
+        raise MeshError(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
+    surface = Surface(cavity.mesh)
+    guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius, surface)
     rng = np.random.default_rng(drawn.noise_seed)
-    starts = draw_starts(cavity, field, guide, capsule, StartOptions(count=NUM_STARTS, last_share=1.0), rng)
+    starts = draw_starts(cavity, field, guide, capsule, StartOptions(count=NUM_STARTS, last_share=1.0), rng, surface, graph)
     settings = ScenarioSettings(
         name=f"{drawn.style}-{drawn.seed}",
         built=BuiltBy(__version__, "synthetic"),
@@ -122,7 +130,7 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     flow = _flow(cavity, field, guide)
     vehicle_toml = read_text(vehicle_path(VEHICLE))
     scenario = Scenario(settings, cavity, cavity.mesh, field, guide, starts, vehicle_toml, flow)
-    return scenario, _narrowest(route, guide, capsule)
+    return scenario, width
 
 
 def _flow(cavity: Cavity, field: DistanceField, guide: Guide) -> Flow | None:
@@ -130,11 +138,11 @@ def _flow(cavity: Cavity, field: DistanceField, guide: Guide) -> Flow | None:
     return find_flow(cavity, field, guide.centres[-1], 0.0, spacing=spacing)
 
 
-def _narrowest(route: Route, guide: Guide, capsule: Capsule) -> float:
+def _narrowest(route: Route, cavity: Cavity, capsule: Capsule) -> float:
     """Return twice the least clearance of the way, m; near its ends that is to the portal, not to the rock."""
     steps = np.linalg.norm(np.diff(route.points, axis=0), axis=1)
     along = np.append(0.0, np.cumsum(steps))
-    near = 2.0 * capsule.length + float(max(guide.panels[0].clearance, guide.panels[-1].clearance))
+    near = 2.0 * capsule.length + 0.5 * float(np.sqrt(max(portal.area for portal in cavity.portals)))
     inside = (along > near) & (along < along[-1] - near)
     return 2.0 * float(route.clearance[inside].min() if inside.any() else route.clearance.max())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -21,8 +22,7 @@ def slice_mesh(mesh: Mesh, centre: Array, axes: Array) -> list[Array]:
         (K, 2) each, not closed, m.
     """
     heights = (mesh.vertices - centre) @ axes[2]
-    is_above = (heights >= 0.0)[mesh.faces]
-    faces = mesh.faces[is_above.any(axis=1) & ~is_above.all(axis=1)]
+    faces = mesh.faces[_is_cut(heights >= 0.0, mesh.faces)]
     if not len(faces):
         return []
     is_above = (heights >= 0.0)[faces]
@@ -32,6 +32,16 @@ def slice_mesh(mesh: Mesh, centre: Array, axes: Array) -> list[Array]:
     ends = (mesh.vertices[entries] - centre) @ axes[:2].T
     points = ends[:, 0] + share[:, None] * (ends[:, 1] - ends[:, 0])
     return [points[ring] for ring in _rings(_names(entries, len(heights)), _names(exits, len(heights)))]
+
+
+@numba.njit(cache=True)
+def _is_cut(is_above, faces):  # type: ignore[no-untyped-def]
+    """Return the (F,) flags of faces with corners on both sides."""
+    is_cut = np.empty(len(faces), dtype=np.bool_)
+    for f in range(len(faces)):
+        first = is_above[faces[f, 0]]
+        is_cut[f] = is_above[faces[f, 1]] != first or is_above[faces[f, 2]] != first
+    return is_cut
 
 
 def _crossing_edges(faces: IntArray, is_crossing: BoolArray) -> IntArray:

@@ -40,6 +40,7 @@ def place_panels(
     inset: float,
     options: PanelOptions,
     vehicle_radius: float = 0.0,
+    surface: Surface | None = None,
 ) -> Guide:
     """Return the guide along a route.
 
@@ -55,12 +56,13 @@ def place_panels(
             before it touches the lid behind it.
         options: spacing, smoothing and margin.
         vehicle_radius: m; 0 keeps the segments in the water and no more.
+        surface: of the cavity's mesh, where it is at hand: it takes time to make.
 
     Raises:
         MeshError: the route is too short for six panels.
     """
     line = _inner_line(route, inset, options)
-    sight = Sight(line, Surface(cavity.mesh), vehicle_radius, options.margin)
+    sight = Sight(line, surface or Surface(cavity.mesh), vehicle_radius, options.margin)
     stations = [int(station) for station in choose_stations(line, sight, options)]
     pillars = Pillars(cavity.mesh, field, vehicle_radius, line.points)
     panels = [_panel(pillars, field, line.points[n], line.tangents[n], n * line.step) for n in stations]

@@ -40,6 +40,7 @@ def find_route(
     vehicle_radius: float,
     entrance: Array | None = None,
     goal: Array | None = None,
+    graph: WaterGraph | None = None,
 ) -> Route:
     """Return the route between the two portals that are farthest apart through the water.
 
@@ -51,13 +52,14 @@ def find_route(
         vehicle_radius: clearance that the route keeps, m.
         entrance: (3,) where the route begins instead: in the water, or on a portal.
         goal: (3,) where the route ends instead: in the water, or on a portal.
+        graph: of the water with the vehicle's radius for clearance, where it is at hand: it takes time to make.
 
     Raises:
         InputError: an end that is given lies in rock.
         MeshError: the narrowest place between the ends is too tight for the vehicle; the message says how tight, where.
     """
     start, end = _choose_ends(cavity, field, vehicle_radius, entrance, goal)
-    path = WaterGraph(field, vehicle_radius).roomy_path(start, end)
+    path = (graph or WaterGraph(field, vehicle_radius)).roomy_path(start, end)
     if path is None:
         raise _too_tight(cavity, field, start, end, vehicle_radius)
     ends = np.vstack([start, path[1:-1], end]) if len(path) > 2 else np.vstack([start, end])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -50,9 +49,12 @@ class Sight:
     """Tells whether a vehicle may swim straight from one point of a line to another."""
 
     def __init__(self, line: Line, surface: Surface, radius: float, margin: float) -> None:
-        legs = pairwise(line.points)
-        self._route = np.array([surface.gap(a, b, PROBE_RADIUS) + PROBE_RADIUS for a, b in legs])
         self._line, self._surface, self._radius, self._margin = line, surface, radius, margin
+        a, b = line.points[:-1], line.points[1:]
+        # What a leg keeps beyond what `needed` looks at changes nothing, so there a bound will do.
+        self._route = surface.distance(0.5 * (a + b)) - 0.5 * np.linalg.norm(b - a, axis=1)
+        for n in np.flatnonzero(self._route <= (radius + margin) / TIGHT_SHARE):
+            self._route[n] = surface.gap(a[n], b[n], PROBE_RADIUS) + PROBE_RADIUS
 
     def needed(self, before: int, after: int) -> float:
         """Return the clearance, m, that the segment between two points of the line must have.

@@ -12,14 +12,16 @@ from aquanav_tools.cave.styles import natural, rooms
 from aquanav_tools.cave.styles.names import number_of, style_of
 from aquanav_tools.cave.styles.plan import Plan
 
-VEHICLE_WIDTH = 0.46
-"""Of a BlueROV2, m: openings are drawn in multiples of it."""
+VEHICLE_WIDTH = 0.34
+"""Of a BlueROV2's frame and of its capsule, m: openings are drawn in multiples of it."""
 LENGTHS = (20.0, 200.0)
 """Shortest and longest main passage, m; drawn evenly in the logarithm."""
-WIDENING = 0.07
-"""By how much wider every further attempt is: relief, which was in the way, narrows it by up to 0.3 m."""
-VOXEL_SHARE, MIN_VOXEL, MAX_VOXEL = 0.11, 0.14, 0.32
+WIDENING = 0.12
+"""By how much wider every further attempt is."""
+VOXEL_SHARE, MIN_VOXEL, MAX_VOXEL = 0.12, 0.1, 0.32
 """The voxel is this share of the opening, and between so many m."""
+WALL_CELLS, MAX_SHARE = 20_000, 0.2
+"""Of a long cave the voxel is larger, so that its wall has about so many; up to this share of the opening."""
 
 
 @dataclass(frozen=True)
@@ -34,15 +36,15 @@ class Style:
 
 
 STYLES: dict[str, Style] = {
-    "phreatic-tube": Style(natural.phreatic_tube, (2.6, 9.0)),
-    "vadose-canyon": Style(natural.vadose_canyon, (2.8, 5.0)),
-    "bedding-plane": Style(natural.bedding_plane, (2.8, 5.0), (20.0, 100.0)),
-    "breakdown-chamber": Style(rooms.breakdown_chamber, (3.4, 7.0)),
-    "shaft-ramp": Style(natural.shaft_ramp, (3.0, 9.0)),
-    "maze": Style(rooms.maze, (2.8, 5.0), (20.0, 120.0)),
-    "sump-series": Style(natural.sump_series, (2.8, 7.0)),
+    "phreatic-tube": Style(natural.phreatic_tube, (1.6, 14.0)),
+    "vadose-canyon": Style(natural.vadose_canyon, (1.6, 8.0)),
+    "bedding-plane": Style(natural.bedding_plane, (1.5, 7.0), (20.0, 120.0)),
+    "breakdown-chamber": Style(rooms.breakdown_chamber, (1.5, 10.0)),
+    "shaft-ramp": Style(natural.shaft_ramp, (1.7, 12.0)),
+    "maze": Style(rooms.maze, (1.8, 7.0), (20.0, 120.0)),
+    "sump-series": Style(natural.sump_series, (1.5, 10.0)),
     "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),
-    "mine-drift": Style(rooms.mine_drift, (3.0, 6.5)),
+    "mine-drift": Style(rooms.mine_drift, (1.6, 9.0)),
 }
 
 
@@ -73,6 +75,7 @@ def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
     rng = np.random.default_rng([number_of(name, seed), 2, attempt])
     plan = kind.draws(length, opening, rng)
     plan = dataclasses.replace(plan, extent=round(plan.extent, 3))  # portals lie at whole millimetres
-    voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL), MAX_VOXEL)
+    enough = min(float(np.sqrt(plan.wall_area / WALL_CELLS)), MAX_SHARE * opening)
+    voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL, enough), MAX_VOXEL)
     voxel = plan.extent / round(plan.extent / voxel)
     return DrawnCave(name, seed, plan, voxel, int(rng.integers(1 << 20)))

@@ -59,6 +59,64 @@ def bumps(stations: Array, places: Array, values: Array, widths: Array) -> Array
     )
 
 
+def roomy(stations: Array, opening: float, amount: float, rng: np.random.Generator) -> Array:
+    """Return (C,) factors of 1 and more by which a passage is wider than at its narrowest.
+
+    Args:
+        stations: (C,) along the passage, m.
+        opening: at its narrowest, m; narrow passages change over shorter ways.
+        amount: by about how much the widest places are wider.
+        rng: draws where these are.
+    """
+    return 1.0 + amount * np.clip(waves(stations, 8.0 + 5.0 * opening, rng), -1.0, 1.0) ** 2
+
+
+def humps(stations: Array, length: float, every: float, size: float, rng: np.random.Generator) -> Array:
+    """Return (C,) shares in [0, 1], 1 at some places: ceilings that come down, or floors that rise, with steep sides.
+
+    Args:
+        stations: (C,) along the passage, m.
+        length: of the way, m.
+        every: a place lies in each so many metres of it.
+        size: half width of a place is 0.5 to 1.1 of this, m.
+        rng: draws them.
+    """
+    places = spots(max(1, int(length / every)), 3.0, length - 3.0, rng)
+    widths = size * rng.uniform(0.5, 1.1, len(places))
+    heights = rng.uniform(0.6, 1.0, len(places))
+    parts = (h * np.exp(-(((stations - p) / w) ** 4)) for p, w, h in zip(places, widths, heights, strict=True))
+    return np.asarray(np.clip(sum(parts), 0.0, 1.0))
+
+
+def chutes(
+    stations: Array,
+    length: float,
+    every: float,
+    steepest: float,
+    rng: np.random.Generator,
+    upwards: float = 0.5,
+    run: tuple[float, float] = (1.0, 4.0),
+) -> Array:
+    """Return (C,) slopes (rad) of short steep pieces in a passage that is level elsewhere.
+
+    Args:
+        stations: (C,) along the passage, m.
+        length: of the way, m.
+        every: one in each so many metres is tried; in a third of them there is none.
+        steepest: slope of the steepest, rad; the least steep have half of it.
+        rng: draws them.
+        upwards: share of those that lead up.
+        run: shortest and longest, m.
+    """
+    slopes = np.zeros(len(stations))
+    for place in spots(int((length - 8.0) / every), 4.0, length - 4.0, rng):
+        half, slope = 0.5 * rng.uniform(*run), steepest * rng.uniform(0.5, 1.0)
+        sign = 1.0 if rng.random() < upwards else -1.0
+        if rng.random() < 0.67:
+            slopes += sign * slope * np.exp(-(((stations - place) / half) ** 4))
+    return np.clip(slopes, -steepest, steepest)
+
+
 def spots(count: int, low: float, high: float, rng: np.random.Generator) -> Array:
     """Return places, one in the middle half of each of as many equal parts of a range."""
     borders = np.linspace(low, high, count + 1)
@@ -178,16 +236,23 @@ def by_pass(main: Passage, first: int, last: int, offset: float, size: float, rn
         main: passage that it leaves and joins.
         first: station where it leaves.
         last: station where it joins.
-        offset: farthest sideways distance between both axes, m; its sign is the side.
+        offset: how far it leads aside, m; its sign is the side where the main one hardly bends.
         size: of its cross-section, relative to the main one's.
         rng: draws its bends.
     """
     part = slice(first, last + 1)
     share = np.linspace(0.0, 1.0, last - first + 1)
-    bow = np.sin(np.pi * share) ** 0.6
-    side = np.stack([-np.sin(main.heading[part]), np.cos(main.heading[part]), np.zeros(len(share))], axis=1)
+    bow = np.sin(np.pi * share)
+    # It bows from the straight line, away from where the main one bends to: beside bends it would fold.
+    start, end = main.axis[first], main.axis[last]
+    straight = start + share[:, None] * (end - start)
+    side = np.array([start[1] - end[1], end[0] - start[0], 0.0])
+    side /= max(float(np.linalg.norm(side)), 1e-9)
+    bulge = float(((main.axis[part] - straight) @ side).mean())
+    offset = -np.sign(bulge) * abs(offset) if abs(bulge) > 0.3 else offset
     level = rng.uniform(-0.25, 0.25) * abs(offset)
-    rough = main.axis[part] + bow[:, None] * (offset * side + [0.0, 0.0, level])
+    rough = straight + bow[:, None] * offset * side
+    rough[:, 2] += bow**2 * level  # it leaves level: floors that meet at an angle would cut each other
     ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rough, axis=0), axis=1)))
     even = np.arange(0.0, ways[-1], STEP)
     axis = np.stack([np.interp(even, ways, column) for column in rough.T], axis=1)

@@ -88,7 +88,7 @@ class Relief:
     """Length of these hollows, m."""
     joints: float = 0.0
     """Angular breaks along cracks in two upright directions."""
-    grain: float = 0.03
+    grain: float = 0.05
     """The finest that the surface can show."""
     floor: float = 0.1
     """Of the floor of sediment."""
@@ -109,6 +109,15 @@ class Plan:
     relief: Relief = field(default_factory=Relief)
     blocks: tuple[Block, ...] = ()
     columns: tuple[Column, ...] = ()
+
+    @property
+    def wall_area(self) -> float:
+        """About the area of the wall, m^2, without what stands in the passages."""
+        return sum(
+            float(np.linalg.norm(np.diff(one.axis, axis=0), axis=1).mean())
+            * float(np.pi * (one.half_width + 0.5 * (one.above + one.below)).sum())
+            for one in self.passages
+        )
 
     @property
     def length(self) -> float:

@@ -34,7 +34,7 @@ def water_surface(plan: Plan, voxel: float, seed: int) -> Mesh:
     places, members = _blocks_near(stations, voxel)
     tables = rock.block_table(plan.blocks, BLOCK_FACES), rock.column_table(plan.columns)
     relief, edge = rock.relief_table(plan), CELLS * voxel
-    rooms = np.empty((4, *(CELLS + 1,) * 3))
+    rooms = np.empty((5, *(CELLS + 1,) * 3))
     field = rooms[0]
     last = round(plan.extent / voxel)
     pieces = _Pieces()
