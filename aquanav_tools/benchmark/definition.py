@@ -10,7 +10,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.protocol import Condition
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.shipped import SETTINGS_FILE, named_folder, slot_names
-from aquanav_tools.shipped import shipped_names, shipped_path
+from aquanav_tools.shipped import shipped_path
 from aquanav_tools.tables import from_table, read_toml
 
 SETS = "eval/sets"
@@ -101,11 +101,6 @@ class _Part:
 
     part_of: str
     caves_per_tier: int
-
-
-def benchmark_names() -> list[str]:
-    """Return the names of the benchmarks that come with aquanav."""
-    return shipped_names(SETS)
 
 
 def read_benchmark(name: str, real: Sequence[Path] = ()) -> Benchmark:

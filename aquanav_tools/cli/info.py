@@ -56,6 +56,7 @@ CONTENT = {
     "build recipe": "pipelines/build",
     "training recipe": "pipelines/train",
     "protocol": "eval/protocols",
+    "benchmark": "eval/sets",
 }
 """Kinds of shipped files and their folders."""
 
