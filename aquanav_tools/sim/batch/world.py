@@ -21,7 +21,7 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
-from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.runtime import find_device, sequence
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
@@ -327,22 +327,22 @@ class BatchWorld:
         if self._threads is not None:
             self._threads.shutdown()
 
-    def _run(self, slices: list[list[Any]]) -> None:
+    def _run(self, slices: list[Callable[[], None]]) -> None:
         """Launch the recorded kernels, each slice of the vehicles in a thread of its own: Warp lets go of Python."""
         if self._threads is None:
-            _launch(slices[0])
+            slices[0]()
         else:
-            list(self._threads.map(_launch, slices))
+            list(self._threads.map(_call, slices))
 
     def _record(self) -> None:
         """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
         bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
-        self._decision: list[list[Any]] = []
-        self._resumption: list[list[Any]] = []
-        self._outlook: list[list[Any]] = []
-        self._succession: list[list[Any]] = []
-        self._beginning: list[list[Any]] = []
-        self._looks: list[list[Any]] = []
+        self._decision: list[Callable[[], None]] = []
+        self._resumption: list[Callable[[], None]] = []
+        self._outlook: list[Callable[[], None]] = []
+        self._succession: list[Callable[[], None]] = []
+        self._beginning: list[Callable[[], None]] = []
+        self._looks: list[Callable[[], None]] = []
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         state, settings = self.arrays, self._settings
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
@@ -355,7 +355,7 @@ class BatchWorld:
                 [self._launch_of(kernels.sense, (num, num_parts), [first, again, num_parts, state, settings])]
                 for again in (0, 1)
             )
-            self._looks.append(list(seen))
+            self._looks.append(sequence(seen[:], self.device))
             if self._delays[1] > 0:
                 seen.append(self._launch_of(kernels.deliver, num, [first, 0, state]))
                 seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
@@ -364,21 +364,20 @@ class BatchWorld:
                 self._launch_of(kernels.restart, num, [first, is_anew, state, settings]) for is_anew in (0, 1)
             )
             if self._link is None:
-                self._decision.append([move, *seen, score])
+                self._decision.append(sequence([move, *seen, score], self.device))
             else:
-                self._decision.append([move])
-                self._outlook.append([*seen, score])
-            self._resumption.append([resume])
-            self._succession.append([again, *seen_again])
-            self._beginning.append([anew, *seen, score])
+                self._decision.append(sequence([move], self.device))
+                self._outlook.append(sequence([*seen, score], self.device))
+                self._resumption.append(sequence([resume], self.device))
+            self._succession.append(sequence([again, *seen_again], self.device))
+            self._beginning.append(sequence([anew, *seen, score], self.device))
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
 
 
-def _launch(commands: list[Any]) -> None:
-    for command in commands:
-        command.launch()
+def _call(run: Callable[[], None]) -> None:
+    run()
 
 
 def _num_slices(num: int, num_threads: int | None) -> int:
