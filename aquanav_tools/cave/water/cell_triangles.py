@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from aquanav_tools.cave.water.field import BRICK, ROCK, DistanceField
 from aquanav_tools.errors import MeshError
-from aquanav_tools.types import IntArray, Mesh
+from aquanav_tools.types import BoolArray, IntArray, Mesh
 
 
 def triangles_in_cells(
@@ -33,7 +33,7 @@ def triangles_in_cells(
     """
     triangles = (mesh.triangles - field.origin) / field.spacing
     corners = np.floor(triangles.reshape(-1, 3) / BRICK).astype(np.int64)
-    is_inside = ((corners >= 0) & (corners < field.bricks.shape)).all(axis=1)
+    is_inside: BoolArray = ((corners >= 0) & (corners < field.bricks.shape)).all(axis=1)
     is_inside[is_inside] = field.bricks[tuple(corners[is_inside].T)] != ROCK
     if not is_inside.all():
         raise MeshError(

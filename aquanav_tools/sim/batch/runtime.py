@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
@@ -70,6 +71,18 @@ def sequence(launches: Sequence[Any], device: Any) -> Callable[[], None]:
     with _capturing, wp.ScopedCapture(device=device) as capture:
         _launch_all(launches)
     return partial(wp.capture_launch, capture.graph)
+
+
+def run_slices(slices: Sequence[Callable[[], None]], threads: ThreadPoolExecutor | None) -> None:
+    """Run the sequences of a batch's slices, each in a thread of its own: Warp lets go of Python. One needs none."""
+    if threads is None:
+        slices[0]()
+    else:
+        list(threads.map(_call, slices))
+
+
+def _call(run: Callable[[], None]) -> None:
+    run()
 
 
 def _launch_all(launches: Sequence[Any]) -> None:

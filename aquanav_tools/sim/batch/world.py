@@ -21,7 +21,7 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink, MotionLaw
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
-from aquanav_tools.sim.batch.runtime import find_device, sequence
+from aquanav_tools.sim.batch.runtime import find_device, run_slices, sequence
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
 from aquanav_tools.sim.batch.state import BatchState, make_exchange, make_state
@@ -226,7 +226,7 @@ class BatchWorld:
         self._unlisted.reset()
         self._unlisted.draw(self.arrays, first < 0, np.asarray(seeds).astype(np.uint32))
         self._draw_bodies(np.ones(self.num, dtype=np.bool_), np.asarray(seeds).astype(np.uint32))
-        self._run(self._beginning)
+        run_slices(self._beginning, self._threads)
         if self._link is not None:
             self._link.forget_restarted()
         self._sort()
@@ -252,24 +252,24 @@ class BatchWorld:
         """
         if self._next_step:
             self._draw_successors()
-        self._run(self._decision)
+        run_slices(self._decision, self._threads)
         if self._link is not None:
             self._link.forget_restarted()
             while self._link.answer():
-                self._run(self._resumption)
-            self._run(self._outlook)
+                run_slices(self._resumption, self._threads)
+            run_slices(self._outlook, self._threads)
         if judge is not None:
             judge()
         if not self._next_step:
             self._draw_successors()
-            self._run(self._succession)
+            run_slices(self._succession, self._threads)
         self._steps_in_order += 1
         if self._steps_in_order == SORT_EVERY:
             self._sort()
 
     def observe(self) -> None:
         """See from where the vehicles are now, without delay: for vehicles that were put somewhere."""
-        self._run(self._looks)
+        run_slices(self._looks, self._threads)
 
     def _draw_successors(self) -> None:
         """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
@@ -327,13 +327,6 @@ class BatchWorld:
         if self._threads is not None:
             self._threads.shutdown()
 
-    def _run(self, slices: list[Callable[[], None]]) -> None:
-        """Launch the recorded kernels, each slice of the vehicles in a thread of its own: Warp lets go of Python."""
-        if self._threads is None:
-            slices[0]()
-        else:
-            list(self._threads.map(_call, slices))
-
     def _record(self) -> None:
         """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
         bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
@@ -374,10 +367,6 @@ class BatchWorld:
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
-
-
-def _call(run: Callable[[], None]) -> None:
-    run()
 
 
 def _num_slices(num: int, num_threads: int | None) -> int:

@@ -38,9 +38,7 @@ def cast(
 ):
     i = wp.tid()
     place = on_grid(grid, origins[i])
-    met = meet_wall(
-        wall, grid, place, room_at(grid, place), wp.vec3(origins[i] - middle), directions[i], length
-    )
+    met = meet_wall(wall, grid, place, room_at(grid, place), wp.vec3(origins[i] - middle), directions[i], length)
     distances[i] = met.distance
     normals[i] = face_normal(wall, met)
 
@@ -150,7 +148,8 @@ def test_sequences_run_in_order_and_are_recorded_in_threads_at_once() -> None:
     def count() -> float:
         values = wp.zeros(1, dtype=float, device=device)
         launches = [
-            wp.launch(append, dim=1, inputs=[values, added], device=device, record_cmd=True) for added in (1.0, 0.0, 3.0)
+            wp.launch(append, dim=1, inputs=[values, added], device=device, record_cmd=True)
+            for added in (1.0, 0.0, 3.0)
         ]
         run = sequence(launches, device)
         assert values.numpy()[0] == 0.0  # nothing runs while it is recorded
