@@ -33,7 +33,7 @@ def triangles_in_cells(
     """
     triangles = (mesh.triangles - field.origin) / field.spacing
     corners = np.floor(triangles.reshape(-1, 3) / BRICK).astype(np.int64)
-    is_inside: BoolArray = ((corners >= 0) & (corners < field.bricks.shape)).all(axis=1)
+    is_inside: BoolArray = np.asarray(((corners >= 0) & (corners < field.bricks.shape)).all(axis=1))
     is_inside[is_inside] = field.bricks[tuple(corners[is_inside].T)] != ROCK
     if not is_inside.all():
         raise MeshError(
