@@ -88,7 +88,7 @@ class CaveBatch(ExtendedBatch):
             action: "multidiscrete", "discrete" or "continuous".
             vehicle: As `CaveEnv` takes it.
             max_decisions: Episode limit; None takes each scenario's, which grows with the way (`sim.time_limit`).
-            rays: "field" traces them through the distance field, "mesh" casts them exactly, which takes several times
+            rays: "field" traces them through the distance field, "mesh" casts them exactly, which takes about twice
                 as long. The observation "original" casts spheres through the field.
             contacts: "own" solves them beside the rest, on many vehicles at once; "bullet" asks PyBullet about one
                 vehicle after the other.

@@ -26,12 +26,11 @@ from aquanav_tools.types import Array
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
-ARRAYS = (
-    "commands", "positions", "orientations", "velocities", "extra", "currents", "rays", "clearances", "touched",
-    "collisions", "remaining", "outcomes", "start_indices", "gates", "terms", "decisions", "observations", "rewards",
-    "terminated", "truncated",
-)  # fmt: skip
-"""Of `sim.batch.state.BatchState`, of which this environment is the only row."""
+ROWS = ("commands", "positions", "orientations", "velocities", "currents", "rays", "terms")
+NUMBERS = ("clearances", "touched", "collisions", "remaining", "outcomes", "start_indices", "gates")
+"""Of `sim.batch.state.BatchState`, of which this environment is the only row: with several numbers, and with one."""
+ARRAYS = (*ROWS, *NUMBERS, "extra", "decisions", "observations", "rewards", "terminated", "truncated")
+"""With what it reads beside them."""
 
 
 class CaveEnv(gymnasium.Env[Observation, Any]):
@@ -157,7 +156,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.decision_seconds = batch.decision_seconds
         self.action_model = ActionModel(action)
         self.action_space, self.observation_space = batch.action_space, batch.observation_space
-        self._arrays = {name: batch.view_of(name) for name in ARRAYS}
+        self._show_arrays()
         self.episode_seed = 0
         """Of the present episode: with the scenario and the options of the task, it says all that is drawn."""
         self._length = self.scenario.guide.length
@@ -176,7 +175,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.episode_seed = int(self.np_random.integers(NUM_SEEDS)) if seed is None else seed % NUM_SEEDS
         conditions = {name: getattr(self.task, name) for name in CONDITIONS}
         self._batch.reset([self.episode_seed], [given.get("start")], conditions)
-        self._arrays = {name: self._batch.view_of(name) for name in ARRAYS}
+        self._show_arrays()
         self._term_keys = [f"reward/{name}" for name in self._batch.term_names]
         raise_failures(self._batch)
         if self._camera is not None:
@@ -189,14 +188,14 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, Info]:
         """Hold an action for one decision."""
         arrays = self._arrays
-        arrays["commands"][0] = self.action_model.command(action)
+        self._rows["commands"][:] = self.action_model.command(action)
         self._batch.step()
         raise_failures(self._batch)
         info = self._info()
         if self._live is not None:
             self._live.show(info, is_first=False)
-        terminated, truncated = bool(arrays["terminated"][0]), bool(arrays["truncated"][0])
-        return row_of(arrays["observations"], 0), float(arrays["rewards"][0]), terminated, truncated, info
+        terminated, truncated = arrays["terminated"].item(), arrays["truncated"].item()
+        return row_of(arrays["observations"], 0), arrays["rewards"].item(), terminated, truncated, info
 
     @property
     def info(self) -> Info:
@@ -265,25 +264,37 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             directions, has_dynamics = original_pattern().directions, self._own_task.randomisation is not None
             self._live = LiveDive(self.scenario, vehicle_mesh(self.vehicle), directions, seconds, has_dynamics)
 
+    def _show_arrays(self) -> None:
+        """Look up the arrays once: their rows where a vehicle has several numbers there, those with one by themselves.
+
+        That saves a quarter of the time that `_info` takes.
+        """
+        self._arrays = {name: self._batch.view_of(name) for name in ARRAYS}
+        self._rows = {name: self._arrays[name][0] for name in ROWS}
+        self._numbers = [self._arrays[name] for name in NUMBERS]
+
     def _info(self) -> Info:
-        arrays = self._arrays
-        is_touched, remaining = bool(arrays["touched"][0]), float(arrays["remaining"][0])
+        rows = self._rows
+        clearance, num_touched, num_collisions, remaining, outcome, start_index, gate = [
+            array.item() for array in self._numbers
+        ]
         info = {
-            "position": arrays["positions"][0].copy(),
-            "orientation": arrays["orientations"][0].copy(),
-            "velocity": arrays["velocities"][0].copy(),
-            "current": arrays["currents"][0].copy(),
-            "rays": arrays["rays"][0].copy(),
-            "clearance": float(arrays["clearances"][0]),
-            "collision": is_touched,
-            "num_collisions": int(arrays["collisions"][0]),
+            "position": rows["positions"].copy(),
+            "orientation": rows["orientations"].copy(),
+            "velocity": rows["velocities"].copy(),
+            "current": rows["currents"].copy(),
+            "rays": rows["rays"].copy(),
+            "clearance": clearance,
+            "collision": num_touched > 0,
+            "num_collisions": num_collisions,
             "progress": self._length - remaining,
             "remaining": remaining,
-            "cost": float(is_touched),
-            "outcome": OUTCOMES[arrays["outcomes"][0]],
-            "start_index": int(arrays["start_indices"][0]),
-            "gate": int(arrays["gates"][0]),
+            "cost": float(num_touched > 0),
+            "outcome": OUTCOMES[outcome],
+            "start_index": start_index,
+            "gate": gate,
         }
-        info.update(zip(self._term_keys, arrays["terms"][0].tolist(), strict=True))
-        info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
+        info.update(zip(self._term_keys, rows["terms"].tolist(), strict=True))
+        if self._own_task.randomisation is not None:
+            info.update({f"dynamics/{name}": float(values[0]) for name, values in self._batch.dynamics.items()})
         return info

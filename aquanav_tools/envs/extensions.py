@@ -85,6 +85,11 @@ class Extensions:
         self._act, self._blur = find_disturbance(options.disturbance)
         self._motion = OwnCode("law of motion", options.motion) if options.motion else None
         self._delay = options.observation_delay
+        self._changes_observations = bool(self._observation or self._sensors or self._blur)
+        self.is_used = self._changes_observations or bool(
+            self._reward or self._termination or self._act or self._motion
+        )
+        """Whether anything is the user's own."""
         if parts is not None and self._changes_observations:
             raise InputError(
                 "A dictionary of parts is observed as it is. Name sensors of your own in it, as module:Name, and leave "
@@ -101,18 +106,9 @@ class Extensions:
         """(N, ...) that stand for those of the same name in the batch."""
 
     @property
-    def is_used(self) -> bool:
-        """Whether anything is the user's own."""
-        return self._changes_observations or bool(self._reward or self._termination or self._act or self._motion)
-
-    @property
     def observation_delay(self) -> int:
         """Decisions by which the vehicles' own arrays are late; where more is observed, all of it is made late here."""
         return 0 if self._changes_observations else self._delay
-
-    @property
-    def _changes_observations(self) -> bool:
-        return bool(self._observation or self._sensors or self._blur)
 
     def law(self, dt: float) -> Callable[..., npt.NDArray[np.float64]] | None:
         """Return how vehicles move in a physics step of a duration, s, as `sim.batch.engine.MotionLaw`."""

@@ -113,7 +113,8 @@ def episode_task(task: TaskOptions, options: dict[str, Any]) -> TaskOptions:
     for name in options:
         if name not in RESET_OPTIONS:
             raise InputError(f"reset has no option '{name}'.{did_you_mean(str(name), RESET_OPTIONS)}")
-    return replace(task, **{name: options[name] for name in CONDITIONS if name in options})
+    changed = {name: options[name] for name in CONDITIONS if name in options}
+    return replace(task, **changed) if changed else task
 
 
 def episode_conditions(options: dict[str, Any], num: int) -> dict[str, Any]:

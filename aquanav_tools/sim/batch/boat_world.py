@@ -35,7 +35,7 @@ from aquanav_tools.sim.batch.boat_state import (
     write_row,
 )
 from aquanav_tools.sim.batch.boat_water import NUM_ROWS, num_blocks, pack_sea, vec8
-from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.runtime import find_device, run_slices, sequence
 from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.randomisation import Randomisation
@@ -139,7 +139,7 @@ class BoatWorld:
         self._begin(everyone)
         for name in ("rewards", "terms", "terminated", "truncated"):
             getattr(self.boats, name).zero_()
-        self._run(self._beginning)
+        run_slices(self._beginning, self._threads)
 
     def randomise_time_limits(self, decisions: npt.NDArray[np.integer]) -> None:
         """Let time run out (N,) decisions earlier in the episodes that have just begun."""
@@ -160,7 +160,7 @@ class BoatWorld:
         self._hold(is_over, begins)
         if begins.any():
             self._begin(begins)
-        self._run(self._decision)
+        run_slices(self._decision, self._threads)
         self._draw_on(~is_over)
         if judge is not None:
             judge()
@@ -169,7 +169,7 @@ class BoatWorld:
             if ended.any():
                 self._hold(is_over, ended)
                 self._begin(ended)
-                self._run(self._beginning)
+                run_slices(self._beginning, self._threads)
 
     def _hold(self, held: npt.NDArray[np.bool_], begun: npt.NDArray[np.bool_]) -> None:
         """Say which boats stay where they are in a step, and which begin an episode."""
@@ -235,7 +235,7 @@ class BoatWorld:
     def as_numpy(self, name: str) -> Any:
         """Return an array of `BoatState` as NumPy's: the same memory on the processor, a copy from a GPU."""
         if name == "clearances":
-            self._run(self._clearing)
+            run_slices(self._clearing, self._threads)
         if name in self._views:
             return self._views[name]
         array = getattr(self.boats, name)
@@ -278,16 +278,11 @@ class BoatWorld:
         if self._threads is not None:
             self._threads.shutdown()
 
-    def _run(self, slices: list[list[Any]]) -> None:
-        """Launch the recorded kernels, each slice of the boats in a thread of its own: Warp lets go of Python."""
-        if self._threads is None:
-            _launch(slices[0])
-        else:
-            list(self._threads.map(_launch, slices))
-
-    def _record(self) -> tuple[list[list[Any]], list[list[Any]], list[list[Any]]]:
+    def _record(self) -> list[list[Callable[[], None]]]:
         """Return the launches of a decision, of a beginning and of clearances; for each slice."""
-        decision, beginning, clearing = [], [], []
+        decision: list[Callable[[], None]] = []
+        beginning: list[Callable[[], None]] = []
+        clearing: list[Callable[[], None]] = []
         boats, around, model, rules = self.boats, self._around, self._model, self._rules
         for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True):
 
@@ -299,10 +294,10 @@ class BoatWorld:
             sense = launch_of(kernels.sense, first, 0, boats, around, model, rules)
             sense_begun = launch_of(kernels.sense, first, 1, boats, around, model, rules)
             score = launch_of(kernels.score, first, boats, around, model, rules)
-            decision.append([begin, move, sense, score])
-            beginning.append([begin, sense_begun])
-            clearing.append([launch_of(kernels.clear, first, boats, around, model)])
-        return decision, beginning, clearing
+            decision.append(sequence([begin, move, sense, score], self.device))
+            beginning.append(sequence([begin, sense_begun], self.device))
+            clearing.append(sequence([launch_of(kernels.clear, first, boats, around, model)], self.device))
+        return [decision, beginning, clearing]
 
 
 class BaySlots:
@@ -352,11 +347,6 @@ def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) 
     state = boat.state_at(berth.position, berth.heading, DENSITY)
     state[2] += water.rise(state[None, :3])[0]
     return state
-
-
-def _launch(commands: list[Any]) -> None:
-    for command in commands:
-        command.launch()
 
 
 def _slices(num: int, num_threads: int | None) -> list[int]:

@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.progress import Measure, make_measure
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import Ends, make_ends
+from aquanav_tools.sim.batch.wall_rays import Wall, make_wall
 from aquanav_tools.sim.batch.water import Water, make_water
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import WaterParts
@@ -79,8 +81,8 @@ class Cave:
     """Clearance."""
     wall: wp.uint64
     """Mesh that hulls meet."""
-    ray_wall: wp.uint64
-    """Mesh that exact rays meet; 0 where they are traced through the grid."""
+    ray_wall: Wall
+    """What exact rays meet; without cells where they are traced through the grid."""
     middle: wp.vec3d
     """Where the meshes' origin is in the world."""
     ends: Ends
@@ -105,7 +107,7 @@ def make_cave(scenario: Scenario, vehicle: Vehicle, task: CaveTask, *, has_exact
     )
     cave.wall = shared_mesh(scenario.collision, middle, device).id
     if has_exact_rays:
-        cave.ray_wall = shared_mesh(scenario.cavity.mesh, middle, device).id
+        cave.ray_wall = shared_wall(scenario.cavity.mesh, scenario.field, middle, device)
     cave.ends = make_ends(scenario.cavity, task.entrance, task.goal, device)
     cave.water = make_water(task.water, scenario.field, cave.grid, limits.dt * limits.substeps, device)
     cave.measure = make_measure(task.progress, scenario, vehicle.capsule, device)
@@ -158,3 +160,11 @@ def shared_mesh(mesh: Mesh, middle: Array, device: Any) -> Any:
         return wp.Mesh(points, wp.array(mesh.faces.ravel().astype(np.int32), dtype=wp.int32, device=device))
 
     return shared(mesh, (device, middle.tolist()), upload)
+
+
+def shared_wall(mesh: Mesh, field: DistanceField, middle: Array, device: Any) -> Wall:
+    """Return a mesh as exact rays meet it, moved so that `middle` is at the origin, in the cells of its field."""
+    # Beside the wall the mesh is kept, so that no other one gets its id.
+    key = (id(mesh), device, middle.tolist())
+    wall: Wall = shared(field, key, lambda: (make_wall(mesh, field, middle, device), mesh))[0]
+    return wall

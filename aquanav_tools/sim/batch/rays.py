@@ -8,6 +8,7 @@ from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.eddies import sloping_room
 from aquanav_tools.sim.batch.field import mat43, on_grid, room_at, traced, traced_four
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.wall_rays import face_normal, meet_wall
 
 wp.set_module_options(OPTIONS)
 
@@ -43,13 +44,12 @@ def cast_ray(cave: Cave, origin: Origin, direction: wp.vec3, length: float):
 
     The normal is zero where rays go through the field; `normal_at` finds it there.
     """
-    distance = length
+    distance = float(length)
     normal = wp.vec3()
-    if cave.ray_wall != wp.uint64(0):
-        hit = wp.mesh_query_ray(cave.ray_wall, origin.centre, direction, length)
-        if hit.result:
-            distance = hit.t
-            normal = hit.normal
+    if cave.ray_wall.starts.shape[0] > 0:
+        met = meet_wall(cave.ray_wall, cave.grid, origin.place, origin.room, origin.centre, direction, length)
+        distance = met.distance
+        normal = face_normal(cave.ray_wall, met)
     else:
         spacing = float(cave.grid.spacing)
         distance = spacing * traced(cave.grid, origin.place, direction, length * (1.0 / spacing), origin.room)
@@ -59,14 +59,16 @@ def cast_ray(cave: Cave, origin: Origin, direction: wp.vec3, length: float):
 @wp.func
 def cast_four(cave: Cave, origin: Origin, directions: mat43, lengths: wp.vec4):
     """Return how far four rays come, each as by `cast_ray`; one of length zero is none."""
-    if cave.ray_wall == wp.uint64(0):
+    if cave.ray_wall.starts.shape[0] == 0:
         spacing = float(cave.grid.spacing)
         return spacing * traced_four(cave.grid, origin.place, directions, lengths * (1.0 / spacing), origin.room)
     come = lengths
     for k in range(4):
         if lengths[k] > 0.0:
-            distance, _ = cast_ray(cave, origin, directions[k], lengths[k])
-            come[k] = distance
+            met = meet_wall(
+                cave.ray_wall, cave.grid, origin.place, origin.room, origin.centre, directions[k], lengths[k]
+            )
+            come[k] = met.distance
     return come
 
 

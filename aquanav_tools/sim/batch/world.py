@@ -19,7 +19,7 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
-from aquanav_tools.sim.batch.runtime import find_device
+from aquanav_tools.sim.batch.runtime import find_device, run_slices, sequence
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.setup import CaveSetup, WorldOptions
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
@@ -217,15 +217,14 @@ class BatchWorld:
         if first.shape != (self.num,) or (first >= num_starts).any():
             raise InputError(f"The starts must be {self.num} numbers from 0 to {num_starts.min() - 1}.")
         for name, values in (conditions or {}).items():
-            array = getattr(self.arrays, CONDITIONS[name])
-            array.assign(np.broadcast_to(values, array.numpy().shape).astype(array.numpy().dtype))
-        self.arrays.seeds.assign(np.asarray(seeds).astype(np.uint32).view(np.int32))
-        self.arrays.wanted_starts.assign(first.astype(np.int32))
-        self.arrays.episodes.zero_()
+            self.write(CONDITIONS[name], values)
+        self.write("seeds", np.asarray(seeds).astype(np.uint32).view(np.int32))
+        self.write("wanted_starts", first)
+        self.write("episodes", 0)
         self._unlisted.reset()
         self._unlisted.draw(self.arrays, first < 0, np.asarray(seeds).astype(np.uint32))
         self._draw_bodies(np.ones(self.num, dtype=np.bool_), np.asarray(seeds).astype(np.uint32))
-        self._run(self._beginning)
+        run_slices(self._beginning, self._threads)
         if self._link is not None:
             self._link.forget_restarted()
         self._sort()
@@ -246,24 +245,24 @@ class BatchWorld:
         """
         if self._next_step:
             self._draw_successors()
-        self._run(self._decision)
+        run_slices(self._decision, self._threads)
         if self._link is not None:
             self._link.forget_restarted()
             while self._link.answer():
-                self._run(self._resumption)
-            self._run(self._outlook)
+                run_slices(self._resumption, self._threads)
+            run_slices(self._outlook, self._threads)
         if judge is not None:
             judge()
         if not self._next_step:
             self._draw_successors()
-            self._run(self._succession)
+            run_slices(self._succession, self._threads)
         self._steps_in_order += 1
         if self._steps_in_order == SORT_EVERY:
             self._sort()
 
     def observe(self) -> None:
         """See from where the vehicles are now, without delay: for vehicles that were put somewhere."""
-        self._run(self._looks)
+        run_slices(self._looks, self._threads)
 
     def _draw_successors(self) -> None:
         """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
@@ -290,9 +289,13 @@ class BatchWorld:
             self._views[name] = getattr(self.arrays, name).numpy()
         return self._views[name]
 
-    def write(self, name: str, values: npt.NDArray[Any]) -> None:
-        """Change an array of `BatchState`."""
-        getattr(self.arrays, name).assign(values)
+    def write(self, name: str, values: Any) -> None:
+        """Change an array of `BatchState`, to values for all vehicles or one for each."""
+        if self.device.is_cpu:
+            self.as_numpy(name)[...] = values  # in a microsecond, where `assign` takes 20
+        else:
+            array, host = getattr(self.arrays, name), self.as_numpy(name)
+            array.assign(np.broadcast_to(values, host.shape).astype(host.dtype))
 
     @property
     def has_moved(self) -> npt.NDArray[np.bool_]:
@@ -323,22 +326,15 @@ class BatchWorld:
         if self._threads is not None:
             self._threads.shutdown()
 
-    def _run(self, slices: list[list[Any]]) -> None:
-        """Launch the recorded kernels, each slice of the vehicles in a thread of its own: Warp lets go of Python."""
-        if self._threads is None:
-            _launch(slices[0])
-        else:
-            list(self._threads.map(_launch, slices))
-
     def _record(self) -> None:
         """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
         bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
-        self._decision: list[list[Any]] = []
-        self._resumption: list[list[Any]] = []
-        self._outlook: list[list[Any]] = []
-        self._succession: list[list[Any]] = []
-        self._beginning: list[list[Any]] = []
-        self._looks: list[list[Any]] = []
+        self._decision: list[Callable[[], None]] = []
+        self._resumption: list[Callable[[], None]] = []
+        self._outlook: list[Callable[[], None]] = []
+        self._succession: list[Callable[[], None]] = []
+        self._beginning: list[Callable[[], None]] = []
+        self._looks: list[Callable[[], None]] = []
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         state, settings = self.arrays, self._settings
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
@@ -351,7 +347,7 @@ class BatchWorld:
                 [self._launch_of(kernels.sense, (num, num_parts), [first, again, num_parts, state, settings])]
                 for again in (0, 1)
             )
-            self._looks.append(list(seen))
+            self._looks.append(sequence(seen[:], self.device))
             if self._delays[1] > 0:
                 seen.append(self._launch_of(kernels.deliver, num, [first, 0, state]))
                 seen_again.append(self._launch_of(kernels.deliver, num, [first, 1, state]))
@@ -360,21 +356,16 @@ class BatchWorld:
                 self._launch_of(kernels.restart, num, [first, is_anew, state, settings]) for is_anew in (0, 1)
             )
             if self._link is None:
-                self._decision.append([move, *seen, score])
+                self._decision.append(sequence([move, *seen, score], self.device))
             else:
-                self._decision.append([move])
-                self._outlook.append([*seen, score])
-            self._resumption.append([resume])
-            self._succession.append([again, *seen_again])
-            self._beginning.append([anew, *seen, score])
+                self._decision.append(sequence([move], self.device))
+                self._outlook.append(sequence([*seen, score], self.device))
+                self._resumption.append(sequence([resume], self.device))
+            self._succession.append(sequence([again, *seen_again], self.device))
+            self._beginning.append(sequence([anew, *seen, score], self.device))
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
         return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
-
-
-def _launch(commands: list[Any]) -> None:
-    for command in commands:
-        command.launch()
 
 
 def _num_slices(num: int, num_threads: int | None) -> int:

@@ -9,7 +9,7 @@ import trimesh
 import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField, field_from_dense
-from aquanav_tools.sim.batch.caves import Cave, shared_mesh
+from aquanav_tools.sim.batch.caves import Cave, shared_wall
 from aquanav_tools.sim.batch.field import make_grid
 from aquanav_tools.sim.batch.runtime import find_device
 from aquanav_tools.sim.batch.sensors.base import SensorBatch
@@ -36,7 +36,8 @@ def room_mesh() -> Mesh:
 
 
 _MESH = room_mesh()
-_GRID = make_grid(room_field(), DEVICE)
+_FIELD = room_field()
+_GRID = make_grid(_FIELD, DEVICE)
 _WIDTHS = {name: 0 for name, field in BatchState.vars.items() if field.type.ndim == 2}  # type: ignore[attr-defined]
 
 
@@ -44,7 +45,8 @@ def room_cave(source: str = "mesh") -> Cave:
     """The room for rays to the "mesh" or through the "field"; its entrance is 1 m above the middle."""
     cave, middle = Cave(), _MESH.vertices.mean(axis=0)
     cave.grid, cave.middle = _GRID, wp.vec3d(*middle)
-    cave.ray_wall = shared_mesh(_MESH, middle, DEVICE).id if source == "mesh" else wp.uint64(0)
+    if source == "mesh":
+        cave.ray_wall = shared_wall(_MESH, _FIELD, middle, DEVICE)
     cave.rules.entrance_height = 1.0
     return cave
 
