@@ -24,7 +24,6 @@ from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import Route, find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH, DrawnCave, draw_cave
-from aquanav_tools.cave.styles.names import style_of
 from aquanav_tools.cave.styles.surface import water_surface
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.cave.water.distance import distance_field
@@ -147,6 +146,11 @@ def _narrowest(route: Route, cavity: Cavity, capsule: Capsule) -> float:
     return 2.0 * float(route.clearance[inside].min() if inside.any() else route.clearance.max())
 
 
+def is_built(style: str, seed: int) -> bool:
+    """Return whether the scenario of a style and a seed lies in the cache."""
+    return (named_folder(generated_name(style, seed)) / SETTINGS_FILE).is_file()
+
+
 def build_generated(style: str, seed: int) -> Path:
     """Build the scenario of a style and a seed into its folder in the cache, unless it lies there; return the folder.
 
@@ -156,8 +160,8 @@ def build_generated(style: str, seed: int) -> Path:
     Raises:
         AquanavError: as in `generate`.
     """
-    folder = named_folder(generated_name(style_of(style, seed), seed))
-    if (folder / SETTINGS_FILE).is_file():
+    folder = named_folder(generated_name(style, seed))
+    if is_built(style, seed):
         mark_used(folder)
         return folder
     work = folder.with_name(folder.name + WORK_SUFFIX)

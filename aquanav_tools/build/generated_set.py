@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.build.generated import build_generated
+from aquanav_tools.build.generated import build_generated, is_built
 from aquanav_tools.errors import AquanavError
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.scenario.shipped import GENERATOR, cache_dir
@@ -106,7 +106,14 @@ def build_set(
     Raises:
         ResourceError: as in `built_by`, or the cluster does not answer.
     """
-    waiting = list(tasks)
+    waiting = []
+    for task in tasks:
+        if is_built(task.style, task.seed):  # without waiting for workers to start
+            yield task, CaveBuilder().build(task)
+        else:
+            waiting.append(task)
+    if not waiting:
+        return
     with ExitStack() as held:
         transport: Transport | None = None
         num_cores = len(os.sched_getaffinity(0))

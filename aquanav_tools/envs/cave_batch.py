@@ -108,6 +108,7 @@ class CaveBatch(ExtendedBatch):
         several = [scenarios] if isinstance(scenarios, str | Path | Scenario) else list(scenarios)
         self.task = options = task_options(task)
         _check_choices(options, rays, contacts, device)
+        _check_replaceable(replaceable, next_step, contacts)
         self.parts: tuple[str, ...] = DIVING
         self._actions = ActionModel(action)
         self.action_space = self._actions.space
@@ -115,15 +116,11 @@ class CaveBatch(ExtendedBatch):
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
-        self._vehicle = vehicle
-        if replaceable and (next_step or contacts != "own"):
-            raise InputError("Caves are replaced in batches with contacts of their own only, and not at the next step.")
+        self._vehicle, self._max_decisions = vehicle, max_decisions
         pairs = [prepared(scenario, vehicle) for scenario in several]
-        self._max_decisions = max_decisions
-        rooms = [self._room(*pair) for pair in pairs]
-        self._rooms = rooms * 2 if replaceable else rooms
+        self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
-        self.decision_seconds = _decision_seconds([room.scenario for room in rooms])
+        self.decision_seconds = _decision_seconds(self.scenarios)
         world_options = WorldOptions(
             observation=own.observation,
             rays="mesh" if rays == "mesh" else "field",
@@ -133,11 +130,10 @@ class CaveBatch(ExtendedBatch):
             next_step=next_step,
             device=device,
             num_threads=num_threads,
-            law=own.law(rooms[0].scenario.settings.limits.dt),
+            law=own.law(pairs[0][0].settings.limits.dt),
         )
-        self.world = BatchWorld(
-            [room.setup for room in self._rooms], self.cave_of, world_options, self._engines(contacts)
-        )
+        setups = [room.setup for room in self._rooms]
+        self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
         self.observation_space = self._prepare_observations(pairs, num_threads)
 
     def _share_out(self, num: int, num_caves: int) -> None:
@@ -316,6 +312,11 @@ def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) 
         raise InputError(f"PyBullet's contacts are solved on the processor, not on {device}. Choose contacts='own'.")
     if options.motion and device != "cpu":
         raise InputError(f"A law of motion of your own is computed on the processor, not on {device}. Leave that out.")
+
+
+def _check_replaceable(replaceable: bool, next_step: bool, contacts: str) -> None:
+    if replaceable and (next_step or contacts != "own"):
+        raise InputError("Caves are replaced in batches with contacts of their own only, and not at the next step.")
 
 
 def _decision_seconds(scenarios: Sequence[Scenario]) -> float:

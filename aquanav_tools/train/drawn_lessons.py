@@ -43,7 +43,8 @@ class LessonCaves:
     """Where a lesson is learned."""
 
     scenarios: list[AnyScenario]
-    """In the order of the environments; drawn ones are the last."""
+    """In the order of the environments; drawn ones are the last. Emptied once the environments hold them, so that caves
+    are let go of whose place others have taken."""
     rotation: CaveRotation | None = None
     """What brings other drawn caves in; None where there are none."""
     final: Sequence[AnyScenario] = ()
@@ -132,11 +133,11 @@ def open_caves(
             def progress(done: int, _total: int) -> None:
                 bar.update(done - bar.n)
 
-            caves = supply.at_once(numbers, progress)
+            caves: list[AnyScenario] = [*fixed, *supply.at_once(numbers, progress)]
         rotation = CaveRotation(supply, numbers, settings)
         num_tried = max(1, run.final_episodes - len(fixed)) if run.final_episodes else 0
         tried: list[Any] = [*fixed, *supply.at_once(drawn.window[:num_tried])]
-        yield LessonCaves([*fixed, *caves], rotation, tried)
+        yield LessonCaves(caves, rotation, tried)
 
 
 def start_sentence(drawn: DrawnCaves) -> str:

@@ -12,6 +12,7 @@ from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.learning_plot import Learning, plot_learning
 from aquanav_tools.report.recording.learning import record_learning
+from aquanav_tools.train.cave_rotation import FLOWN, TAKING, WAITING
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.export import export
 from aquanav_tools.train.journal import TRIAL_TAGS, RunJournal
@@ -43,6 +44,7 @@ def write_artifacts(folder: Path, pipeline: Pipeline, journal: RunJournal) -> No
         facts.insert(
             1, Fact("best in validation", f"{best.collision_free_success:.0%}", f"after {best.steps:,} decisions")
         )
+    facts += _cave_facts(point)
     caves = dict.fromkeys(name for lesson in pipeline.lessons for name in lesson.all_scenarios)
     page = Page(
         title=f"Training in {' and '.join(caves)}",
@@ -54,6 +56,18 @@ def write_artifacts(folder: Path, pipeline: Pipeline, journal: RunJournal) -> No
         footer=f"aquanav {__version__}. Numbers for programs: train.json, curve.csv, validation.csv.",
     )
     write_page(page, folder / REPORT_FILE)
+
+
+def _cave_facts(point: CurvePoint) -> list[Fact]:
+    """Return what drawn caves cost; nothing where there are none."""
+    learner = point.learner
+    if WAITING not in learner:
+        return []
+    about = f"of the last lesson, for drawn caves; {learner[TAKING]:.2%} on taking them in"
+    return [
+        Fact("waiting time", f"{learner[WAITING]:.2%}", about),
+        Fact("caves", f"{learner[FLOWN]:.0f}", "drawn so far"),
+    ]
 
 
 def _export(folder: Path, pipeline: Pipeline) -> tuple[Notice, ...]:

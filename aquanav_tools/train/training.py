@@ -224,6 +224,8 @@ def _learn(
     settings, journal, general = run.pipeline.lessons[number], run.journal, run.pipeline.run
     opened = open_caves(general, settings, scenarios, run.drawn[number], checkpoint, show_progress=run.show_progress)
     with opened as caves, closing(_environments(general, settings, caves)) as envs:
+        if caves.rotation is not None:
+            caves.scenarios.clear()
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
         done = 0 if checkpoint is None else checkpoint.learner["num_timesteps"]
         learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number), done)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import gc
+import weakref
 from typing import Any
 
 import numpy as np
@@ -98,6 +100,20 @@ def test_a_batch_comes_back_to_where_it_was_between_two_caves() -> None:
     assert batch.cave_of.tolist() == [2, 2, 1, 1]  # all begin anew in the caves of now
     batch.close()
     other.close()
+
+
+def test_a_cave_that_was_left_is_let_go_of() -> None:
+    old = old_cave()
+    left = weakref.ref(old)
+    batch = CaveBatch(old, 2, next_step=False, replaceable=True, starts="anywhere", randomisation="wide")
+    batch.reset(range(2))
+    del old
+    batch.replace(0, new_cave())
+    stepped(batch, 12)
+    assert batch.replace(0, new_cave())  # into the row of the one that was left
+    gc.collect()
+    assert left() is None
+    batch.close()
 
 
 def test_what_cannot_be_replaced_is_told() -> None:

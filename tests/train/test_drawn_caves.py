@@ -13,6 +13,7 @@ import pytest
 
 from aquanav_tools.build.generated_set import BuiltCave, CaveTask
 from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.scenario.split import is_test_cave, names_for_tests
@@ -232,3 +233,18 @@ def test_senseless_numbers_of_caves_are_told() -> None:
         RunSettings(cave_workers=300)
     assert steps_between(TrainSettings(scenario=MIXED, num_envs=512, new_cave_every=10)) == 1
     assert np.isclose(steps_between(TrainSettings(scenario=MIXED, num_envs=384)), 100_000 / 384, atol=0.5)
+
+
+@pytest.mark.slow
+def test_a_run_learns_in_real_drawn_caves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setattr(cave_supply, "AHEAD", 1)  # more would be built for nothing
+    pipeline = drawn_lesson(256, scenario="generated/bedding-plane", current="half", new_cave_every=128)
+    train(pipeline, 1, tmp_path / "run")
+    checkpoint = read_checkpoint(tmp_path / "run")
+    assert checkpoint is not None
+    last = checkpoint.journal["curve"]["points"][-1]["learner"]
+    assert last[FLOWN] >= 3.0 and 0.0 <= last[WAITING] <= 1.0
+    built = [folder.name for folder in (tmp_path / "cache" / "generated").iterdir() if (folder / "cave.ply").exists()]
+    assert len(built) >= 3
+    assert not any(is_test_cave("bedding-plane", int(name.split("-")[2])) for name in built)
