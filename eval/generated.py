@@ -256,9 +256,8 @@ def _coverage_together(found: dict[str, Measured], num_styles: int) -> list[str]
     for key, title in PANELS if real else ():
         low, high = np.percentile(np.concatenate([found[one].values[key] for one in drawn]), [1, 99])
         shares = [np.mean((found[one].values[key] >= low) & (found[one].values[key] <= high)) for one in real]
-        lines.append(
-            f"- {title}: {low:.2g} to {high:.2g}; {np.mean(shares):.0%} of real caves' places, {min(shares):.0%} at least."
-        )
+        share = f"{np.mean(shares):.0%} of real caves' places, {min(shares):.0%} at least"
+        lines.append(f"- {title}: {low:.2g} to {high:.2g}; {share}.")
     return lines
 
 
