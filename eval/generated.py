@@ -30,7 +30,21 @@ RESULTS = Path(__file__).parent / "results"
 REAL = {
     "han-sur-lesse": "aquanav-build-cave scan_han_sur_lesse/cave.stl",
     "finnish-cave-1": "aquanav-build-cave scan_finnish_cave1/cave1.stl",
-    "mietusia-wyznia": "aquanav-build-cave survey_tatra_jaskinie/Surveys/Jaskinia_Mietusia_Wyznia",
+    **{
+        name: f"aquanav-build-cave survey_tatra_jaskinie/Surveys/Jaskinia_{folder}.svx"
+        for name, folder in (
+            ("mietusia-wyznia", "Mietusia_Wyznia/mietusia_wyznia"),
+            ("mylna-rura", "Mietusia_Wyznia/mylna_rura"),
+            ("trzy-syfony", "Mietusia_Wyznia/trzy_syfony"),
+            ("perystaltyka", "Mietusia_Wyznia/perystaltyka"),
+            ("obejscie", "Mietusia_Wyznia/obejscie"),
+            ("mietusia-rura", "Mietusia/rura"),
+        )
+    },
+    **{
+        name: "aquanav import-original saferlauv_unity --vehicle bluerov2"
+        for name in ("cave-easy", "cave-easy-1", "cave-easy-2", "cave-easy-3", "cave-eval1")
+    },
 }
 """Scenario folders of real caves and what builds each from the data folder, without its -o."""
 SPACING = 0.5
@@ -231,6 +245,19 @@ def _coverage(found: dict[str, Measured], num_styles: int) -> list[str]:
             inside = np.mean((found[name].values[key] >= low) & (found[name].values[key] <= high))
             shares.append(f"{title} {inside:.0%}")
         lines.append(f"Within the 1 to 99 % range of all styles lie, of {name}: {', '.join(shares)}.")
+    return [*lines, "", *_coverage_together(found, num_styles)]
+
+
+def _coverage_together(found: dict[str, Measured], num_styles: int) -> list[str]:
+    """Return the least share and the mean over all real caves, of each measure."""
+    names = list(found)
+    drawn, real = names[:num_styles], names[num_styles:]
+    lines = []
+    for key, title in PANELS if real else ():
+        low, high = np.percentile(np.concatenate([found[one].values[key] for one in drawn]), [1, 99])
+        shares = [np.mean((found[one].values[key] >= low) & (found[one].values[key] <= high)) for one in real]
+        share = f"{np.mean(shares):.0%} of real caves' places, {min(shares):.0%} at least"
+        lines.append(f"- {title}: {low:.2g} to {high:.2g}; {share}.")
     return lines
 
 
@@ -248,7 +275,9 @@ def main() -> None:
     for name, command in REAL.items():
         folder = None if given.real is None else given.real / name
         if folder is None or not folder.is_dir():
-            left_out[name] = f"there is no scenario of it; build it with `{command} -o FOLDER/{name}` and give --real."
+            left_out[name] = (
+                f"there is no scenario of it; build it with `{command}`, -o FOLDER/{name}, and give --real."
+            )
             continue
         try:
             found[name] = measure([read_scenario(folder)])

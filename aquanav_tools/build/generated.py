@@ -51,11 +51,13 @@ VEHICLE = "bluerov2"
 MERGED_VOXELS = 0.1
 """Triangles are merged where that moves the wall by no more than this, voxels."""
 SPACING_RADII, SPACING_VOXELS = 0.5, 0.75
-"""The distance field's spacing: the larger of these shares of the vehicle's radius and of the voxel."""
+"""The distance field's spacing: the larger of these shares of the vehicle's radius and of the voxel. Rays that are
+traced through it err by 1 to 5 mm in the median and by 19 to 70 mm at 99 % (six caves, against Embree)."""
 MAX_NODES = 80_000
 """Places in the water among which ways are sought; more water is searched on every second sample."""
 FLOW_CELLS = 12_000
-"""The flow has about this many cells."""
+"""The flow has about this many cells: velocities on the way are within 1 % (a bedding plane: 6 %) of those with
+100,000, and 90 to 96 % of the flow passes cross-sections of the passage, where those have 97 to 99 %."""
 NUM_STARTS = 20
 MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
@@ -118,7 +120,8 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     surface = Surface(cavity.mesh)
     guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius, surface)
     rng = np.random.default_rng(drawn.noise_seed)
-    starts = draw_starts(cavity, field, guide, capsule, StartOptions(count=NUM_STARTS, last_share=1.0), rng, surface, graph)
+    options = StartOptions(count=NUM_STARTS, last_share=1.0)
+    starts = draw_starts(cavity, field, guide, capsule, options, rng, surface, graph)
     settings = ScenarioSettings(
         name=f"{drawn.style}-{drawn.seed}",
         built=BuiltBy(__version__, "synthetic"),

@@ -76,9 +76,7 @@ def _frame(axis: Array, length: float) -> Array:
 class CapsuleChecker:
     """Tells exactly how far a capsule is from the walls, and on which side of them."""
 
-    def __init__(
-        self, cavity: Cavity, field: DistanceField, capsule: Capsule, surface: Surface | None = None
-    ) -> None:
+    def __init__(self, cavity: Cavity, field: DistanceField, capsule: Capsule, surface: Surface | None = None) -> None:
         """Take a cavity, its field and a capsule; the surface of the cavity's mesh too, where it is at hand."""
         self._surface = surface or Surface(cavity.mesh)
         self._capsule = capsule

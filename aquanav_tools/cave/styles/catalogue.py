@@ -40,7 +40,7 @@ STYLES: dict[str, Style] = {
     "vadose-canyon": Style(natural.vadose_canyon, (1.6, 8.0)),
     "bedding-plane": Style(natural.bedding_plane, (1.5, 7.0), (20.0, 120.0)),
     "breakdown-chamber": Style(rooms.breakdown_chamber, (1.5, 10.0)),
-    "shaft-ramp": Style(natural.shaft_ramp, (1.7, 12.0)),
+    "shaft-ramp": Style(natural.shaft_ramp, (2.2, 12.0)),
     "maze": Style(rooms.maze, (1.8, 7.0), (20.0, 120.0)),
     "sump-series": Style(natural.sump_series, (1.5, 10.0)),
     "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),
