@@ -71,6 +71,7 @@ truth = functools.cache(alone)
 def test_worlds_in_one_client_move_as_in_clients_of_their_own_bit_for_bit(
     tube: Scenario, num: int, rng: np.random.Generator
 ) -> None:
+    gc.collect()  # what other tests have left open would go from the count any time
     shared, before = rough(tube), len(_arenas)
     dives = [RandomDive(shared, seed) for seed in range(num)]
     assert len(_arenas) == before + 1

@@ -97,20 +97,14 @@ def room_at(grid: Grid, place: wp.vec3):
 
 
 @wp.func
-def cell_at(grid: Grid, place: wp.vec3):
-    """Return the number of the cell that a place, in spacings, is in; outside the grid, the nearest."""
+def surely_at(grid: Grid, place: wp.vec3):
+    """Return what the clearance at a place is at least, both in spacings, from much less memory."""
     i = int(wp.clamp(place[0], 0.0, grid.last[0]))
     j = int(wp.clamp(place[1], 0.0, grid.last[1]))
     k = int(wp.clamp(place[2], 0.0, grid.last[2]))
     brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
     x, y, z = (i & MASK) >> CELL_BITS, (j & MASK) >> CELL_BITS, (k & MASK) >> CELL_BITS
-    return 8 * brick + 4 * x + 2 * y + z
-
-
-@wp.func
-def surely_at(grid: Grid, place: wp.vec3):
-    """Return what the clearance at a place is at least, both in spacings, from much less memory."""
-    return grid.least[cell_at(grid, place)]
+    return grid.least[8 * brick + 4 * x + 2 * y + z]
 
 
 @wp.func

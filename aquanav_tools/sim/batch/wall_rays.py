@@ -15,8 +15,8 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.water.cell_triangles import triangles_in_cells
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.sim.batch.field import CELL, Grid, cell_at
+from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField
+from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.types import Array, Mesh
 
@@ -34,6 +34,11 @@ MARGIN = 0.02
 """Spacings by which cells are taken larger, so that neither rounding nor the next leaves out a wall between two."""
 CROSSING = wp.constant(1e-3)
 """Spacings that a ray goes on beyond a cell's end, into the next one."""
+BITS = wp.constant(BRICK_BITS)
+MASK = wp.constant(BRICK - 1)
+CELL_BITS = wp.constant(2)
+CELL = 1 << int(CELL_BITS)
+"""Spacings along a cell's edge, 8 cells to a brick; cells of 2 hold twice as many triangles and take longer."""
 CELL_EDGE = wp.constant(float(CELL))
 
 
@@ -44,6 +49,8 @@ class Wall:
     starts: wp.array(dtype=wp.int32)
     """(C + 1,) first pack of each cell of the field."""
     packs: wp.array(dtype=Pack)
+    free: wp.array(dtype=wp.float32)
+    """(C,) spacings from anywhere in a cell in which no wall can be; negative where its triangles are tried."""
 
 
 def make_wall(mesh: Mesh, field: DistanceField, middle: Array, device: Any) -> Wall:
@@ -68,7 +75,27 @@ def make_wall(mesh: Mesh, field: DistanceField, middle: Array, device: Any) -> W
     wall = Wall()
     wall.starts = wp.array(starts.astype(np.int32), dtype=wp.int32, device=device)
     wall.packs = wp.array(packs, dtype=Pack, device=device)
+    free = least_in_cells(field) / field.spacing - float(SLACK)
+    wall.free = wp.array(free.ravel().astype(np.float32), dtype=wp.float32, device=device)
     return wall
+
+
+def least_in_cells(field: DistanceField) -> Array:
+    """Return the (B, 8) least clearance in the cells of a field's bricks, m; interpolation cannot go below it."""
+    halves = (slice(0, CELL + 1), slice(CELL, None))
+    parts = [field.samples[:, x, y, z].min(axis=(1, 2, 3)) for x in halves for y in halves for z in halves]
+    return np.stack(parts, axis=1)
+
+
+@wp.func
+def cell_at(grid: Grid, place: wp.vec3):
+    """Return the number of the cell that a place, in spacings, is in; outside the grid, the nearest."""
+    i = int(wp.clamp(place[0], 0.0, grid.last[0]))
+    j = int(wp.clamp(place[1], 0.0, grid.last[1]))
+    k = int(wp.clamp(place[2], 0.0, grid.last[2]))
+    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
+    x, y, z = (i & MASK) >> CELL_BITS, (j & MASK) >> CELL_BITS, (k & MASK) >> CELL_BITS
+    return 8 * brick + 4 * x + 2 * y + z
 
 
 @wp.struct
@@ -191,7 +218,7 @@ def meet_wall(wall: Wall, grid: Grid, start: wp.vec3, room: float, centre: wp.ve
     while along < end:
         place = start + along * direction
         cell = cell_at(grid, place)
-        step = grid.least[cell] - SLACK
+        step = float(wall.free[cell])
         if step < 0.0:
             for pack in range(wall.starts[cell], wall.starts[cell + 1]):
                 nearest = nearest_in_pack(wall.packs, pack, centre, aim.axis, aim.shear, met.distance)
