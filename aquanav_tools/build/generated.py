@@ -113,7 +113,8 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     cavity = made_up_cavity(water_surface(drawn.plan, drawn.voxel, drawn.noise_seed), MERGED_VOXELS * drawn.voxel)
     field = distance_field(cavity, max(SPACING_RADII * capsule.radius, SPACING_VOXELS * drawn.voxel))
     graph = WaterGraph(field, capsule.radius, MAX_NODES)
-    route = find_route(cavity, field, capsule.radius, *(portal.centre for portal in cavity.portals), graph)
+    entrance, goal = (portal.centre for portal in cavity.portals)
+    route = find_route(cavity, field, capsule.radius, entrance, goal, graph)
     width = _narrowest(route, cavity, capsule)
     if not MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
         raise MeshError(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
