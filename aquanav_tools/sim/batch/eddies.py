@@ -15,7 +15,8 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
+from aquanav_tools.sim.batch.blocks import cell_of, corner
+from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.types import Array
 
@@ -94,13 +95,11 @@ def sloping_room(grid: Grid, position: wp.vec3d):
     i, j, k = int(x), int(y), int(z)
     fx, fy, fz = x - f64(i), y - f64(j), z - f64(k)
     one = f64(1.0)
-    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
-    m = n + PLANE
-    a, b = f64(grid.samples[n]), f64(grid.samples[n + 1])
-    c, d = f64(grid.samples[n + ROW]), f64(grid.samples[n + ROW + 1])
-    e, f = f64(grid.samples[m]), f64(grid.samples[m + 1])
-    g, h = f64(grid.samples[m + ROW]), f64(grid.samples[m + ROW + 1])
+    number = cell_of(grid.bricks, grid.samples, grid.num_y, grid.num_z, i, j, k)
+    a, b = f64(corner(grid.samples, number, 0, 0, 0)), f64(corner(grid.samples, number, 0, 0, 1))
+    c, d = f64(corner(grid.samples, number, 0, 1, 0)), f64(corner(grid.samples, number, 0, 1, 1))
+    e, f = f64(corner(grid.samples, number, 1, 0, 0)), f64(corner(grid.samples, number, 1, 0, 1))
+    g, h = f64(corner(grid.samples, number, 1, 1, 0)), f64(corner(grid.samples, number, 1, 1, 1))
     ab, cd, ef, gh = a + (b - a) * fz, c + (d - c) * fz, e + (f - e) * fz, g + (h - g) * fz
     low, high = ab + (cd - ab) * fy, ef + (gh - ef) * fy
     along_y = (cd - ab) * (one - fx) + (gh - ef) * fx

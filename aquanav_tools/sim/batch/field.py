@@ -7,28 +7,21 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.water import field as water_field
+from aquanav_tools.sim.batch.blocks import cell_of, interpolated, pack
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
 
-
 f64 = wp.float64
 mat43 = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
-BITS = wp.constant(water_field.BRICK_BITS)
-MASK = wp.constant(water_field.BRICK - 1)
-ROW = wp.constant(water_field.APRON)
-PLANE = wp.constant(water_field.APRON**2)
-VOLUME = wp.constant(water_field.APRON**3)
-CELL_BITS = wp.constant(2)
-"""A cell is 4 spacings wide, 8 of them to a brick: a fine one would not fit into a processor's nearest memory."""
-CELL = 1 << int(CELL_BITS)
-OPEN = wp.constant(2.0)
-"""Clearance of a whole cell, spacings, above which a ray crosses it without reading samples; 1 to 4 are as fast."""
+TURNS = 28
+"""Rays that take their steps in turns: all of a preset's fan. 14 take 15 % longer where the field is not in a cache."""
+vec_turns = wp.types.vector(length=TURNS, dtype=wp.float32)
+ivec_turns = wp.types.vector(length=TURNS, dtype=wp.int32)
+mat_turns = wp.types.matrix(shape=(TURNS, 3), dtype=wp.float32)
 MIN_STEP = wp.constant(1.0)
 """Least step of a ray along the wall, spacings. Half of it takes a tenth more samples and errs by a tenth less."""
 
@@ -46,30 +39,35 @@ class Grid:
     num_z: wp.int32
     bricks: wp.array(dtype=wp.int32)
     """Number of each brick."""
-    samples: wp.array(dtype=wp.float32)
-    """Clearance, spacings."""
-    least: wp.array(dtype=wp.float32)
-    """Least clearance in each of a brick's cells, spacings."""
+    samples: wp.array(dtype=wp.int16)
+    """Clearance, spacings, in blocks."""
+
+
+@wp.struct
+class Cell:
+    """A place in the grid."""
+
+    number: wp.int32
+    """Of its cell's first sample."""
+    x: wp.float32
+    """Share of the cell's edge that lies behind it; so the other two."""
+    y: wp.float32
+    z: wp.float32
 
 
 def make_grid(field: water_field.DistanceField, device: Any) -> Grid:
-    """Return a field on a device."""
+    """Return a field on a device.
+
+    Raises:
+        ResourceError: it has too many bricks.
+    """
     grid = Grid()
     grid.origin, grid.spacing = wp.vec3d(*field.origin), field.spacing
     grid.last = wp.vec3(*(count - 0.001 for count in field.shape))
     _, grid.num_y, grid.num_z = field.bricks.shape
     grid.bricks = wp.array(field.bricks.ravel(), dtype=wp.int32, device=device)
-    samples = (field.samples / field.spacing).astype(np.float32)
-    grid.samples = wp.array(samples.ravel(), dtype=wp.float32, device=device)
-    grid.least = wp.array(_least_in_cells(samples).ravel(), dtype=wp.float32, device=device)
+    grid.samples = pack(field.samples, field.spacing, device)
     return grid
-
-
-def _least_in_cells(samples: Array) -> Array:
-    """Return (B, 2, 2, 2) least values in the cells of (B, 9, 9, 9) bricks; interpolation cannot go below them."""
-    halves = (slice(0, CELL + 1), slice(CELL, None))
-    parts = [samples[:, x, y, z].min(axis=(1, 2, 3)) for x in halves for y in halves for z in halves]
-    return np.stack(parts, axis=1)
 
 
 @wp.func
@@ -79,32 +77,30 @@ def on_grid(grid: Grid, position: wp.vec3d):
 
 
 @wp.func
-def room_at(grid: Grid, place: wp.vec3):
-    """Return the clearance at a place, both in spacings; outside the grid, that of the nearest border."""
+def found(grid: Grid, place: wp.vec3):
+    """Return the cell of a place in spacings, the nearest one outside the grid; the processor begins to fetch it."""
     x = wp.clamp(place[0], 0.0, grid.last[0])
     y = wp.clamp(place[1], 0.0, grid.last[1])
     z = wp.clamp(place[2], 0.0, grid.last[2])
     i, j, k = int(x), int(y), int(z)
-    fx, fy, fz = x - float(i), y - float(j), z - float(k)
-    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    n = brick * VOLUME + (i & MASK) * PLANE + (j & MASK) * ROW + (k & MASK)
-    a = wp.lerp(grid.samples[n], grid.samples[n + 1], fz)
-    b = wp.lerp(grid.samples[n + ROW], grid.samples[n + ROW + 1], fz)
-    n += PLANE
-    c = wp.lerp(grid.samples[n], grid.samples[n + 1], fz)
-    d = wp.lerp(grid.samples[n + ROW], grid.samples[n + ROW + 1], fz)
-    return wp.lerp(wp.lerp(a, b, fy), wp.lerp(c, d, fy), fx)
+    cell = Cell()
+    cell.number = cell_of(grid.bricks, grid.samples, grid.num_y, grid.num_z, i, j, k)
+    cell.x = x - float(i)
+    cell.y = y - float(j)
+    cell.z = z - float(k)
+    return cell
 
 
 @wp.func
-def surely_at(grid: Grid, place: wp.vec3):
-    """Return what the clearance at a place is at least, both in spacings, from much less memory."""
-    i = int(wp.clamp(place[0], 0.0, grid.last[0]))
-    j = int(wp.clamp(place[1], 0.0, grid.last[1]))
-    k = int(wp.clamp(place[2], 0.0, grid.last[2]))
-    brick = grid.bricks[((i >> BITS) * grid.num_y + (j >> BITS)) * grid.num_z + (k >> BITS)]
-    x, y, z = (i & MASK) >> CELL_BITS, (j & MASK) >> CELL_BITS, (k & MASK) >> CELL_BITS
-    return grid.least[8 * brick + 4 * x + 2 * y + z]
+def room_in(grid: Grid, cell: Cell):
+    """Return the clearance in a cell, spacings."""
+    return interpolated(grid.samples, cell.number, cell.x, cell.y, cell.z)
+
+
+@wp.func
+def room_at(grid: Grid, place: wp.vec3):
+    """Return the clearance at a place, both in spacings; outside the grid, that of the nearest border."""
+    return room_in(grid, found(grid, place))
 
 
 @wp.func
@@ -113,88 +109,79 @@ def clearance_at(grid: Grid, position: wp.vec3d):
     return f64(room_at(grid, on_grid(grid, position))) * grid.spacing
 
 
-@wp.struct
-class Ray:
-    """A ray on its way through the field; all in spacings."""
-
-    direction: wp.vec3
-    """Unit vector."""
-    length: wp.float32
-    along: wp.float32
-    """How far it has come; its length or more when it has ended."""
-    step: wp.float32
-    """By which it came there."""
-    before: wp.float32
-    """Clearance where that step began."""
-    distance: wp.float32
-    """To the wall that it has met, or its length."""
-
-
 @wp.func
-def sent(direction: wp.vec3, length: float, room: float):
-    """Return a ray that leaves a place of clearance `room`, after its first step."""
-    ray = Ray()
-    ray.direction = direction
-    ray.length = length
-    ray.distance = length
-    ray.before = room
-    ray.step = wp.max(room, MIN_STEP)
-    ray.along = ray.step
-    return ray
+def crossing(along: float, step: float, before: float, ahead: float):
+    """Return where a ray met the wall that came `along` by a step which ended in the wall.
 
-
-@wp.func
-def followed(grid: Grid, start: wp.vec3, ray: Ray):
-    """Return a ray from `start` one step later: as far as no wall can be met.
-
-    A step that ended in the wall is shortened to where a straight line between the clearances at its two ends crosses
-    zero, and the ray ends there.
+    It is where a straight line between the clearances at the step's two ends, `before` and `ahead`, crosses zero.
     """
-    after = ray
-    place = start + ray.along * ray.direction
-    ahead = surely_at(grid, place)
-    if ahead < OPEN:
-        ahead = room_at(grid, place)
-    if ahead <= 0.0:
-        after.distance = ray.along + ray.step * ahead / (ray.before - ahead)
-        after.along = ray.length
-    else:
-        after.before = ahead
-        after.step = wp.max(ahead, MIN_STEP)
-        after.along = ray.along + after.step
-    return after
+    return along + step * ahead / (before - ahead)
 
 
 @wp.func
 def traced(grid: Grid, start: wp.vec3, direction: wp.vec3, length: float, room: float):
-    """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start."""
-    ray = sent(direction, length, room)
-    while ray.along < length:
-        ray = followed(grid, start, ray)
-    return wp.clamp(ray.distance, 0.0, length)
+    """Return how far a ray comes, at most `length`; all in spacings, `room` is the clearance at its start.
+
+    Each step goes as far as no wall can be met.
+    """
+    distance, before, step = float(length), float(room), wp.max(room, MIN_STEP)
+    along = float(step)
+    while along < length:
+        ahead = room_at(grid, start + along * direction)
+        if ahead <= 0.0:
+            distance = crossing(along, step, before, ahead)
+            along = length
+        else:
+            before = ahead
+            step = wp.max(ahead, MIN_STEP)
+            along += step
+    return wp.clamp(distance, 0.0, length)
 
 
 @wp.func
-def traced_four(grid: Grid, start: wp.vec3, directions: mat43, lengths: wp.vec4, room: float):
-    """Return how far four rays come, each as by `traced`.
+def traced_in_turns(grid: Grid, start: wp.vec3, directions: mat_turns, lengths: vec_turns, room: float):
+    """Return how far many rays come, each as by `traced`; one of length zero is none.
 
-    They take their steps in turns: the processor computes one while others wait for memory. It saves a
-    quarter of the time or more; seven at once are as fast in one cave, and a tenth faster in 256.
+    They take their steps in turns: while the block of a ray's next place is fetched, the others are computed.
     """
-    a, b = sent(directions[0], lengths[0], room), sent(directions[1], lengths[1], room)
-    c, d = sent(directions[2], lengths[2], room), sent(directions[3], lengths[3], room)
-    while a.along < a.length or b.along < b.length or c.along < c.length or d.along < d.length:
-        if a.along < a.length:
-            a = followed(grid, start, a)
-        if b.along < b.length:
-            b = followed(grid, start, b)
-        if c.along < c.length:
-            c = followed(grid, start, c)
-        if d.along < d.length:
-            d = followed(grid, start, d)
-    return wp.vec4(
-        wp.clamp(a.distance, 0.0, a.length),
-        wp.clamp(b.distance, 0.0, b.length),
-        wp.clamp(c.distance, 0.0, c.length),
-        wp.clamp(d.distance, 0.0, d.length),
-    )
+    distances = lengths
+    along, step, before = vec_turns(), vec_turns(), vec_turns()
+    numbers, x, y, z = ivec_turns(), vec_turns(), vec_turns(), vec_turns()
+    going, num_going, first = ivec_turns(), int(0), wp.max(room, MIN_STEP)
+    for ray in range(TURNS):
+        if first < lengths[ray]:
+            cell = found(grid, start + first * directions[ray])
+            numbers[ray] = cell.number
+            x[ray] = cell.x
+            y[ray] = cell.y
+            z[ray] = cell.z
+            along[ray] = first
+            step[ray] = first
+            before[ray] = room
+            going[num_going] = ray
+            num_going += 1
+    while num_going > 0:
+        num_left = int(0)
+        for place in range(num_going):
+            ray = going[place]
+            ahead = interpolated(grid.samples, numbers[ray], x[ray], y[ray], z[ray])
+            come = along[ray]
+            if ahead <= 0.0:
+                met = crossing(come, step[ray], before[ray], ahead)
+                distances[ray] = wp.clamp(met, 0.0, lengths[ray])
+            else:
+                stride = wp.max(ahead, MIN_STEP)
+                come += stride
+                if come < lengths[ray]:
+                    cell = found(grid, start + come * directions[ray])
+                    numbers[ray] = cell.number
+                    x[ray] = cell.x
+                    y[ray] = cell.y
+                    z[ray] = cell.z
+                    along[ray] = come
+                    step[ray] = stride
+                    before[ray] = ahead
+                    going[num_left] = ray
+                    num_left += 1
+        num_going = num_left
+    return distances

@@ -12,14 +12,14 @@ from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
-from aquanav_tools.sim.batch.field import mat43, on_grid, room_at, surely_at
+from aquanav_tools.sim.batch.field import TURNS, found, mat_turns, on_grid, room_at, room_in, vec_turns
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
 from aquanav_tools.sim.batch.observation import FULL, ORIGINAL, Fan, show_goal, show_motion
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.progress import to_go
-from aquanav_tools.sim.batch.rays import Origin, cast_four, origin_of
+from aquanav_tools.sim.batch.rays import Origin, cast_in_turns, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.spheres import NOTHING, cast, tag_at
 from aquanav_tools.sim.batch.state import MOVED, NO_QUESTION, TOUCHED, UNMOVED, BatchState, ContactExchange
@@ -93,7 +93,7 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
         moving = answered(i, moving, exchange, craft, cave)
         exchange.status[i] = NO_QUESTION
     else:
-        room = f64(surely_at(grid, on_grid(grid, moving.position))) * grid.spacing - hull.half_axis - hull.reach
+        room = f64(room_at(grid, on_grid(grid, moving.position))) * grid.spacing - hull.half_axis - hull.reach
     current = state.currents[i]
     asked = wp.vec3d(f64(state.acting[i, 0]), f64(state.acting[i, 1]), f64(state.acting[i, 2]))
     is_over = bool(True)
@@ -191,16 +191,15 @@ def advance(
 
 
 @wp.func
-def cast_rays(first: int, origin: Origin, rotation: wp.mat33d, cave: Cave, fan: Fan):
-    """Return how far the ray `first` of a fan and the three after it come, m."""
-    turn, directions, lengths = wp.mat33(rotation), mat43(), wp.vec4()
-    for k in range(4):
-        if first + k < fan.lengths.shape[0]:
-            direction = turn * fan.directions[first + k]
-            for axis in range(3):
-                directions[k, axis] = direction[axis]
-            lengths[k] = fan.lengths[first + k]
-    return cast_four(cave, origin, directions, lengths)
+def cast_rays(first: int, last: int, origin: Origin, rotation: wp.mat33d, cave: Cave, fan: Fan):
+    """Return how far the rays of a fan from `first` to before `last` come, m."""
+    turn, directions, lengths = wp.mat33(rotation), mat_turns(), vec_turns()
+    for k in range(last - first):
+        direction = turn * fan.directions[first + k]
+        for axis in range(3):
+            directions[k, axis] = direction[axis]
+        lengths[k] = fan.lengths[first + k]
+    return cast_in_turns(cave, origin, directions, lengths)
 
 
 @wp.func
@@ -247,14 +246,17 @@ def sense(
         return
     cave = settings.caves[state.cave_of[i]]
     origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
-    num_rays = settings.fan.lengths.shape[0]
-    for first_ray in range(4 * part, num_rays, 4 * num_parts):
-        come = wp.vec4()
+    grid, place, num_rays = cave.grid, origin.place, settings.fan.lengths.shape[0]
+    half = settings.crafts[state.craft_of[i]].hull.half_axis / grid.spacing
+    nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
+    ahead, behind = found(grid, place + nose), found(grid, place - nose)
+    end = (part + 1) * num_rays // num_parts
+    for first_ray in range(part * num_rays // num_parts, end, TURNS):
+        last_ray, come = wp.min(first_ray + TURNS, end), vec_turns()
         if settings.observation != ORIGINAL:
-            come = cast_rays(first_ray, origin, rotation, cave, settings.fan)
-        for k in range(4):
-            if first_ray + k < num_rays:
-                show_ray(i, first_ray + k, come[k], origin, state, cave, settings)
+            come = cast_rays(first_ray, last_ray, origin, rotation, cave, settings.fan)
+        for ray in range(first_ray, last_ray):
+            show_ray(i, ray, come[ray - first_ray], origin, state, cave, settings)
     if part == 0:
         craft = settings.crafts[state.craft_of[i]]
         if settings.observation == ORIGINAL:
@@ -271,11 +273,8 @@ def sense(
             show_goal(i, num_rays, state, cave.rules.goal, rotation)
             if settings.observation == FULL:
                 show_motion(i, num_rays + 3, state, craft, cave.rules.entrance_height, rotation)
-        half = craft.hull.half_axis / cave.grid.spacing
-        nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
-        place = origin.place
-        nearest = wp.min(origin.room, wp.min(room_at(cave.grid, place + nose), room_at(cave.grid, place - nose)))
-        state.clearances[i] = float(cave.grid.spacing) * nearest - float(craft.hull.radius)
+        nearest = wp.min(origin.room, wp.min(room_in(grid, ahead), room_in(grid, behind)))
+        state.clearances[i] = float(grid.spacing) * nearest - float(craft.hull.radius)
 
 
 @wp.kernel

@@ -6,7 +6,7 @@ import warp as wp
 
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.eddies import sloping_room
-from aquanav_tools.sim.batch.field import mat43, on_grid, room_at, traced, traced_four
+from aquanav_tools.sim.batch.field import TURNS, mat_turns, on_grid, room_at, traced, traced_in_turns, vec_turns
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.wall_rays import face_normal, meet_wall
 
@@ -57,13 +57,14 @@ def cast_ray(cave: Cave, origin: Origin, direction: wp.vec3, length: float):
 
 
 @wp.func
-def cast_four(cave: Cave, origin: Origin, directions: mat43, lengths: wp.vec4):
-    """Return how far four rays come, each as by `cast_ray`; one of length zero is none."""
+def cast_in_turns(cave: Cave, origin: Origin, directions: mat_turns, lengths: vec_turns):
+    """Return how far many rays come, each as by `cast_ray`; one of length zero is none."""
     if cave.ray_wall.starts.shape[0] == 0:
         spacing = float(cave.grid.spacing)
-        return spacing * traced_four(cave.grid, origin.place, directions, lengths * (1.0 / spacing), origin.room)
+        inverse = 1.0 / spacing
+        return spacing * traced_in_turns(cave.grid, origin.place, directions, lengths * inverse, origin.room)
     come = lengths
-    for k in range(4):
+    for k in range(TURNS):
         if lengths[k] > 0.0:
             met = meet_wall(
                 cave.ray_wall, cave.grid, origin.place, origin.room, origin.centre, directions[k], lengths[k]

@@ -16,7 +16,7 @@ from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow as CaveFlow
 from aquanav_tools.sim import waves
 from aquanav_tools.sim.batch.eddies import draw_waves, eddies_at
-from aquanav_tools.sim.batch.field import BITS, MASK, PLANE, ROW, VOLUME, Grid
+from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.random import EDDIES, SHARE, SWELL, normal_pair, share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.state import BatchState
@@ -28,6 +28,11 @@ wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
 ROCK = wp.constant(water_field.ROCK)
+BITS = wp.constant(water_field.BRICK_BITS)
+MASK = wp.constant(water_field.BRICK - 1)
+ROW = wp.constant(water_field.APRON)
+PLANE = wp.constant(water_field.APRON**2)
+VOLUME = wp.constant(water_field.APRON**3)
 SHORTEST, LONGEST = 0.5, 60.0
 """Bounds on the correlation times of eddies, s."""
 DEEP = wp.constant(wp.float64(waves.DEEP))
