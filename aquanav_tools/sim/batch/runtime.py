@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
@@ -50,3 +52,14 @@ def find_device(name: str) -> Any:
             f"There is no device '{name}' for the batched simulation; at hand are: {known}. "
             "For a GPU, is its driver installed, and new enough for this build of warp-lang?"
         ) from cause
+
+
+def put_rows(array: Any, rows: npt.NDArray[np.integer], values: Any) -> None:
+    """Write values into (n,) rows of an array on a device; rows that are wider keep what is beyond."""
+    host = array.numpy()
+    if host.ndim == 2:
+        host[rows, : values.shape[1]] = values
+    else:
+        host[rows] = values
+    if not array.device.is_cpu:  # where NumPy's array is not the same memory
+        array.assign(host)
