@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.actuators import Controls, make_controls
-from aquanav_tools.sim.batch.contact import Hull
+from aquanav_tools.sim.batch.contact import FIELD_ERROR, Hull
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -53,9 +52,8 @@ def make_craft(scenario: Scenario, vehicle: Vehicle, margin: float, device: Any)
 def _make_hull(scenario: Scenario, vehicle: Vehicle, margin: float) -> Hull:
     hull, capsule, mass = Hull(), vehicle.capsule, vehicle.total_mass
     hull.half_axis, hull.radius = 0.5 * capsule.axis_length, capsule.radius
-    # A distance changes no faster than the position, and the mean distance to a cell's eight corners, weighted as the
-    # interpolation does, is at most sqrt(3) / 2 spacings; the axis is sampled at its ends and its middle.
-    field_error = 0.5 * np.sqrt(3.0) * scenario.field.spacing
+    # A distance changes no faster than the position; the axis is sampled at its ends and its middle.
+    field_error = FIELD_ERROR.value * scenario.field.spacing
     hull.margin, hull.friction = margin, FRICTION
     hull.reach = capsule.radius + margin + scenario.settings.collision_error + field_error + 0.25 * capsule.axis_length
     hull.mass, hull.inertia, hull.masses = mass[:3].mean(), mass[3:].mean(), vec6(*mass)
