@@ -188,17 +188,17 @@ def nearest_rise(end: wp.vec3, centre: wp.vec3, contacts: Contacts, first: int, 
     found.face = -1
     points, indices = wp.mesh_get(mesh).points, wp.mesh_get(mesh).indices
     span = wp.vec3(reach, reach, reach)
+    normal = wp.vec3(row(contacts.normals, first))
+    plane = wp.dot(centre + wp.vec3(row(contacts.arms, first)), normal) + float(hull.margin)
     near = wp.mesh_query_aabb(mesh, end - span, end + span)
     while wp.mesh_query_aabb_next(near, face):
         a, b, c = points[indices[3 * face]], points[indices[3 * face + 1]], points[indices[3 * face + 2]]
-        if wp.dot(end - a, wp.cross(b - a, c - a)) >= 0.0:
-            continue  # seen from behind
-        if not (
-            rises(a - centre, contacts, first, hull)
-            or rises(b - centre, contacts, first, hull)
-            or rises(c - centre, contacts, first, hull)
-        ):
+        if wp.max(wp.dot(a, normal), wp.max(wp.dot(b, normal), wp.dot(c, normal))) <= plane:
             continue
+        side = wp.cross(b - a, c - a)
+        height = wp.dot(a - end, side)
+        if height <= 0.0 or height * height > nearest * nearest * wp.dot(side, side):
+            continue  # seen from behind, or out of reach
         wall = closest_on_triangle(end, a, b, c)
         distance = wp.length(end - wall)
         if distance < nearest and rises(wall - centre, contacts, first, hull):
