@@ -148,7 +148,7 @@ def own_dynamics(scenario: Scenario, num: int, options: argparse.Namespace) -> N
         path.write_text("".join(f"{name} = [{low}, {high}]\n" for name, (low, high) in unity.items()))
         choices = {"num_threads": options.threads, "device": options.device, **OPTIONS}
         envs = [BatchedVecEnv(scenario, num, randomisation=chosen, **choices) for chosen in (None, str(path))]
-    looks = [env.reset() for env in envs]
+    looks: list[Any] = [env.reset() for env in envs]
     for env in envs:
         env._task.randomise_time_limits(0)
     spent = np.zeros((1 + TURNS, 2))
