@@ -7,7 +7,8 @@ rays traced through the distance field (field). Every vehicle flies the same hab
 from the nearer side; "+ policy" adds a network of 3 x 128 that looks at every observation and is not obeyed, so that
 the flights stay the same. On a machine that others use too, CPU time says more than the clock.
 
-"scraping" presses every vehicle along the walls; "dynamics" draws each vehicle's from the wide ranges; "caves" has as
+"scraping" presses every vehicle along the walls; "dynamics" lets each episode draw its vehicle's dynamics, from ranges
+without width, so that all flights stay the same, in turns with a batch that does not; "caves" has as
 many vehicles in one cave as in 256 copies of it, each of which lies in memory of its own as another cave would.
 """
 
@@ -23,6 +24,7 @@ import dataclasses
 import functools
 import resource
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from itertools import pairwise
@@ -46,6 +48,8 @@ Act = Callable[[np.ndarray], np.ndarray]
 OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "reward": "safe"}
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
+TURNS = 7
+"""Of two batches beside each other, after one that is not counted; the median holds."""
 
 
 def steer(obs: np.ndarray) -> np.ndarray:
@@ -136,6 +140,31 @@ def copy_of(scenario: Scenario) -> Scenario:
     )
 
 
+def own_dynamics(scenario: Scenario, num: int, options: argparse.Namespace) -> None:
+    """Print what it costs that each vehicle has drawn dynamics of its own, once episodes end in every step."""
+    unity = {name: (1.0, 1.0) for name in ("mass", "inertia", "added_mass", "linear_damping", "quadratic_damping")}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "unity.toml"
+        path.write_text("".join(f"{name} = [{low}, {high}]\n" for name, (low, high) in unity.items()))
+        choices = {"num_threads": options.threads, "device": options.device, **OPTIONS}
+        envs = [BatchedVecEnv(scenario, num, randomisation=chosen, **choices) for chosen in (None, str(path))]
+    looks: list[Any] = [env.reset() for env in envs]
+    for env in envs:
+        env._task.randomise_time_limits(0)
+    spent = np.zeros((1 + TURNS, 2))
+    for turn in spent:
+        for n, env in enumerate(envs):
+            start, end, steps = cpu_seconds([]), time.perf_counter() + options.seconds, 0
+            while time.perf_counter() < end:
+                looks[n] = env.step(steer(looks[n]))[0]
+                steps += num
+            turn[n] = 1e6 * (cpu_seconds([]) - start) / steps
+    for env in envs:
+        env.close()
+    (nominal, own), cost = np.median(spent[1:], axis=0), np.median(spent[1:, 1] / spent[1:, 0]) - 1.0
+    print(f"  own dynamics, {num} vehicles: {own:.2f} us of CPU time per decision, {nominal:.2f} without, {cost:+.1%}")
+
+
 def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.Namespace) -> None:
     """Print how a batch in many caves compares with one of as many vehicles in one cave, and what a cave takes."""
     rates = []
@@ -202,14 +231,13 @@ def main() -> None:
                 measure(f"Warp {rays}{suffix}", env, act, options.seconds)
             env.close()
     most = max(options.sizes)
-    for name, act, extra in (("scraping", scrape, {}), ("dynamics", steer, {"randomisation": "wide"})):
-        if name in options.only:
-            for chosen in ({}, extra) if extra else (extra,):
-                choices = {"num_threads": options.threads, "device": options.device, **OPTIONS, **chosen}
-                env = BatchedVecEnv(scenario, most, **choices)
-                label = f"Warp field, {name if chosen or not extra else 'as it is'}"
-                measure(label, env, act, options.seconds)
-                env.close()
+    if "scraping" in options.only:
+        env = BatchedVecEnv(scenario, most, num_threads=options.threads, device=options.device, **OPTIONS)
+        measure("Warp field, scraping", env, scrape, options.seconds)
+        env.close()
+    if "dynamics" in options.only:
+        for num in options.sizes:
+            own_dynamics(scenario, num, options)
     if "caves" in options.only:
         many_caves(scenario, num_caves, num_in_caves, options)
     for rays in sources if options.device == "cpu" else ():

@@ -131,6 +131,39 @@ def test_numbers_are_drawn_evenly_from_their_ranges_and_anew_for_each_episode(tu
     assert (world.dynamics["mass"] != first["mass"]).all()
 
 
+@pytest.mark.parametrize("vehicle", ["bluerov2-heavy", "original-auv"])
+def test_episodes_that_end_out_of_turn_have_the_bodies_of_their_seeds(
+    tube: Scenario, vehicle: str, rng: np.random.Generator
+) -> None:
+    """They are drawn ahead; a world that begins with these seeds draws them all at once."""
+    num, chosen = 6, load_vehicle(vehicle)
+    ranges = read_randomisation("wide")
+    world, other = (make_world(tube, chosen, num, randomisation=ranges) for _ in range(2))
+    for turn in range(12):
+        has_ended, last = rng.random(num) < 0.4, world.dynamics["mass"].copy()
+        if turn == 8:
+            has_ended[:] = True
+            world.reset(rng.integers(1 << 32, size=num))  # not what was drawn ahead
+        else:
+            world.as_numpy("outcomes")[has_ended] = 1
+            world.step()
+        np.testing.assert_array_equal(world.dynamics["mass"] != last, has_ended)
+        other.reset(world.as_numpy("seeds").view(np.uint32))
+        for name, values in world.dynamics.items():
+            np.testing.assert_array_equal(values, other.dynamics[name], err_msg=name)
+        for name in ("ray_gain", "ray_bias", "action_delays", "observation_delays"):
+            np.testing.assert_array_equal(world.as_numpy(name), other.as_numpy(name), err_msg=name)
+        a, b = (one._drawn_crafts for one in (world, other))
+        assert a is not None and b is not None
+        for part in ("dragged", "controls", "hull"):
+            for name in a.array.numpy()[part].dtype.names:
+                if name != "floaters":
+                    np.testing.assert_array_equal(a.array.numpy()[part][name], b.array.numpy()[part][name])
+        np.testing.assert_array_equal(a.array.numpy()["body"]["arm"], b.array.numpy()["body"]["arm"])
+        np.testing.assert_array_equal(a._matrices.numpy(), b._matrices.numpy())
+        np.testing.assert_array_equal(a._thrusters.numpy()["wrench"], b._thrusters.numpy()["wrench"])
+
+
 @pytest.mark.parametrize("num", [1, 7, 1024])
 @pytest.mark.parametrize("vehicle", ["bluerov2", "bluerov2-heavy", "original-auv"])
 def test_a_vehicle_has_the_dynamics_that_it_has_alone(num: int, vehicle: str, rng: np.random.Generator) -> None:

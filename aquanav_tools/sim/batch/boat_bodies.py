@@ -11,7 +11,7 @@ import warp as wp
 
 from aquanav_tools.sim.batch.boat_hull import HullSurface
 from aquanav_tools.sim.batch.boat_motion import BoatBody, boat_parameters, make_boat_body, mobility_of
-from aquanav_tools.sim.batch.craft import DrawnDynamics
+from aquanav_tools.sim.batch.drawn import DrawnDynamics
 from aquanav_tools.sim.batch.motion import Body, body_values
 from aquanav_tools.sim.batch.original import DRAGGED_DTYPE, dragged_rows
 from aquanav_tools.sim.boat import DENSITY, Boat
@@ -66,7 +66,7 @@ class BoatBodies:
         """Give (n,) boats the bodies of the episodes with (n,) seeds; nothing without ranges."""
         if self.drawn is None or len(rows) == 0:
             return
-        self.drawn.keep(rows, self._boat, self.drawn.uniform(seeds))
+        self.drawn.values[rows] = self.drawn.drawn_for(seeds, self._boat)
         names, arms = self.drawn.names, np.zeros((len(rows), 3))
         for n, i in enumerate(rows.tolist()):
             values = dict(zip(names, self.drawn.values[i].tolist(), strict=True))

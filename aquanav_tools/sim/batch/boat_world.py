@@ -182,7 +182,7 @@ class BoatWorld:
         episodes = [self._draw_episode(i) for i in rows.tolist()]
         self._bodies.draw(rows, np.array([episode.seed for episode in episodes], dtype=np.uint32))
         if self._bodies.drawn is not None:
-            self._bodies.drawn.write_sensing(self.boats, self._task.action_delay, self._task.observation_delay)
+            self._bodies.drawn.write_sensing(self.boats, rows)
         for i, episode in zip(rows.tolist(), episodes, strict=True):
             self.episodes[i] = episode
             self._place(i, episode)

@@ -9,7 +9,7 @@ from aquanav_tools.sim.batch.asking import answered, ask, given_motion, keep_mot
 from aquanav_tools.sim.batch.beginning import axis_of, begin
 from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
-from aquanav_tools.sim.batch.craft import Craft
+from aquanav_tools.sim.batch.craft import Craft, prefetch
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.field import TURNS, found, mat_turns, on_grid, room_at, room_in, vec_turns
@@ -37,7 +37,11 @@ class Settings:
     """What all vehicles of a batch have in common."""
 
     caves: wp.array(dtype=Cave)
+    vehicles: wp.array(dtype=Craft)
+    """Each cave's, as its file has it: hull and controls of all that swim there."""
     crafts: wp.array(dtype=Craft)
+    """The same, or one for each vehicle, with dynamics of its own; see `BatchState.craft_of`."""
+    has_own_crafts: wp.int32
     unlisted: Starts
     """(N,) each vehicle's next start, where it is in no list."""
     fan: Fan
@@ -173,7 +177,11 @@ def advance(
 
     With `is_answer`, go on with the vehicles that asked the contact engine.
     """
-    i = state.order[first + wp.tid()]
+    place, last = first + wp.tid(), state.order.shape[0] - 1
+    i = state.order[place]
+    if settings.has_own_crafts == 1:
+        next, later = state.order[wp.min(place + 1, last)], state.order[wp.min(place + 2, last)]
+        prefetch(settings.crafts, state.craft_of[next], state.craft_of[later])
     cave, craft = settings.caves[state.cave_of[i]], settings.crafts[state.craft_of[i]]
     if is_answer == 1:
         if contacts.status[i] == NO_QUESTION:
@@ -258,7 +266,7 @@ def sense(
         for ray in range(first_ray, last_ray):
             show_ray(i, ray, come[ray - first_ray], origin, state, cave, settings)
     if part == 0:
-        craft = settings.crafts[state.craft_of[i]]
+        craft = settings.vehicles[state.cave_of[i]]
         if settings.observation == ORIGINAL:
             show_original(
                 state.observations[i],

@@ -133,9 +133,10 @@ def body_values(parameters: BodyParameters, dt: float) -> tuple[npt.NDArray[np.v
     """
     matrix = parameters.mass.reshape(-1, 6, 6)
     num, half = len(matrix), 0.5 * dt
-    inverse, is_coupled = np.linalg.inv(matrix), parameters.is_coupled.reshape(-1)
-    masses = np.diagonal(matrix, axis1=1, axis2=2)
-    mobility = np.where(is_coupled[:, None], np.diagonal(inverse, axis1=1, axis2=2), 1.0 / masses)
+    is_coupled, masses = parameters.is_coupled.reshape(-1), np.diagonal(matrix, axis1=1, axis2=2)
+    inverse = np.eye(6) / masses[:, None, :]
+    inverse[is_coupled] = np.linalg.inv(matrix[is_coupled])
+    mobility = np.diagonal(inverse, axis1=1, axis2=2)
     rate = parameters.linear_damping * mobility
     decay = np.exp(-rate * half)
     rows = np.zeros(num, dtype=BODY_DTYPE)

@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
@@ -88,3 +90,14 @@ def _call(run: Callable[[], None]) -> None:
 def _launch_all(launches: Sequence[Any]) -> None:
     for launch in launches:
         launch.launch()
+
+
+def put_rows(array: Any, rows: npt.NDArray[np.integer], values: Any) -> None:
+    """Write values into (n,) rows of an array on a device; rows that are wider keep what is beyond."""
+    host = array.numpy()
+    if host.ndim == 2:
+        host[rows, : values.shape[1]] = values
+    else:
+        host[rows] = values
+    if not array.device.is_cpu:  # where NumPy's array is not the same memory
+        array.assign(host)

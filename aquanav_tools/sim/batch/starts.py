@@ -12,6 +12,7 @@ import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Starts, gates_at, make_starts
+from aquanav_tools.sim.batch.runtime import put_rows
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Pose
@@ -57,20 +58,23 @@ class UnlistedStarts:
         """Draw for all vehicles again."""
         self._is_retired[:] = False
 
-    def draw(self, state: BatchState, is_asked: npt.NDArray[np.bool_], seeds: npt.NDArray[np.uint32]) -> None:
-        """Write the starts of the vehicles that are asked for, (N,), whose next episodes have (N,) seeds."""
-        chosen = np.flatnonzero(is_asked & ~self._is_retired)
-        if self._draws is None or len(chosen) == 0:
+    def draw(self, state: BatchState, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.uint32]) -> None:
+        """Write the starts of (n,) vehicles whose next episodes have (n,) seeds."""
+        if self._draws is None:
+            return
+        is_active = ~self._is_retired[vehicles]
+        chosen, seeds = vehicles[is_active], seeds[is_active]
+        if len(chosen) == 0:
             return
         caves = state.cave_of.numpy()[chosen]
         for index in np.unique(caves).tolist():
             rows, draws = chosen[caves == index], self._draws[index]
-            poses = [draws.draw(seed) for seed in seeds[rows].tolist()]
+            poses = [draws.draw(seed) for seed in seeds[caves == index].tolist()]
             states = np.array([draws.vehicle.state_at(pose) for pose in poses])
             drawn = make_starts(states, gates_at(draws.scenario, states[:, :3]), "cpu")
             for name in Starts.vars:  # type: ignore[attr-defined]  # Warp makes the class a struct
-                _put(getattr(self.starts, name), rows, getattr(drawn, name).numpy())
-        _put(state.wanted_starts, chosen, int(UNLISTED))
+                put_rows(getattr(self.starts, name), rows, getattr(drawn, name).numpy())
+        put_rows(state.wanted_starts, chosen, int(UNLISTED))
 
 
 def _blank_starts(num: int, num_extra: int, device: Any) -> Starts:
@@ -79,14 +83,3 @@ def _blank_starts(num: int, num_extra: int, device: Any) -> Starts:
         shape = (num, num_extra) if name == "extra" else num
         setattr(starts, name, wp.zeros(shape, dtype=field.type.dtype, device=device))
     return starts
-
-
-def _put(array: Any, rows: npt.NDArray[np.int64], values: Any) -> None:
-    """Write rows of a device's array."""
-    host = array.numpy()
-    if host.ndim == 2:
-        host[rows, : values.shape[1]] = values
-    else:
-        host[rows] = values
-    if not array.device.is_cpu:  # where NumPy's array is not the same memory
-        array.assign(host)

@@ -14,7 +14,8 @@ import warp as wp
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.caves import Cave, make_cave
-from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, DrawnCrafts, make_craft
+from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, make_craft
+from aquanav_tools.sim.batch.drawn import DrawnCrafts
 from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
@@ -87,8 +88,10 @@ class BatchWorld:
         self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
         self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
         settings = self._settings
-        bodies = self._crafts if self._drawn_crafts is None else self._drawn_crafts
-        settings.caves, settings.crafts, settings.unlisted = self.caves.array, bodies.array, self._unlisted.starts
+        settings.caves, settings.vehicles = self.caves.array, self._crafts.array
+        settings.crafts = self._crafts.array if self._drawn_crafts is None else self._drawn_crafts.array
+        settings.has_own_crafts = int(self._drawn_crafts is not None)
+        settings.unlisted = self._unlisted.starts
         self._record()
         self._steps_in_order = 0
 
@@ -161,14 +164,11 @@ class BatchWorld:
         """(N,) what the episodes have drawn of their vehicles' dynamics, by name; nothing without a randomisation."""
         return {} if self._drawn_crafts is None else self._drawn_crafts.by_name
 
-    def _draw_bodies(self, is_asked: npt.NDArray[np.bool_], seeds: npt.NDArray[np.uint32]) -> None:
-        """Draw the bodies of the vehicles that are asked for, (N,), for the episodes with (N,) seeds."""
-        drawn = self._drawn_crafts
-        vehicles = np.flatnonzero(is_asked)
-        if drawn is None or len(vehicles) == 0:
-            return
-        drawn.draw(vehicles, seeds[vehicles])
-        drawn.write_sensing(self.arrays, self._options.action_delay, self._options.observation_delay)
+    def _draw_bodies(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.uint32]) -> None:
+        """Draw the bodies of (n,) vehicles for the episodes with (n,) seeds."""
+        if self._drawn_crafts is not None:
+            self._drawn_crafts.draw(vehicles, seeds)
+            self._drawn_crafts.write_sensing(self.arrays, vehicles)
 
     def _make_settings(self, options: WorldOptions, has_engine: bool) -> None:
         self._settings = settings = kernels.Settings()
@@ -222,8 +222,9 @@ class BatchWorld:
         self.write("wanted_starts", first)
         self.write("episodes", 0)
         self._unlisted.reset()
-        self._unlisted.draw(self.arrays, first < 0, np.asarray(seeds).astype(np.uint32))
-        self._draw_bodies(np.ones(self.num, dtype=np.bool_), np.asarray(seeds).astype(np.uint32))
+        drawn, every = np.flatnonzero(first < 0), np.arange(self.num)
+        self._unlisted.draw(self.arrays, drawn, np.asarray(seeds).astype(np.uint32)[drawn])
+        self._draw_bodies(every, np.asarray(seeds).astype(np.uint32))
         run_slices(self._beginning, self._threads)
         if self._link is not None:
             self._link.forget_restarted()
@@ -267,11 +268,11 @@ class BatchWorld:
     def _draw_successors(self) -> None:
         """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
         if self._unlisted.is_used or self._drawn_crafts is not None:
-            has_ended, seeds = self.as_numpy("outcomes") > 0, self.as_numpy("seeds").view(np.uint32)
-            if has_ended.any():
-                seeds = draw_many(seeds, NEXT)
-                self._unlisted.draw(self.arrays, has_ended, seeds)
-                self._draw_bodies(has_ended, seeds)
+            ended = np.flatnonzero(self.as_numpy("outcomes") > 0)
+            if len(ended) > 0:
+                seeds = draw_many(self.as_numpy("seeds").view(np.uint32)[ended], NEXT)
+                self._unlisted.draw(self.arrays, ended, seeds)
+                self._draw_bodies(ended, seeds)
 
     def _sort(self) -> None:
         """Put vehicles that are near each other one after the other: they read the same parts of the field."""
@@ -317,7 +318,7 @@ class BatchWorld:
             getattr(self.arrays, name).assign(values)
         if self._drawn_crafts is not None:
             self._drawn_crafts.move(np.arange(self.num), self.as_numpy("cave_of"))
-        self._draw_bodies(np.ones(self.num, dtype=np.bool_), self.as_numpy("seeds").view(np.uint32))
+        self._draw_bodies(np.arange(self.num), self.as_numpy("seeds").view(np.uint32))
 
     def close(self) -> None:
         """End the threads, and let go of the contact engines. Closing twice does nothing."""
