@@ -16,7 +16,6 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-mat43 = wp.types.matrix(shape=(4, 3), dtype=wp.float32)
 TURNS = 28
 """Rays that take their steps in turns: all of a preset's fan. 14 take 15 % longer where the field is not in a cache."""
 vec_turns = wp.types.vector(length=TURNS, dtype=wp.float32)

@@ -5,14 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 import trimesh
-from scipy.ndimage import map_coordinates
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.field import _least_in_cells
 from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.batch.random import START, draw_many
 from aquanav_tools.sim.fossen import FossenVehicle
@@ -236,13 +234,3 @@ def test_a_device_that_is_not_there_is_named_with_those_that_are(tube: Scenario)
 def test_a_batch_of_none_is_refused(tube: Scenario) -> None:
     with pytest.raises(InputError, match="1 to 1048576 vehicles, got 0"):
         make_world(tube, load_vehicle("bluerov2"), 0)
-
-
-def test_least_clearance_in_a_cell_is_a_bound(rng: np.random.Generator) -> None:
-    """Rounding of float32 apart, interpolation between samples never goes below it, up to the cell's far faces."""
-    samples = rng.normal(size=(5, 9, 9, 9)).astype(np.float32)
-    least = _least_in_cells(samples)
-    for brick, cell in np.ndindex(5, 8):
-        corner = 4.0 * np.array(np.unravel_index(cell, (2, 2, 2)))
-        places = (corner + rng.uniform(0.0, 4.0, (200, 3))).T
-        assert map_coordinates(samples[brick].astype(float), places, order=1).min() >= least[brick, cell] - 1e-6

@@ -78,11 +78,10 @@ def wall_of(vertices: Array, faces: Any) -> Any:
 
 
 def hull_and_grid(tube: Scenario) -> tuple[Hull, Grid]:
-    find_device("cpu")
     hull = Hull()
     hull.half_axis, hull.radius, hull.margin, hull.friction = HALF_AXIS, RADIUS, MARGIN, 0.0
     hull.mass, hull.inertia, hull.masses = 20.0, 1.0, vec6(20.0, 20.0, 20.0, 1.0, 1.0, 1.0)
-    return hull, make_grid(tube.field, "cpu")
+    return hull, make_grid(tube.field, find_device("cpu"))
 
 
 def find(tube: Scenario, wall: Any, positions: Array, turns: Array) -> tuple[Array, Array]:

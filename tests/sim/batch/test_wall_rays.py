@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 import warp as wp
+from scipy.ndimage import map_coordinates
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
@@ -17,7 +18,7 @@ from aquanav_tools.cave.water.field import BRICK, DistanceField
 from aquanav_tools.errors import MeshError
 from aquanav_tools.sim.batch.field import Grid, make_grid, on_grid, room_at
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, sequence
-from aquanav_tools.sim.batch.wall_rays import Wall, face_normal, make_wall, meet_wall
+from aquanav_tools.sim.batch.wall_rays import Wall, face_normal, least_in_cells, make_wall, meet_wall
 from aquanav_tools.types import Mesh
 
 wp.set_module_options(OPTIONS)
@@ -160,3 +161,13 @@ def test_sequences_run_in_order_and_are_recorded_in_threads_at_once() -> None:
     with ThreadPoolExecutor(8) as threads:
         found = list(threads.map(lambda _: count(), range(200)))
     assert found == [63.0] * 200
+
+
+def test_least_clearance_in_a_cell_is_a_bound(rng: np.random.Generator) -> None:
+    """Rounding of float32 apart, interpolation between samples never goes below it, up to the cell's far faces."""
+    samples = rng.normal(size=(5, 9, 9, 9)).astype(np.float32)
+    least = least_in_cells(DistanceField(np.zeros(3), 1.0, np.zeros((1, 1, 1), dtype=np.int32), samples))
+    for brick, cell in np.ndindex(5, 8):
+        corner = 4.0 * np.array(np.unravel_index(cell, (2, 2, 2)))
+        places = (corner + rng.uniform(0.0, 4.0, (200, 3))).T
+        assert map_coordinates(samples[brick].astype(float), places, order=1).min() >= least[brick, cell] - 1e-6
