@@ -30,9 +30,9 @@ def dive(tube: Scenario, request: pytest.FixtureRequest) -> Iterator[Dive]:
 
 
 def reach_everywhere(dive: Dive) -> None:
-    crafts = dive.world._crafts.numpy()
+    crafts = dive.world._crafts.array.numpy()
     crafts["hull"]["reach"] = EVERYWHERE
-    dive.world._crafts.assign(crafts)
+    dive.world._crafts.array.assign(crafts)
 
 
 def bump(dive: Dive, seed: int, decisions: int = 150) -> tuple[Array, int]:
