@@ -189,7 +189,7 @@ def parts(scenario: Scenario, num: int, rays: str) -> None:
     spent: dict[str, float] = {}
     for decision in range(40):
         env.step_async(steer(obs))
-        for launch in task.world._decision[0]:
+        for launch in task.world.launches[0]:
             start = time.process_time()
             launch.launch()
             if decision >= 10:

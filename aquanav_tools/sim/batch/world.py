@@ -336,6 +336,8 @@ class BatchWorld:
         self._succession: list[Callable[[], None]] = []
         self._beginning: list[Callable[[], None]] = []
         self._looks: list[Callable[[], None]] = []
+        self.launches: list[list[Any]] = []
+        """Of each slice, the kernels of a decision, one by one: for measuring them."""
         num_parts = 1 if self.device.is_cpu else PARTS_ON_GPU
         state, settings = self.arrays, self._settings
         for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
@@ -356,8 +358,9 @@ class BatchWorld:
             again, anew = (
                 self._launch_of(kernels.restart, num, [first, is_anew, state, settings]) for is_anew in (0, 1)
             )
+            self.launches.append([move, *seen, score])
             if self._link is None:
-                self._decision.append(sequence([move, *seen, score], self.device))
+                self._decision.append(sequence(self.launches[-1], self.device))
             else:
                 self._decision.append(sequence([move], self.device))
                 self._outlook.append(sequence([*seen, score], self.device))
