@@ -14,7 +14,7 @@ from aquanav_tools.errors import InputError, did_you_mean
 _PACKAGE = Path(__file__).resolve().parent
 _IN_WHEEL = _PACKAGE / "content"
 CONTENT_DIR = _IN_WHEEL if _IN_WHEEL.is_dir() else _PACKAGE.parent
-"""Folder that holds pipelines/, scenarios/, eval/protocols/ and eval/policies/."""
+"""Folder that holds pipelines/, scenarios/, eval/protocols/, eval/policies/ and eval/sets/."""
 
 
 def shipped_names(folder: str, suffix: str = ".toml") -> list[str]:

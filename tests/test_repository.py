@@ -136,5 +136,5 @@ def test_every_command_leads_to_a_function(target: str) -> None:
 
 def test_the_wheel_carries_the_content_under_the_names_that_the_code_looks_for() -> None:
     carried = pyproject()["tool"]["hatch"]["build"]["targets"]["wheel"]["force-include"]
-    folders = ("pipelines", "scenarios", "eval/protocols", "eval/policies")
+    folders = ("pipelines", "scenarios", "eval/protocols", "eval/policies", "eval/sets")
     assert carried == {name: f"aquanav_tools/content/{name}" for name in folders}
