@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
 from aquanav_tools.benchmark.options import BenchmarkOptions
-from aquanav_tools.cli.command import NO_TERMINAL
-
-if TYPE_CHECKING:
-    from aquanav_tools.types import Progress
 
 BENCHMARK_FLAG = "--benchmark"
 BENCHMARK = (
@@ -39,6 +33,7 @@ class BenchmarkCommand(BenchmarkOptions):
 
 def run_benchmark(command: BenchmarkCommand) -> None:
     """Score the policy with a progress bar and print the score."""
+    from aquanav_tools.api.bars import bar
     from aquanav_tools.benchmark.report import changed_text, score_text
     from aquanav_tools.benchmark.run import run_benchmark as run
     from aquanav_tools.benchmark.submission import check_can_submit, submission_of, write_submission
@@ -46,7 +41,7 @@ def run_benchmark(command: BenchmarkCommand) -> None:
     options = BenchmarkOptions(**{field.name: getattr(command, field.name) for field in fields(BenchmarkOptions)})
     if options.submit is not None:
         check_can_submit(options)
-    with cave_bar() as show:
+    with bar("", "cave") as show:
         found = run(options, show)
     print(f"\n{score_text(found.benchmark, found.policy.name, found.score)}\n")
     print(f"Report:      {found.report}\nNumbers:     {found.numbers}")
@@ -56,19 +51,3 @@ def run_benchmark(command: BenchmarkCommand) -> None:
         print(f"Submission:  {path}")
     if text := changed_text(found.changed_caves):
         print(f"warning: {text}", file=sys.stderr)
-
-
-@contextmanager
-def cave_bar() -> Iterator[Progress]:
-    """Yield what a benchmark tells how many caves are done; a bar with the time left, where stderr is a terminal."""
-    from tqdm import tqdm
-
-    with tqdm(unit="cave", file=sys.stderr, delay=0.5, disable=NO_TERMINAL) as bar:
-
-        def show(done: int, total: int) -> None:
-            if bar.total is None:
-                bar.initial = bar.n = done  # those of a stopped run say nothing about the speed of this one
-            bar.total = total
-            bar.update(done - bar.n)
-
-        yield show

@@ -51,9 +51,9 @@ def run_leaderboard(options: Leaderboard) -> None:
         return
     if options.file is None:
         raise InputError("Name the submission to verify: aquanav leaderboard verify FILE.")
+    from aquanav_tools.api.bars import bar
     from aquanav_tools.benchmark.verify import verify
-    from aquanav_tools.cli.benchmark import cave_bar
 
-    with cave_bar() as show:
+    with bar("", "cave") as show:
         found = verify(options.file, options.caves, options.workers, options.seed, show)
     print(found.text)
