@@ -6,7 +6,7 @@ again to learn from, at no cost. The mirror stands in the body's x-z plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,11 @@ import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from aquanav_tools.envs.observation import layout
+from aquanav_tools.errors import InputError
+from aquanav_tools.registry import is_own
+from aquanav_tools.sim.batch.sensors.suite import make_sensor
 from aquanav_tools.sim.sensors import FANS
+from aquanav_tools.train.settings import TrainSettings
 
 Floats = npt.NDArray[np.float32]
 FLIPPED = {"goal": [1], "velocity": [1], "rates": [0, 2], "tilt": [1], "command": [1]}
@@ -25,12 +29,16 @@ left side points up, and steer."""
 class MirroredEnvs(VecEnvWrapper):
     """Every second environment in a mirror."""
 
-    def __init__(self, venv: VecEnv, observation: str, action: str) -> None:
-        """Wrap environments that observe the preset "paper" or "full"."""
+    def __init__(self, venv: VecEnv, settings: TrainSettings) -> None:
+        """Wrap environments that observe the preset "paper" or "full", and sensors after it.
+
+        Raises:
+            InputError: a sensor has no mirror image.
+        """
         super().__init__(venv)
         self._rows = np.arange(1, venv.num_envs, 2)
-        self._order, self._signs = mirror_image(observation)
-        self._turned = TURNED[action]
+        self._order, self._signs = mirror_image(settings.observation, settings.sensors)
+        self._turned = TURNED[settings.action]
 
     def reset(self) -> Floats:
         """Begin all episodes."""
@@ -65,8 +73,31 @@ class MirroredEnvs(VecEnvWrapper):
         return seen
 
 
-def mirror_image(observation: str) -> tuple[npt.NDArray[np.int64], Floats]:
-    """Return from which value each value of an observation's mirror image comes, and with which sign."""
+def mirror_image(observation: str, sensors: Sequence[str] = ()) -> tuple[npt.NDArray[np.int64], Floats]:
+    """Return from which value each value of an observation's mirror image comes, and with which sign.
+
+    Args:
+        observation: The preset "paper" or "full".
+        sensors: By name; their readings follow.
+
+    Raises:
+        InputError: a sensor has no mirror image.
+    """
+    parts = [_preset_image(observation), *map(_sensor_image, sensors)]
+    firsts = np.cumsum([0, *(len(order) for order, _ in parts)])
+    orders = [order + first for (order, _), first in zip(parts, firsts, strict=False)]
+    return np.concatenate(orders), np.concatenate([signs for _, signs in parts])
+
+
+def _sensor_image(name: str) -> tuple[npt.NDArray[np.int64], Floats]:
+    image = None if is_own(name) else getattr(make_sensor(name), "mirror_image", None)
+    if image is None:
+        raise InputError(f"The sensor {name} has no mirror image. Learn without mirrored, or without the sensor.")
+    found: tuple[npt.NDArray[np.int64], Floats] = image()
+    return found
+
+
+def _preset_image(observation: str) -> tuple[npt.NDArray[np.int64], Floats]:
     slices = layout(observation)
     size = max(part.stop for part in slices.values())
     order, signs = np.arange(size), np.ones(size, dtype=np.float32)

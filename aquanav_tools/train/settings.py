@@ -136,10 +136,9 @@ class TrainSettings(TaskOptions):
             "Without normalise, the network sees all that is observed. Leave masked_observations out.",
         )
         _check(
-            (self.observation in ("paper", "full") and not self.sensors)
-            or not (self.masked_observations or self.mirrored),
-            "mirrored and masked_observations need the observation paper or full without sensors, and it is "
-            f"{' and '.join((self.observation, *self.sensors))}. Leave them out.",
+            self.observation in ("paper", "full") or not (self.masked_observations or self.mirrored),
+            f"mirrored and masked_observations need the observation paper or full, and it is {self.observation}. Leave "
+            "them out.",
         )
         _check(
             self.observation == "full" or "depth" not in self.masked_observations,

@@ -255,7 +255,7 @@ def _environments(
         envs = BatchedEnvs(caves.scenarios, settings, caves.rotation)
     else:
         envs = TrainingEnvs(caves.scenarios, settings, run.workers, run.ray)
-    return MirroredEnvs(envs, settings.observation, settings.action) if settings.mirrored else envs
+    return MirroredEnvs(envs, settings) if settings.mirrored else envs
 
 
 def _go_on(learner: BaseAlgorithm, steps: int, callback: TrainingCallback) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 _HERE = "aquanav_tools.sim.batch.sensors"
 BUILT_IN = {
     "fan": f"{_HERE}.fan:RangeFan",
+    "echosounders": f"{_HERE}.fan:EchoSounders",
     "depth": f"{_HERE}.depth:DepthCell",
     "imu": f"{_HERE}.inertial:InertialUnit",
     "dvl": f"{_HERE}.dvl:DopplerLog",

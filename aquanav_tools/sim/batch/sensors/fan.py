@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import warp as wp
 from gymnasium import spaces
 
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.disturbance import RangeNoise, measured_range
@@ -29,6 +31,8 @@ wp.set_module_options(OPTIONS)
 
 PARTS_ON_GPU = 4
 """Threads that share the rays of a vehicle."""
+SAME_RAY = 1e-6
+"""Two rays are the same within this, in components and m."""
 f64 = wp.float64
 MIN_SLICE = 256
 """Vehicles for which a further thread is worth its start."""
@@ -92,8 +96,8 @@ class RangeFan(KernelSensor):
         """Take a fan's data.
 
         Args:
-            spec: "paper" for the benchmark's 28 rays, "original" for its 28 spheres, a `FanSpec`, its fields as a
-                table, or the path of a TOML file.
+            spec: "paper" for the benchmark's 28 rays, "original" for its 28 spheres, "echosounders" for those of
+                `EchoSounders`, a `FanSpec`, its fields as a table, or the path of a TOML file.
 
         Raises:
             InputError: there is no such fan, or its data make no sense.
@@ -108,6 +112,24 @@ class RangeFan(KernelSensor):
         lengths = self.pattern.lengths.astype(np.float32)
         return spaces.Box(np.zeros_like(lengths), lengths, dtype=np.float32)
 
+    def mirror_image(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
+        """Return from which ray each ray's reading comes in a mirror that swaps left and right, and ones as signs.
+
+        Raises:
+            InputError: a ray has no counterpart on the other side.
+        """
+        pattern = self.pattern
+        rays = np.column_stack([pattern.directions, pattern.lengths, pattern.radii])
+        apart = np.abs(rays[:, None] * [1.0, -1.0, 1.0, 1.0, 1.0] - rays[None]).max(axis=2)
+        order = apart.argmin(axis=1)
+        alone = np.flatnonzero(apart.min(axis=1) > SAME_RAY)
+        if len(alone):
+            raise InputError(
+                f"Ray {alone[0]} of the fan points to {np.round(pattern.directions[alone[0]], 3).tolist()}, and no ray of "
+                "the same length to the other side: the fan has no mirror image. Add that ray, or learn without mirrored."
+            )
+        return order, np.ones(len(order), dtype=np.float32)
+
     def _work_per_vehicle(self, batch: SensorBatch) -> int:
         return 1 if batch.device.is_cpu else PARTS_ON_GPU
 
@@ -120,3 +142,11 @@ class RangeFan(KernelSensor):
             make_fan(self.pattern, batch.device),
             make_range_noise(self.data.noise),
         ]
+
+
+class EchoSounders(RangeFan):
+    """16 beams around the vehicle where the paper's rays do not look: (N, 16), m, at most 4 m."""
+
+    def __init__(self, spec: FanSpec | Mapping[str, Any] | str | Path = "echosounders") -> None:
+        """Take other beams, as `RangeFan` takes them."""
+        super().__init__(spec)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -107,5 +108,22 @@ def original_fan() -> FanSpec:
     return FanSpec(tuple(pattern.lengths.tolist()), directions, radii=tuple(pattern.radii.tolist()))
 
 
-PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan()}
-"""What the presets of observations are built from."""
+def echo_sounders() -> FanSpec:
+    """Return 16 narrow beams where the paper's 28 rays do not look: level, down, up and behind.
+
+    Straight down is an altimeter, straight up what a vehicle under ice or rock carries.
+    """
+    directions = [
+        (math.cos(tilt) * math.cos(turn), math.cos(tilt) * math.sin(turn), math.sin(tilt))
+        for turn, tilt in np.radians(_ECHO_SOUNDERS_DEG).tolist()
+    ]
+    return FanSpec((4.0,), tuple(directions))
+
+
+_ECHO_SOUNDERS_DEG = (
+    *((turn, 0.0) for turn in (0.0, 22.5, -22.5, 90.0, -90.0, 135.0, -135.0, 180.0)),
+    *((turn, sign * tilt) for sign in (1.0, -1.0) for turn, tilt in ((0.0, 90.0), (0.0, 70.0), (180.0, 70.0), (180.0, 45.0))),
+)
+"""Azimuths (left +) and elevations (up +)."""
+PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan(), "echosounders": echo_sounders()}
+"""What the presets of observations are built from, and the echo sounders."""
