@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import errno
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from aquanav_tools import store as store_module
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.provenance import code_digest, digest, file_hash
+from aquanav_tools.scenario.shipped import BUILDER, GENERATOR
 from aquanav_tools.store import (
     LOCK_FILE,
     StageStore,
@@ -29,6 +31,8 @@ from aquanav_tools.store import (
 from aquanav_tools.types import Array, Mesh, PointCloud, silent
 from aquanav_tools.values import kept_value, read_value, write_value
 from tests.disks import small_disk
+
+PACKAGE = Path(store_module.__file__).parent
 
 
 @dataclass(frozen=True)
@@ -94,6 +98,44 @@ def test_code_counts_with_all_that_it_imports_and_libraries_with_their_version(m
     monkeypatch.setattr("aquanav_tools.provenance._version", lambda name: "98" if name == "numpy" else "1")
     assert newer != code_digest("aquanav_tools.values")
     code_digest.cache_clear()
+
+
+def digests_of_caves(monkeypatch: pytest.MonkeyPatch, *changed: str) -> tuple[str, str]:
+    """Return the digests of drawn and of shipped caves' code as if the files under some places had been changed."""
+    places = [PACKAGE / place for place in changed]
+
+    def hashed(path: Path) -> str:
+        return "changed" if any(path.is_relative_to(place) for place in places) else file_hash(path)
+
+    with monkeypatch.context() as patched:
+        patched.setattr("aquanav_tools.provenance.file_hash", hashed)
+        code_digest.cache_clear()
+        found = code_digest(GENERATOR), code_digest(BUILDER)
+    code_digest.cache_clear()
+    return found
+
+
+def test_caves_rest_on_what_makes_them_and_not_on_what_the_package_offers(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = digests_of_caves(monkeypatch)
+    others = "api", "benchmark", "cli", "envs", "evaluate", "policy", "sim/batch/craft.py", "train"
+    assert all((PACKAGE / place).exists() for place in others)
+    assert digests_of_caves(monkeypatch, *others) == before
+    for used in ("__init__.py", "cave/water/flow.py", "scenario/folder.py"):  # the front has the version
+        assert all(new != old for new, old in zip(digests_of_caves(monkeypatch, used), before, strict=True)), used
+    drawn, shipped = digests_of_caves(monkeypatch, "report")
+    assert drawn == before[0]
+    assert shipped != before[1]
+
+
+def test_no_module_takes_more_than_the_version_from_the_front() -> None:
+    taken = {
+        alias.name
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ImportFrom) and node.module == PACKAGE.name
+        for alias in node.names
+    }
+    assert taken == {"__version__"}
 
 
 def test_what_has_no_content_cannot_be_an_input() -> None:

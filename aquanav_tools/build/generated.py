@@ -15,10 +15,9 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools import __version__
-from aquanav_tools.build.water_stage import water_settings
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.mesh.contact import Surface
-from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
+from aquanav_tools.cave.options import PanelOptions, StartOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import Route, find_route
@@ -128,7 +127,6 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
         built=BuiltBy(__version__, "synthetic"),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=VEHICLE,
-        water=water_settings(WaterOptions()),
     )
     flow = _flow(cavity, field, guide)
     vehicle_toml = read_text(vehicle_path(VEHICLE))

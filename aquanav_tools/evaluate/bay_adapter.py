@@ -29,9 +29,9 @@ from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
 from aquanav_tools.sim.boat import footprint_of
+from aquanav_tools.sim.boat_trial import boat_speed
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sensors import boat_pattern
-from aquanav_tools.sim.trial import boat_speed
 from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array
 

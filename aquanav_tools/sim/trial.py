@@ -7,14 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.sea.sea_map import Berth
-from aquanav_tools.sim.batch.boat_motion import OpenWater
-from aquanav_tools.sim.batch.boat_world import state_at_berth
-from aquanav_tools.sim.boat import DENSITY, Boat
-from aquanav_tools.sim.original import OriginalVehicle
-from aquanav_tools.sim.sea_state import SeaState
-from aquanav_tools.sim.sea_water import SeaWater
-from aquanav_tools.sim.vehicle_base import STATE_SIZE, Vehicle
+from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 
 DT, SUBSTEPS = 0.02, 5
@@ -57,13 +50,6 @@ def top_speed(vehicle: Vehicle, density: float = 1000.0) -> float:
     """Return the speed that a vehicle reaches ahead in 60 s of full thrust, m/s, in still water of `density`."""
     end = _swim(vehicle, density, (0.0, 0.0, 1.0), 60.0)[-1]
     return float((rotation_matrix(end[3:7]) @ end[7:10])[0])
-
-
-def boat_speed(boat: Boat | OriginalVehicle) -> float:
-    """Return the speed that a boat reaches ahead on still, open water in 60 s, m/s."""
-    water, still = SeaWater(SeaState(), 100.0), Berth(np.zeros(2), 0.0)
-    begin = state_at_berth(boat, still, water)[:STATE_SIZE]
-    return float(OpenWater(boat, DENSITY, DT).voyage(begin, round(60.0 / DT), thrust=1.0)[-1, 7])
 
 
 def _swim(vehicle: Vehicle, density: float, command: tuple[float, float, float], duration: float) -> Array:

@@ -20,7 +20,8 @@ from aquanav_tools.evaluate.results import read_results
 from aquanav_tools.evaluate.stress import stress
 from aquanav_tools.sea.generate import MapSettings
 from aquanav_tools.sim.boat import load_boat
-from aquanav_tools.sim.trial import boat_speed, try_out
+from aquanav_tools.sim.boat_trial import boat_speed
+from aquanav_tools.sim.trial import try_out
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Progress, ignore_progress
 from tests.report.test_recording import rerun
