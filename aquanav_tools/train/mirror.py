@@ -16,6 +16,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.registry import is_own
+from aquanav_tools.sim.batch.sensors.base import MirrorImage
 from aquanav_tools.sim.batch.sensors.suite import make_sensor
 from aquanav_tools.sim.sensors import FANS
 from aquanav_tools.train.settings import TrainSettings
@@ -73,7 +74,7 @@ class MirroredEnvs(VecEnvWrapper):
         return seen
 
 
-def mirror_image(observation: str, sensors: Sequence[str] = ()) -> tuple[npt.NDArray[np.int64], Floats]:
+def mirror_image(observation: str, sensors: Sequence[str] = ()) -> MirrorImage:
     """Return from which value each value of an observation's mirror image comes, and with which sign.
 
     Args:
@@ -89,15 +90,15 @@ def mirror_image(observation: str, sensors: Sequence[str] = ()) -> tuple[npt.NDA
     return np.concatenate(orders), np.concatenate([signs for _, signs in parts])
 
 
-def _sensor_image(name: str) -> tuple[npt.NDArray[np.int64], Floats]:
+def _sensor_image(name: str) -> MirrorImage:
     image = None if is_own(name) else getattr(make_sensor(name), "mirror_image", None)
     if image is None:
         raise InputError(f"The sensor {name} has no mirror image. Learn without mirrored, or without the sensor.")
-    found: tuple[npt.NDArray[np.int64], Floats] = image()
+    found: MirrorImage = image()
     return found
 
 
-def _preset_image(observation: str) -> tuple[npt.NDArray[np.int64], Floats]:
+def _preset_image(observation: str) -> MirrorImage:
     slices = layout(observation)
     size = max(part.stop for part in slices.values())
     order, signs = np.arange(size), np.ones(size, dtype=np.float32)

@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner, update_normalisers
-from aquanav_tools.train.mirror import MirroredEnvs
+from aquanav_tools.train.mirror import MirroredEnvs, mirror_image
 from aquanav_tools.types import Pose, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.train.runs import TINY
@@ -22,15 +24,22 @@ def starting(position: tuple[float, float, float], yaw: float) -> Scenario:
 
 
 @pytest.mark.parametrize(
-    ("observation", "action"), [("full", "multidiscrete"), ("full", "continuous"), ("paper", "discrete")]
+    ("observation", "action", "sensors"),
+    [
+        ("full", "multidiscrete", ()),
+        ("full", "continuous", ()),
+        ("paper", "discrete", ()),
+        ("full", "multidiscrete", ("echosounders",)),
+    ],
 )
 def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
-    observation: str, action: str, rng: np.random.Generator
+    observation: str, action: str, sensors: tuple[str, ...]
 ) -> None:
     # The tube is its own mirror image, so a start on the other side, seen in a mirror, is the same task.
     caves = [starting((4.0, 0.6, 0.3), 0.3), starting((4.0, -0.6, 0.3), -0.3)]
-    settings = dataclasses.replace(TINY, num_envs=2, batch=2, n_steps=1, observation=observation, action=action)
-    envs = MirroredEnvs(TrainingEnvs(caves, settings, 0), observation, action)
+    form = {"observation": observation, "action": action, "sensors": sensors}
+    settings = dataclasses.replace(TINY, num_envs=2, batch=2, n_steps=1, mirrored=True, **form)
+    envs = MirroredEnvs(TrainingEnvs(caves, settings, 0), settings)
     envs.seed(0)
     envs.action_space.seed(0)
     seen = envs.reset()
@@ -46,6 +55,13 @@ def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
     np.testing.assert_allclose(last[0], last[1], atol=1e-3)
     assert abs(last[0][29]) > 0.01, "it swam in the middle, where nothing is to be mirrored"
     envs.close()
+
+
+def test_a_sensor_that_is_lopsided_or_of_unknown_kind_has_no_mirror_image() -> None:
+    with pytest.raises(InputError, match=r"Ray 1 of the fan points to \[0.0, 1.0, 0.0\]"):
+        RangeFan({"lengths": [4.0], "azimuths_deg": [0.0, 90.0]}).mirror_image()
+    with pytest.raises(InputError, match="sonar has no mirror image"):
+        mirror_image("full", ("sonar",))
 
 
 def test_a_network_acts_the_same_whatever_it_is_masked_observations(rng: np.random.Generator) -> None:

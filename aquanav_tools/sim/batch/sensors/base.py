@@ -21,6 +21,8 @@ from aquanav_tools.sim.batch.table import StructTable
 from aquanav_tools.sim.vehicle_base import Vehicle
 
 Reading = npt.NDArray[np.float32]
+MirrorImage = tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]
+"""For each value of a reading, from which value it comes in a mirror that swaps left and right, and with which sign."""
 
 
 class Sensor(Protocol):

@@ -14,7 +14,7 @@ from gymnasium import spaces
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
+from aquanav_tools.sim.batch.sensors.base import KernelSensor, MirrorImage, SensorBatch
 from aquanav_tools.sim.batch.sensors.data_sheets import check_range, read_sheet
 from aquanav_tools.sim.batch.sensors.noise import ONCE, normals
 from aquanav_tools.sim.batch.sensors.rows import chosen
@@ -101,6 +101,10 @@ class DepthCell(KernelSensor):
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
         """Return the space of (1,) depth, m."""
         return spaces.Box(-self.data.full_scale, self.data.full_scale, (1,), np.float32)
+
+    def mirror_image(self) -> MirrorImage:
+        """Return how readings look in a mirror: as they are."""
+        return np.zeros(1, dtype=np.int64), np.ones(1, dtype=np.float32)
 
     def _shape(self) -> tuple[int, ...]:
         return (1,)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import warp as wp
 from gymnasium import spaces
 
@@ -19,7 +18,7 @@ from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.observation import Fan, make_fan
 from aquanav_tools.sim.batch.rays import cast_ray, normal_at, origin_of
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.sensors.base import KernelSensor, SensorBatch
+from aquanav_tools.sim.batch.sensors.base import KernelSensor, MirrorImage, SensorBatch
 from aquanav_tools.sim.batch.sensors.data_sheets import read_sheet
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS, FanSpec, RangeErrors
 from aquanav_tools.sim.batch.sensors.rows import chosen
@@ -112,8 +111,8 @@ class RangeFan(KernelSensor):
         lengths = self.pattern.lengths.astype(np.float32)
         return spaces.Box(np.zeros_like(lengths), lengths, dtype=np.float32)
 
-    def mirror_image(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float32]]:
-        """Return from which ray each ray's reading comes in a mirror that swaps left and right, and ones as signs.
+    def mirror_image(self) -> MirrorImage:
+        """Return how readings look in a mirror: each ray's from the ray on the other side.
 
         Raises:
             InputError: a ray has no counterpart on the other side.
@@ -125,8 +124,9 @@ class RangeFan(KernelSensor):
         alone = np.flatnonzero(apart.min(axis=1) > SAME_RAY)
         if len(alone):
             raise InputError(
-                f"Ray {alone[0]} of the fan points to {np.round(pattern.directions[alone[0]], 3).tolist()}, and no ray of "
-                "the same length to the other side: the fan has no mirror image. Add that ray, or learn without mirrored."
+                f"Ray {alone[0]} of the fan points to {np.round(pattern.directions[alone[0]], 3).tolist()}, and no ray "
+                "of the same length to the other side: the fan has no mirror image. Add that ray, or learn without "
+                "mirrored."
             )
         return order, np.ones(len(order), dtype=np.float32)
 

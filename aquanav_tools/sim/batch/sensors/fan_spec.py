@@ -122,7 +122,11 @@ def echo_sounders() -> FanSpec:
 
 _ECHO_SOUNDERS_DEG = (
     *((turn, 0.0) for turn in (0.0, 22.5, -22.5, 90.0, -90.0, 135.0, -135.0, 180.0)),
-    *((turn, sign * tilt) for sign in (1.0, -1.0) for turn, tilt in ((0.0, 90.0), (0.0, 70.0), (180.0, 70.0), (180.0, 45.0))),
+    *(
+        (turn, sign * tilt)
+        for sign in (1.0, -1.0)
+        for turn, tilt in ((0.0, 90.0), (0.0, 70.0), (180.0, 70.0), (180.0, 45.0))
+    ),
 )
 """Azimuths (left +) and elevations (up +)."""
 PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan(), "echosounders": echo_sounders()}
