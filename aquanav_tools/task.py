@@ -60,6 +60,9 @@ class TaskOptions:
     sensors: tuple[str, ...] = ()
     """What is measured beside the values of the observation and follows them: sensors by name (depth, imu, dvl, fan,
     sonar; docs/sensors.md), or of your own, as module:Name."""
+    history: tuple[int, ...] = ()
+    """Decisions ago whose observations follow that of now, such as 4 8: a memory of what the vehicle has passed. Before
+    an episode began there was what it begins with."""
     termination: str | None = None
     """A rule of your own that ends episodes, as module:Name, beside the task's."""
     disturbance: str | None = None
@@ -76,6 +79,8 @@ class TaskOptions:
         for name in ("action_delay", "observation_delay"):
             delay = getattr(self, name)
             _check(0 <= delay <= MAX_DELAY, f"{name} is {delay}; it is a number of decisions from 0 to {MAX_DELAY}.")
+        for ago in self.history:
+            _check(1 <= ago <= MAX_DELAY, f"history has {ago}; it has numbers of decisions from 1 to {MAX_DELAY}.")
         low, high = self.current_range
         is_range = math.isfinite(high) and 0.0 <= low <= high
         _check(is_range, f"current_range is {low} to {high}; it rises from 0 or more, 1 being the water's own speed.")

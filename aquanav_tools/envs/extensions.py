@@ -84,8 +84,8 @@ class Extensions:
         self._termination = options.termination and OwnCode("termination rule", options.termination)
         self._act, self._blur = find_disturbance(options.disturbance)
         self._motion = OwnCode("law of motion", options.motion) if options.motion else None
-        self._delay = options.observation_delay
-        self._changes_observations = bool(self._observation or self._sensors or self._blur)
+        self._delay, self._history = options.observation_delay, options.history
+        self._changes_observations = bool(self._observation or self._sensors or self._blur or self._history)
         self.is_used = self._changes_observations or bool(
             self._reward or self._termination or self._act or self._motion
         )
@@ -93,7 +93,7 @@ class Extensions:
         if parts is not None and self._changes_observations:
             raise InputError(
                 "A dictionary of parts is observed as it is. Name sensors of your own in it, as module:Name, and leave "
-                "out the options sensors and what disturbs observations."
+                "out the options sensors, history and what disturbs observations."
             )
         self.failures: dict[int, str] = {}
         """Why something failed since the last decision began, by vehicle."""
@@ -154,10 +154,11 @@ class Extensions:
         self._shapes = [part.shape for part in parts]
         if self._changes_observations:
             low, high = (np.concatenate([getattr(part, end).ravel() for part in parts]) for end in ("low", "high"))
-            space = spaces.Box(low.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+            self.arrays["recent"] = np.zeros((num, max(self._ages), len(low)), dtype=np.float32)
+            low, high = (np.tile(end.astype(np.float32), len(self._ages)) for end in (low, high))
+            space = spaces.Box(low, high, dtype=np.float32)
             for name in ("observations", "final_observations"):
                 self.arrays[name] = np.zeros((num, len(low)), dtype=np.float32)
-            self.arrays["waiting"] = np.zeros((num, self._delay, len(low)), dtype=np.float32)
         if self._reward is not None:
             self.arrays["terms"] = np.zeros((num, len(self.term_names)), dtype=self._read("terms").dtype)
         return space
@@ -320,15 +321,28 @@ class Extensions:
             check = partial(_check_floats, shape=whole.shape[1:])
             blurred = self._blur.ask(self.view, check, self.failures, whole.copy())
             whole = np.zeros_like(whole) if blurred is None else blurred
-        if self._delay:
-            waiting, places = self.arrays["waiting"], self._read("decisions") % self._delay
-            waiting[begins] = whole[begins, None]
-            moving = np.flatnonzero(rows & ~begins)
-            old = waiting[moving, places[moving]].copy()
-            waiting[moving, places[moving]] = whole[moving]
-            whole[moving] = old
         assert whole.shape[0] == num
-        self.arrays["observations"][rows] = whole[rows]
+        self.arrays["observations"][rows] = self._remembered(whole, rows, begins)[rows]
+
+    @property
+    def _ages(self) -> list[int]:
+        """How many decisions ago what is observed was measured, block by block."""
+        return [self._delay + ago for ago in (0, *self._history)]
+
+    def _remembered(self, whole: npt.NDArray[Any], rows: Flags, begins: Flags) -> npt.NDArray[Any]:
+        """Return (N, B D) what the `rows` observe: what was measured before an episode began is what it begins with."""
+        recent, depth = self.arrays["recent"], max(self._ages)
+        seen = np.tile(whole, len(self._ages))
+        if depth == 0:
+            return seen
+        recent[begins] = whole[begins, None]
+        moving = np.flatnonzero(rows & ~begins)
+        now, size = self._read("decisions")[moving], whole.shape[1]
+        for block, age in enumerate(self._ages):
+            if age:
+                seen[moving, block * size : (block + 1) * size] = recent[moving, (now - age) % depth]
+        recent[moving, now % depth] = whole[moving]
+        return seen
 
     def _flat(self, own: OwnCode, shape: tuple[int, ...]) -> npt.NDArray[Any]:
         """Return (N, K) readings; zeros where there are none."""

@@ -156,9 +156,11 @@ def _mask_observations(learner: BaseAlgorithm, settings: TrainSettings) -> None:
     if not settings.masked_observations:
         return
     indices = maskable_indices(settings.observation)
+    hidden = np.array([indices[name] for name in settings.masked_observations])
     for module in learner.policy.modules():
         if isinstance(module, NormalisedObservations):
-            module.hide([indices[name] for name in settings.masked_observations])
+            firsts = np.arange(0, len(module.variance), len(module.variance) // (1 + len(settings.history)))
+            module.hide((firsts[:, None] + hidden).ravel().tolist())
 
 
 def maskable_indices(observation: str) -> dict[str, int]:

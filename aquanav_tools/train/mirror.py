@@ -38,7 +38,7 @@ class MirroredEnvs(VecEnvWrapper):
         """
         super().__init__(venv)
         self._rows = np.arange(1, venv.num_envs, 2)
-        self._order, self._signs = mirror_image(settings.observation, settings.sensors)
+        self._order, self._signs = mirror_image(settings.observation, settings.sensors, len(settings.history))
         self._turned = TURNED[settings.action]
 
     def reset(self) -> Floats:
@@ -74,17 +74,18 @@ class MirroredEnvs(VecEnvWrapper):
         return seen
 
 
-def mirror_image(observation: str, sensors: Sequence[str] = ()) -> MirrorImage:
+def mirror_image(observation: str, sensors: Sequence[str] = (), num_earlier: int = 0) -> MirrorImage:
     """Return from which value each value of an observation's mirror image comes, and with which sign.
 
     Args:
         observation: The preset "paper" or "full".
         sensors: By name; their readings follow.
+        num_earlier: Earlier observations of the same form that follow these.
 
     Raises:
         InputError: a sensor has no mirror image.
     """
-    parts = [_preset_image(observation), *map(_sensor_image, sensors)]
+    parts = [_preset_image(observation), *map(_sensor_image, sensors)] * (1 + num_earlier)
     firsts = np.cumsum([0, *(len(order) for order, _ in parts)])
     orders = [order + first for (order, _), first in zip(parts, firsts, strict=False)]
     return np.concatenate(orders), np.concatenate([signs for _, signs in parts])
