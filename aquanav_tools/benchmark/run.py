@@ -161,7 +161,7 @@ def _own_files(options: BenchmarkOptions, benchmark: Benchmark) -> Any:
 def _provenance(
     options: BenchmarkOptions, benchmark: Benchmark, policy: LoadedPolicy, scenarios: list[dict[str, Any]]
 ) -> Provenance:
-    rules = rules_of(options, benchmark)
+    rules = policy.rules(rules_of(options, benchmark))
     conditions = [tier.condition for tier in benchmark.tiers]
     return Provenance(
         possible_episodes=None,

@@ -76,9 +76,9 @@ class CaveWorker:
     def __init__(self, spec: BenchmarkSpec, began: Any = None) -> None:
         """Load the policy; `began` is the clock of `CallTimeout`."""
         self._spec = spec
-        self._rules = rules_of(spec.options, spec.benchmark)
         self._timeout = CallTimeout(spec.options.action_time_limit, began)
         self._policies = [policy_of(spec.options, spec.benchmark)]
+        self._rules = self._policies[0].rules(rules_of(spec.options, spec.benchmark))
 
     def run(self, task: CaveTask) -> dict[str, Any]:
         """Return what the run's journal keeps of a cave.

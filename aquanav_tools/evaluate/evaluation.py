@@ -77,7 +77,9 @@ def evaluate(
         ResourceError: the processes that run do not start, or the cluster does not answer.
     """
     load = load or policy_loader(options, is_trusted=options.trust)
-    spec = EvaluationSpec(options, policy_name or options.policies[0], output or options.output, load)
+    name = policy_name or options.policies[0]
+    options = load(name).rules(options)
+    spec = EvaluationSpec(options, name, output or options.output, load)
     plan = make_plan(spec)
     _check_names(plan.scenarios)
     say_left_out(plan.scenarios)

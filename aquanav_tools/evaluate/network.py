@@ -14,6 +14,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.padding import BLOCK, pad_columns, pad_layers, pad_lstm
 from aquanav_tools.policy.architecture import ExoticPolicyError, Kind, read_kind, read_options
 from aquanav_tools.policy.archive import read_archive, read_weights
+from aquanav_tools.policy.observed import read_observed
 from aquanav_tools.policy.spaces import parse_space
 from aquanav_tools.types import IntArray
 
@@ -45,6 +46,8 @@ class NetworkPolicy:
             raise ExoticPolicyError(f"{cause} {TRUST}") from cause
         self.observation_space = parse_space(settings.get("observation_space"), "observation space")
         self.action_space = parse_space(settings.get("action_space"), "action space")
+        self.observed = read_observed(settings, path)
+        """What the file says that it observes; None where it says nothing."""
         if not isinstance(self.observation_space, spaces.Dict if self._kind.has_parts else spaces.Box):
             wanted = "dictionary of parts" if self._kind.has_parts else "flat Box"
             raise InputError(f"The policy in {path} observes {self.observation_space}; a {wanted} is needed.")

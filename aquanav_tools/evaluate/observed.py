@@ -54,9 +54,9 @@ def parts_maker(observation: str | None, sensors: Sequence[str], *, is_dictionar
     return partial(_parts, given, dict(pairs))
 
 
-def named_observation(observation: str, sensors: Sequence[str]) -> str | None:
+def named_observation(observation: str, sensors: Sequence[str], history: Sequence[int]) -> str | None:
     """Return what results say is observed where options named it; None for the preset that a policy's file tells."""
-    is_named = bool(sensors) or is_own(observation) or NAME_OF_PART in observation
+    is_named = bool(sensors) or bool(history) or is_own(observation) or NAME_OF_PART in observation
     return observation if is_named else None
 
 

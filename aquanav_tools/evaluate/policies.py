@@ -28,6 +28,7 @@ from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
+from aquanav_tools.policy.observed import Observed, Options
 from aquanav_tools.policy.run_folder import KINDS, best_policy, observed_in
 from aquanav_tools.policy.spaces import describe_parts, describe_space, shapes_of
 from aquanav_tools.provenance import file_hash
@@ -106,6 +107,12 @@ class LoadedPolicy:
     """Shapes of the parts that its file says it observes; None of a policy that observes one array, or any."""
     parts: Callable[[], dict[str, Any]] | None = None
     """Makes the parts that it is to observe; None where `observation` names one array."""
+    observed: Observed | None = None
+    """What its file says that it observes; None where that is named, or told by the number of values."""
+
+    def rules(self, options: Options) -> Options:
+        """Return the options of a task in which the policy is let observe what its file says."""
+        return options if self.observed is None else self.observed.rules(options)
 
     def reset(self, seed: int) -> None:
         """Begin an episode; random numbers, if any, are drawn from `seed`."""
@@ -170,7 +177,8 @@ BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]
 
 def policy_loader(options: ProtocolOptions, *, is_trusted: bool) -> Callable[[str], LoadedPolicy]:
     """Return what loads policies for an evaluation; it travels to other processes."""
-    return partial(load_policy, is_trusted=is_trusted, observation=options.observation, sensors=tuple(options.sensors))
+    observation, sensors, history = options.observation, tuple(options.sensors), tuple(options.history)
+    return partial(load_policy, is_trusted=is_trusted, observation=observation, sensors=sensors, history=history)
 
 
 def code_of(spec: str) -> str:
@@ -180,7 +188,11 @@ def code_of(spec: str) -> str:
 
 
 def load_policy(
-    spec: str, is_trusted: bool = False, observation: str | None = None, sensors: tuple[str, ...] = ()
+    spec: str,
+    is_trusted: bool = False,
+    observation: str | None = None,
+    sensors: tuple[str, ...] = (),
+    history: tuple[int, ...] = (),
 ) -> LoadedPolicy:
     """Return the policy named by `spec`.
 
@@ -189,15 +201,16 @@ def load_policy(
             baseline; or "shield:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
-        observation: What a file's policy observes; None tells it from the number of values.
+        observation: What a file's policy observes; None takes what the file says, or tells it by the number of values.
         sensors: What it observes beside that.
+        history: The earlier decisions that it observes.
 
     Raises:
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
     if spec.startswith(SHIELD):
-        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation, sensors))
+        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation, sensors, history))
     if spec.startswith(PREFIX):
         _refuse_parts(spec, observation, sensors)
         return _baseline(spec)
@@ -214,21 +227,18 @@ def load_policy(
         takes = shapes_of(found.observation_space)
         loaded = LoadedPolicy(found, name, file_hash(path), "full", form, CAVE, draws, takes=takes)
         return observing(loaded, observation, sensors)
-    return _of_one_array(found, path, name, spec, draws, observation, sensors)
+    _refuse_parts(name, observation, sensors)
+    told = (
+        observed if (observed := getattr(found, "observed", None)) and not (observation or sensors or history) else None
+    )
+    named = told.observation if told else observation or ("full" if sensors or history else None)
+    return replace(_of_one_array(found, path, name, spec, draws, named), observed=told)
 
 
 def _of_one_array(
-    found: FilePolicy,
-    path: Path,
-    name: str,
-    spec: str,
-    draws: bool,
-    observation: str | None,
-    sensors: tuple[str, ...],
+    found: FilePolicy, path: Path, name: str, spec: str, draws: bool, observation: str | None
 ) -> LoadedPolicy:
     """Return a file's policy that observes one array, with the preset, or what is named in its place."""
-    _refuse_parts(name, observation, sensors)
-    observation = observation or ("full" if sensors else None)
     try:
         fit = fitting_presets(found.observation_space, found.action_space, spec, observation)
     except InputError as cause:
@@ -287,8 +297,8 @@ def check_size(policy: LoadedPolicy, space: spaces.Space[Any]) -> None:
     if policy.size not in (None, size):
         raise InputError(
             f"The policy {policy.name} takes {policy.size} values, and there are {size} of the observation "
-            f"{policy.observation} with the sensors that are named. Name with --observation and --sensors what it was "
-            "trained with."
+            f"{policy.observation} with the sensors and the history that are named. Name with --observation, --sensors "
+            "and --history what it was trained with."
         )
 
 

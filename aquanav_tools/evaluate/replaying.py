@@ -159,7 +159,7 @@ def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     for name, value in task.items():
         task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
     return ProtocolOptions(
-        observation=named_observation(protocol["observation"], task["sensors"]),
+        observation=named_observation(protocol["observation"], task["sensors"], task["history"]),
         episodes=protocol["episodes"],
         seed=protocol["seed"],
         max_decisions=protocol["max_decisions"],

@@ -373,7 +373,7 @@ def repeat_command(provenance: Provenance) -> str:
     if "cases" in protocol:
         trust = ["--trust"] if provenance.policy["is_trusted"] or names_code(provenance.own_files) else []
         return shlex.join(map(str, [*words, "--protocol", "cases.toml", *trust]))
-    observation = named_observation(protocol["observation"], protocol["sensors"])
+    observation = named_observation(protocol["observation"], protocol["sensors"], protocol["history"])
     words += ["--observation", observation] if observation else []
     words += ["--episodes", protocol["episodes"]] if protocol["episodes"] else []
     words += ["--seed", protocol["seed"]]

@@ -43,6 +43,7 @@ def stress(options: StressOptions, progress: Progress, load: Callable[[str], Loa
     load_cmaes()
     run_options = _run_options(options)
     load = load or policy_loader(run_options, is_trusted=options.trust)
+    run_options = load(options.policy).rules(run_options)
     spec = EvaluationSpec(run_options, options.policy, options.output, load)
     plan = make_plan(spec)
     with held_results(options.output):

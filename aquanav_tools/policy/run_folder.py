@@ -20,7 +20,9 @@ def observed_in(folder: Path) -> str:
     try:
         lesson = read_json(folder / "train.json")["lessons"][-1]
         sensors = [str(name) for name in lesson.get("sensors", ())]
+        history = [str(ago) for ago in lesson.get("history", ())]
         words = [f"--observation {lesson['observation']}", *(["--sensors", *sensors] if sensors else [])]
+        words += ["--history", *history] if history else []
     except (InputError, LookupError, TypeError, AttributeError):
         return ""
     return f" {folder} says that it was trained with {' '.join(words)}."

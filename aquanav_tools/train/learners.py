@@ -22,6 +22,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import NormalisedObservations
+from aquanav_tools.policy.observed import OBSERVED, observed_table
 from aquanav_tools.train.fitting import decisions_of, update_size
 from aquanav_tools.train.ppo import ParallelPPO
 from aquanav_tools.train.settings import OFF_POLICY, TrainSettings
@@ -57,6 +58,7 @@ def make_learner(envs: VecEnv, settings: TrainSettings, seed: int, done: int = 0
     make = _make_off_policy if settings.algorithm in OFF_POLICY else _make_on_policy
     learner = make(envs, settings, seed, _schedule(settings, done))
     _mask_observations(learner, settings)
+    setattr(learner, OBSERVED, observed_table(settings.observation, settings))
     learner.set_logger(Logger(None, []))
     return learner
 

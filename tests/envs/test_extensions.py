@@ -185,6 +185,33 @@ def test_sensors_are_late_like_all_that_is_observed(tube: Scenario, own_module: 
         assert np.array_equal(observations[:, :44], plain[n][0]), "as the batch itself delays"
 
 
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("delay", [0, 2])
+def test_earlier_observations_follow_that_of_now(tube: Scenario, delay: int, mode: str) -> None:
+    """Block by block they are what the same vehicles observed then; before its episode, what it began with."""
+    plain = run(tube, 40, autoreset_mode=mode)
+    blocks = run(tube, 40, autoreset_mode=mode, history=(1, 4), observation_delay=delay)
+    began, num_ends = np.zeros(5, dtype=int), 0
+    for n, (observations, _, terminated, truncated, _) in enumerate(blocks):
+        ended = terminated | truncated
+        if mode == "SameStep":
+            began[ended] = n
+        assert observations.shape == (5, 3 * 44)
+        for block, age in enumerate((delay, delay + 1, delay + 4)):
+            for i in range(5):
+                expected = plain[max(n - age, began[i])][0][i]
+                assert np.array_equal(observations[i, 44 * block : 44 * (block + 1)], expected)
+        if mode == "NextStep":
+            began[ended] = n + 1
+        num_ends += ended.sum()
+    assert num_ends >= 5
+
+
+def test_a_history_has_no_future(tube: Scenario) -> None:
+    with pytest.raises(InputError, match="history has 0; it has numbers of decisions from 1 to 100"):
+        run(tube, 1, history=(3, 0))
+
+
 def test_sensors_that_come_with_aquanav_stand_beside_ones_own(tube: Scenario, own_module: WriteModule) -> None:
     """Depth counts from the entrance, which is at the height 0; the sheet's error is 2 cm."""
     own = own_module(CODE)
@@ -331,6 +358,7 @@ def test_what_a_definition_draws_is_normal_and_its_own(tube: Scenario, own_modul
 def test_restored_batches_go_on_as_they_would_have(tube: Scenario, own_module: WriteModule) -> None:
     own = own_module(CODE)
     options: dict[str, Any] = {"reward": f"{own}:Along", "sensors": (f"{own}:Where",), "observation_delay": 3}
+    options["history"] = (2,)
     first, second = (CaveBatch(tube, 4, next_step=False, **options) for _ in range(2))
     first.reset([1, 2, 3, 4])
     for n in range(5):

@@ -7,6 +7,7 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.sim.batch.sensors import fan_spec
 from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner, update_normalisers
@@ -14,6 +15,9 @@ from aquanav_tools.train.mirror import MirroredEnvs, mirror_image
 from aquanav_tools.types import Pose, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.train.runs import TINY
+
+ERRORS = fan_spec.RangeErrors()
+"""None: they would differ on either side."""
 
 
 def starting(position: tuple[float, float, float], yaw: float) -> Scenario:
@@ -33,9 +37,12 @@ def starting(position: tuple[float, float, float], yaw: float) -> Scenario:
     ],
 )
 def test_a_mirrored_vehicle_swims_as_one_that_starts_and_steers_the_other_way(
-    observation: str, action: str, sensors: tuple[str, ...]
+    observation: str, action: str, sensors: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The tube is its own mirror image, so a start on the other side, seen in a mirror, is the same task.
+    monkeypatch.setitem(
+        fan_spec.PRESET_FANS, "echosounders", dataclasses.replace(fan_spec.echo_sounders(), noise=ERRORS)
+    )
     caves = [starting((4.0, 0.6, 0.3), 0.3), starting((4.0, -0.6, 0.3), -0.3)]
     form = {"observation": observation, "action": action, "sensors": sensors}
     settings = dataclasses.replace(TINY, num_envs=2, batch=2, n_steps=1, mirrored=True, **form)
