@@ -61,8 +61,8 @@ FLOW_CELLS = 12_000
 100,000, and 90 to 96 % of the flow passes cross-sections of the passage, where those have 97 to 99 %."""
 NUM_STARTS = 20
 SECONDS_PER_METRE = 6.0
-"""An episode lasts so long for each metre of the way, s, and no less than the original's. The oracle takes 3 to 5.4 s in
-passages narrower than two vehicle widths at full current; 2 s, as in long ways of other caves, ended its dives there."""
+"""An episode lasts so long for each metre of the way, s, and no less than the original's. The oracle takes 3 to 5.4 s
+at full current in passages narrower than two vehicle widths; the 2 to 4 s of long ways in other caves end its dives."""
 MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
 MAX_ATTEMPTS = 8
