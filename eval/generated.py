@@ -11,6 +11,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -188,15 +189,27 @@ def draw(found: dict[str, Measured], num_styles: int, path: Path) -> None:
         axis.invert_yaxis()
         if name in ("width", "shape", "ray"):
             axis.set_xscale("log")
+            _label(axis.xaxis)
     spectrum, shares = axes.ravel()[6:]
     for one, colour in zip(names, colours, strict=True):
         middles = [np.sqrt(low * high) for low, high in BANDS]
         spectrum.loglog(middles, 100.0 * found[one].roughness, "o-", color=colour, label=one, alpha=0.7)
+    _label(spectrum.xaxis)
+    _label(spectrum.yaxis)
     spectrum.set_title("roughness of the wall (cm, RMS) by wavelength (m)", fontsize=10)
     shares.barh(names, [100.0 * found[one].open_share for one in names], color=colours)
     shares.set_title(f"rays that see farther than {RAY_RANGE:g} m (%)", fontsize=10)
     shares.invert_yaxis()
     figure.savefig(path, dpi=70)
+
+
+def _label(axis: Any) -> None:
+    """Label the ticks of a log axis at 1, 2 and 5 times powers of ten, as plain numbers: more would overlap."""
+    from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def page(found: dict[str, Measured], num_styles: int, left_out: dict[str, str], seeds: int) -> str:

@@ -7,6 +7,8 @@ centreline graph, drawings. The grids of distances and currents grow with the op
 
 from __future__ import annotations
 
+import dataclasses
+import math
 import os
 import shutil
 from dataclasses import dataclass
@@ -31,7 +33,7 @@ from aquanav_tools.cave.water.flow import Flow, find_flow
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import MeshError
 from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
+from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.scenario.shipped import (
     SETTINGS_FILE,
     WORK_SUFFIX,
@@ -58,6 +60,9 @@ FLOW_CELLS = 12_000
 """The flow has about this many cells: velocities on the way are within 1 % (a bedding plane: 6 %) of those with
 100,000, and 90 to 96 % of the flow passes cross-sections of the passage, where those have 97 to 99 %."""
 NUM_STARTS = 20
+SECONDS_PER_METRE = 6.0
+"""An episode lasts so long for each metre of the way, s, and no less than the original's. The oracle takes 3 to 5.4 s
+at full current in passages narrower than two vehicle widths; the 2 to 4 s of long ways in other caves end its dives."""
 MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
 MAX_ATTEMPTS = 8
@@ -127,11 +132,19 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
         built=BuiltBy(__version__, "synthetic"),
         goal=GoalSettings(tuple(float(c) for c in guide.centres[-1])),  # type: ignore[arg-type]
         vehicle=VEHICLE,
+        limits=_limits(guide.length),
     )
     flow = _flow(cavity, field, guide)
     vehicle_toml = read_text(vehicle_path(VEHICLE))
     scenario = Scenario(settings, cavity, cavity.mesh, field, guide, starts, vehicle_toml, flow)
     return scenario, width
+
+
+def _limits(way: float) -> LimitSettings:
+    """Return the limits of episodes in a cave whose way has a length, m."""
+    usual = LimitSettings()
+    needed = math.ceil(SECONDS_PER_METRE * way / (usual.dt * usual.substeps))
+    return dataclasses.replace(usual, decisions=max(needed, usual.decisions))
 
 
 def _flow(cavity: Cavity, field: DistanceField, guide: Guide) -> Flow | None:

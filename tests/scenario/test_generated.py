@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from scipy.spatial import cKDTree
 
-from aquanav_tools.build.generated import MAX_WIDTHS, MIN_WIDTHS, build_generated
+from aquanav_tools.build.generated import MAX_WIDTHS, MIN_WIDTHS, _limits, build_generated
 from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario import shipped
@@ -59,6 +59,11 @@ def test_a_half_built_one_is_told_and_built_again(
     with pytest.raises(ScenarioError, match="Try it by itself: aquanav generate --style phreatic-tube --seed 1"):
         scenario_folder(NAME)
     assert "What lies there was left half built, and is replaced." in capsys.readouterr().err
+
+
+def test_an_episode_lasts_as_long_as_the_originals_and_longer_where_the_way_is_long() -> None:
+    assert _limits(20.0).decisions == _limits(40.0).decisions == 2400
+    assert _limits(100.0).decisions == 6000  # 600 s of ten decisions each
 
 
 def test_mixed_shares_the_folder_of_the_style_it_picks() -> None:

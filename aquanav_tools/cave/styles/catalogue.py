@@ -16,12 +16,14 @@ VEHICLE_WIDTH = 0.34
 """Of a BlueROV2's frame and of its capsule, m: openings are drawn in multiples of it."""
 LENGTHS = (20.0, 200.0)
 """Shortest and longest main passage, m; drawn evenly in the logarithm."""
-WIDENING = 0.12
+WIDENING = 0.15
 """By how much wider every further attempt is."""
 VOXEL_SHARE, MIN_VOXEL, MAX_VOXEL = 0.12, 0.1, 0.32
 """The voxel is this share of the opening, and between so many m."""
 WALL_CELLS, MAX_SHARE = 20_000, 0.2
 """Of a long cave the voxel is larger, so that its wall has about so many; up to this share of the opening."""
+MAX_CELLS = 22_000
+"""A cave whose wall has more of the largest voxels is drawn shorter: with it a cave takes about 3 s to build."""
 
 
 @dataclass(frozen=True)
@@ -31,20 +33,21 @@ class Style:
     draws: Callable[[float, float, np.random.Generator], Plan]
     """Returns the plan of a length and an opening, m."""
     openings: tuple[float, float]
-    """Narrowest and widest opening, vehicle widths; drawn evenly in the logarithm."""
+    """Narrowest and widest opening, vehicle widths; drawn evenly in the logarithm. The narrowest place of the way
+    has 0.5 to 1 of it, 0.75 on average: relief and blocks narrow it."""
     lengths: tuple[float, float] = LENGTHS
 
 
 STYLES: dict[str, Style] = {
-    "phreatic-tube": Style(natural.phreatic_tube, (1.6, 14.0)),
-    "vadose-canyon": Style(natural.vadose_canyon, (1.6, 8.0)),
-    "bedding-plane": Style(natural.bedding_plane, (1.5, 7.0), (20.0, 120.0)),
-    "breakdown-chamber": Style(rooms.breakdown_chamber, (1.5, 10.0)),
+    "phreatic-tube": Style(natural.phreatic_tube, (1.8, 14.0)),
+    "vadose-canyon": Style(natural.vadose_canyon, (1.8, 8.0)),
+    "bedding-plane": Style(natural.bedding_plane, (1.8, 7.0), (20.0, 120.0)),
+    "breakdown-chamber": Style(rooms.breakdown_chamber, (1.8, 10.0)),
     "shaft-ramp": Style(natural.shaft_ramp, (2.2, 12.0)),
-    "maze": Style(rooms.maze, (1.8, 7.0), (20.0, 120.0)),
-    "sump-series": Style(natural.sump_series, (1.5, 10.0)),
+    "maze": Style(rooms.maze, (2.0, 7.0), (20.0, 120.0)),
+    "sump-series": Style(natural.sump_series, (1.8, 10.0)),
     "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),
-    "mine-drift": Style(rooms.mine_drift, (1.6, 9.0)),
+    "mine-drift": Style(rooms.mine_drift, (1.9, 9.0)),
 }
 
 
@@ -72,10 +75,16 @@ def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
     sizes = np.random.default_rng([number_of(name, seed), 1])
     length, opening = (float(np.exp(sizes.uniform(*np.log(limits)))) for limits in (kind.lengths, kind.openings))
     opening *= VEHICLE_WIDTH * (1.0 + WIDENING * attempt)
-    rng = np.random.default_rng([number_of(name, seed), 2, attempt])
+    coarsest = min(MAX_SHARE * opening, MAX_VOXEL)
+    numbers = [number_of(name, seed), 2, attempt]
+    rng = np.random.default_rng(numbers)
     plan = kind.draws(length, opening, rng)
+    excess = plan.wall_area / (MAX_CELLS * coarsest**2)
+    if excess > 1.0:
+        rng = np.random.default_rng(numbers)
+        plan = kind.draws(max(length / excess, kind.lengths[0]), opening, rng)
     plan = dataclasses.replace(plan, extent=round(plan.extent, 3))  # portals lie at whole millimetres
-    enough = min(float(np.sqrt(plan.wall_area / WALL_CELLS)), MAX_SHARE * opening)
-    voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL, enough), MAX_VOXEL)
+    enough = float(np.sqrt(plan.wall_area / WALL_CELLS))
+    voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL, enough), coarsest)
     voxel = plan.extent / round(plan.extent / voxel)
     return DrawnCave(name, seed, plan, voxel, int(rng.integers(1 << 20)))

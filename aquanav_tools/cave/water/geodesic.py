@@ -84,13 +84,8 @@ class WaterGraph:
 
     def parts(self, sides: BoolArray) -> IntArray:
         """Return the (N,) part of the water each node is in when no way leads between (N,) nodes of unlike sides."""
-        from scipy.sparse import csr_matrix
-        from scipy.sparse.csgraph import connected_components
-
-        a, b = self._edges[sides[self._edges[:, 0]] == sides[self._edges[:, 1]]].T
-        joined = csr_matrix((np.ones(len(a), dtype=np.bool_), (a, b)), shape=(len(self.points),) * 2)
-        labels: IntArray = connected_components(joined, directed=False)[1]
-        return labels
+        parts: IntArray = _parts(self._edges, sides)
+        return parts
 
     def nearest_open(self, point: Array) -> int:
         """Return the number of the node nearest to a (3,) point."""
@@ -179,6 +174,29 @@ def _edges(field: DistanceField, indices: IntArray, step: int, points: Array, mi
         pairs.append(np.stack([rows[others != NO_NODE], others[others != NO_NODE]], axis=1))
     edges: IntArray = np.concatenate(pairs)
     return edges[_see_many(edges, points, min_clearance, *field.grid)] if step > 1 else edges
+
+
+@numba.njit(cache=True)
+def _parts(edges, sides):  # type: ignore[no-untyped-def]
+    """Return the part that each node is in, called by its first node; edges between unlike sides join nothing."""
+    first = np.arange(len(sides))
+    for n in range(len(edges)):
+        a, b = edges[n]
+        if sides[a] != sides[b]:
+            continue
+        while first[a] != a:
+            first[a] = first[first[a]]  # halves the chain for the next search
+            a = first[a]
+        while first[b] != b:
+            first[b] = first[first[b]]
+            b = first[b]
+        if a < b:
+            first[b] = a
+        elif b < a:
+            first[a] = b
+    for n in range(len(first)):  # each leads to an earlier node, whose part is known
+        first[n] = first[first[n]]
+    return first
 
 
 @numba.njit(cache=True)

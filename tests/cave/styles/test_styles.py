@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave.styles.catalogue import STYLES, VEHICLE_WIDTH, DrawnCave, draw_cave
+from aquanav_tools.cave.styles.catalogue import MAX_CELLS, STYLES, VEHICLE_WIDTH, DrawnCave, draw_cave
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.cave.styles.plan import NO_FLOOR, Passage, Plan, Relief
 from aquanav_tools.cave.styles.surface import water_surface
@@ -66,12 +66,14 @@ def test_every_style_is_one_proven_body_of_water_with_two_portals(style: str) ->
 def test_plans_keep_within_the_lengths_and_openings_of_their_style(style: str) -> None:
     kind = STYLES[style]
     for seed in range(12):
-        plan = draw_cave(style, seed).plan
+        drawn = draw_cave(style, seed)
+        plan = drawn.plan
         way = plan.passages[0].axis
         way = way[(way[:, 0] >= 0.0) & (way[:, 0] <= plan.extent)]
         length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
         assert kind.lengths[0] - 0.5 <= length <= kind.lengths[1] + 0.5
         assert kind.openings[0] <= plan.opening / VEHICLE_WIDTH <= kind.openings[1]
+        assert plan.wall_area / drawn.voxel**2 <= 1.1 * MAX_CELLS or length <= kind.lengths[0] + 0.5
 
 
 def test_the_same_seed_is_the_same_cave_to_the_byte_and_another_another() -> None:

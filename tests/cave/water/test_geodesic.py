@@ -5,6 +5,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import trimesh
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.water.distance import distance_field
@@ -77,6 +79,18 @@ def test_there_is_no_way_into_water_that_is_shut_off() -> None:
     ways = WaterGraph(field, 0.1).ways_from(np.array([-0.8, 0.0, 0.0]))
     assert ways.lengths_to(np.array([[0.8, 0.0, 0.0]]))[0] == np.inf
     assert ways.path_to(np.array([0.8, 0.0, 0.0])) is None
+
+
+def test_parts_of_the_water_are_the_components_that_scipy_finds(rng: np.random.Generator) -> None:
+    graph = WaterGraph(tube_field(), 0.1)
+    edges, count = graph._edges, len(graph.points)
+    for share in (0.0, 0.05, 0.5):
+        sides = rng.random(count) < share
+        a, b = edges[sides[edges[:, 0]] == sides[edges[:, 1]]].T
+        number, truth = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)), directed=False)
+        together = np.unique(np.stack([graph.parts(sides), truth]), axis=1)
+        assert together.shape[1] == number  # each of the parts is one of the components
+        assert len(np.unique(together[0])) == number
 
 
 def test_too_little_room_is_refused_with_both_numbers() -> None:
