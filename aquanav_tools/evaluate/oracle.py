@@ -18,7 +18,6 @@ import numpy.typing as npt
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
 from aquanav_tools.sim.batch.pursuit import Pursuit
@@ -54,18 +53,18 @@ class OraclePolicy:
     def __init__(self) -> None:
         self._env: CaveEnv | None = None
         self._graphs: dict[int, WaterGraph] = {}
-        self._trim = layout("full")["trim"]
 
     def bind(self, env: CaveEnv) -> None:
         """Learn the map, the vehicle and the water of an environment, and find the way from where the vehicle is."""
         known, radius = self._env, env.vehicle.capsule.radius
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
             self._graphs = {}
-        self._env, self._predictor = env, predictor_of(env, has_map=True)
+        self._env, self._predictor = env, predictor_of(env, has_map=True, knows_draws=True)
         path = self._find_path(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
-        self._pursuit = Pursuit(self._predictor, path.points, path.arc, HORIZON)
+        self._pursuit = Pursuit(self._predictor, path.points, path.arc, HORIZON, env.water_now)
         # Both compile now, not while a first action is timed.
-        self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.task.action_delay, 3)), np.zeros(3))
+        self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.action_delay, 3)), np.zeros(3))
+        self._predictor.trim_at(env.ballast_level)
         self._pursuit.foresee(env.state, 0.0, env.water_velocity)
 
     def _find_path(self, start: Array, goal: Array) -> PlannedPath:
@@ -87,21 +86,21 @@ class OraclePolicy:
         """Begin an episode; nothing is drawn at random."""
         if self._env is None:
             raise InputError("The oracle knows a map: call its bind(env) before its reset.")
-        self._pending = deque([IDLE] * self._env.task.action_delay)
+        self._pending = deque([IDLE] * self._env.action_delay)
         self._made, self._waited = 0.0, 0
 
     def act(self, observation: npt.NDArray[np.float32]) -> npt.NDArray[np.int64]:
-        """Return [ballast, steer, thrust]; of the observation it only needs its own trim."""
+        """Return [ballast, steer, thrust]; it needs nothing of the observation, which errs and may be late."""
         assert self._env is not None
-        state, trim, current = self._env.state, float(observation[self._trim][0]), self._env.water_velocity
+        state, current = self._env.state, self._env.water_velocity
+        trim = self._predictor.trim_at(self._env.ballast_level)
         if self._pending:  # what was chosen before and has yet to come through
             pending = np.array(self._pending)[None]
             ahead = self._predictor.predict(state[None], np.array([trim]), pending, current)
             state, trim = ahead.states[0, -1], float(ahead.trims[0, -1])
         chosen = self._choose(state, trim, current)
-        if self._env.task.action_delay:
-            self._pending.append(chosen)
-            self._pending.popleft()
+        self._pending.append(chosen)
+        self._pending.popleft()
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:

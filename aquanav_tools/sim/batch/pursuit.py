@@ -16,6 +16,7 @@ from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.water import Water, WaterNow, water_at
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
 from aquanav_tools.types import Array
 
@@ -109,6 +110,11 @@ def pursue(
     path: Path,
     hull: Hull,
     grid: Grid,
+    knows_water: int,
+    water: Water,
+    eddies: wp.array2d(dtype=f64),
+    phases: wp.array(dtype=f64),
+    fractions: wp.array(dtype=f64),
     currents: wp.array(dtype=wp.vec3d),
     extra: wp.array2d(dtype=f64),
     states: wp.array3d(dtype=f64),
@@ -128,16 +134,19 @@ def pursue(
         clearance = axis_clearance(grid, state, hull) - hull.radius
         commands[i] = pursued(state, trims[i], clearance, currents[0], at, path)
     command = commands[i]
+    current = f64(1.0) * currents[0]
     least = f64(wp.inf)
     for _ in range(horizon):
         for _ in range(substeps):
             wrench, after = actuated(command, level, controls)
             level = after
-            state = moved_freely(i, state, wrench, currents[0], extra, motion)
+            state = moved_freely(i, state, wrench, current, extra, motion)
         clearance = axis_clearance(grid, state, hull) - hull.radius
         least = wp.min(least, clearance)
         at = nearest_point(state.position, path)
-        command = pursued(state, trim_of(level, controls), clearance, currents[0], at, path)
+        if knows_water == 1:
+            current = fractions[0] * water_at(water, grid, eddies, 0, phases[0], state.position)
+        command = pursued(state, trim_of(level, controls), clearance, current, at, path)
     clearances[i] = least
     made[i] = path.arc[at]
 
@@ -158,7 +167,9 @@ class Foreseen(NamedTuple):
 class Pursuit:
     """A vehicle that follows a path through a cave, run ahead for some decisions."""
 
-    def __init__(self, predictor: Predictor, points: Array, arc: Array, horizon: int) -> None:
+    def __init__(
+        self, predictor: Predictor, points: Array, arc: Array, horizon: int, water: WaterNow | None = None
+    ) -> None:
         """Prepare pursuit of a path.
 
         Args:
@@ -166,11 +177,17 @@ class Pursuit:
             points: (N, 3) along the path, m.
             arc: (N,) length of the path up to each of them, m.
             horizon: Decisions that are run ahead.
+            water: What the vehicle comes into; None takes it to move everywhere as it does where the vehicle is.
         """
         self._predictor, self._horizon = predictor, horizon
         self._path = Path()
         self._path.points = wp.array(points, dtype=wp.vec3d, device=predictor.device)
         self._path.arc = wp.array(arc, dtype=wp.float64, device=predictor.device)
+        if water is None:
+            nothing = [predictor.zeros((0, 0)), predictor.zeros((0,)), predictor.zeros((0,))]
+            self._water = [0, Water(), *nothing]
+        else:
+            self._water = [1, water.water, water.eddies, water.phases, water.fractions]
         self._launches: dict[tuple[int, int, bool], tuple[Any, list[Any], list[Array]]] = {}
 
     def foresee(self, state: Array, trim: float, current: Array, commands: Array | None = None) -> Foreseen:
@@ -201,7 +218,7 @@ class Pursuit:
         found = [given.zeros((num,)) for _ in range(3)]
         extra = given.zeros((num, size - STATE_SIZE))
         inputs = [given.motion, given.controls, given.substeps, self._horizon, int(has_command), self._path]
-        inputs += [given.hull, given.grid, currents, extra, states, trims, commands, *found]
+        inputs += [given.hull, given.grid, *self._water, currents, extra, states, trims, commands, *found]
         launch = wp.launch(pursue, dim=num, inputs=inputs, device=given.device, record_cmd=True)
         arrays = [currents, states, trims, commands, *found]
         return launch, [*arrays, extra], [array.numpy() for array in arrays]
