@@ -15,12 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
-from aquanav_tools.sim.batch.pursuit import Pursuit
+from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
 from aquanav_tools.types import Array
 
 NUM_NODES = (60_000, 300_000)
@@ -32,6 +33,12 @@ HORIZON = 12
 """Decisions run ahead: longer than it takes to stop."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
+SHARE, STRETCH = 0.5, 1.2
+"""Where the way has less room, it asks for so much of the least within so many metres."""
+CENTRINGS = 20
+"""Steps, each of up to half the spacing of the field, in which the way is moved away from walls."""
+PACES = (0.8, 0.6, 0.45, SLOWEST)
+"""Speeds over ground that the look-ahead tries beside walls, m/s: the first that keeps enough room is taken."""
 STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
 """Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
 that is narrower would hold it up for ever."""
@@ -45,6 +52,8 @@ class PlannedPath:
     """(N, 3) m."""
     arc: Array
     """(N,) m from the start."""
+    room: Array
+    """(N,) clearance of a hull whose axis is a point there, m."""
 
 
 class OraclePolicy:
@@ -60,7 +69,7 @@ class OraclePolicy:
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
             self._graphs = {}
         self._env, self._predictor = env, predictor_of(env, has_map=True, knows_draws=True)
-        path = self._find_path(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
+        self._path = path = self._find_path(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
         self._pursuit = Pursuit(self._predictor, path.points, path.arc, HORIZON, env.water_now)
         # Both compile now, not while a first action is timed.
         self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.action_delay, 3)), np.zeros(3))
@@ -74,13 +83,19 @@ class OraclePolicy:
                 self._graphs[number] = WaterGraph(self._env.scenario.field, self._env.vehicle.capsule.radius, number)
             found = self._graphs[number].roomy_path(start, goal)
             if found is not None:
-                points = np.vstack([start, _smooth(found), goal])
-                steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-                return PlannedPath(points, np.concatenate([[0.0], np.cumsum(steps)]))
+                return self._planned(np.vstack([start, _smooth(found), goal]))
         raise InputError(
             f"No way as wide as the vehicle leads from {start.round(2).tolist()} to the goal at "
             f"{goal.round(2).tolist()}. The scenario is wrong: build it again, or choose a smaller vehicle."
         )
+
+    def _planned(self, points: Array) -> PlannedPath:
+        """Return a way, moved to the middle of its narrow places."""
+        assert self._env is not None
+        field, radius = self._env.scenario.field, self._env.vehicle.capsule.radius
+        points = _centred(points, field, radius + MARGIN)
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        return PlannedPath(points, np.concatenate([[0.0], np.cumsum(steps)]), field.clearance(points) - radius)
 
     def reset(self, seed: int) -> None:
         """Begin an episode; nothing is drawn at random."""
@@ -104,10 +119,11 @@ class OraclePolicy:
         return choices_of(chosen)
 
     def _choose(self, state: Array, trim: float, current: Array) -> Command:
-        pursued = self._pursuit.foresee(state, trim, current)
+        pursued = self._pursuit.foresee(state, trim, current, paces=PACES)
         margin = self._margin(float(pursued.reached[0]))
-        if pursued.clearances[0] >= margin:
-            return Command(*pursued.commands[0].tolist())
+        safe = np.flatnonzero(pursued.clearances >= margin)
+        if len(safe):
+            return Command(*pursued.commands[safe[0]].tolist())
         foreseen = self._pursuit.foresee(state, trim, current, np.array(CHOICES))
         room = np.minimum(foreseen.clearances, margin)
         return CHOICES[max(range(len(CHOICES)), key=lambda n: (room[n], foreseen.made[n]))]
@@ -117,10 +133,28 @@ class OraclePolicy:
         self._waited += 1
         if made > self._made + STRIDE:
             self._made, self._waited = made, 0
-        return MARGIN * 0.5 ** min(self._waited // PATIENCE, MAX_HALVINGS)
+        ahead = self._path.room[np.abs(self._path.arc - made) <= STRETCH].min(initial=np.inf)
+        return min(MARGIN, SHARE * max(ahead, 0.0)) * 0.5 ** min(self._waited // PATIENCE, MAX_HALVINGS)
 
 
 def _smooth(points: Array) -> Array:
     """Return (N, 3) points averaged over SMOOTHING of them, the ends over fewer."""
     half = SMOOTHING // 2
     return np.array([points[max(n - half, 0) : n + half + 1].mean(axis=0) for n in range(len(points))])
+
+
+def _centred(points: Array, field: DistanceField, enough: float) -> Array:
+    """Return (N, 3) points, those inside moved across the way to where the clearance is greater, or enough (m)."""
+    moved, step = points.copy(), 0.5 * field.spacing
+    shifts = step * np.eye(3)
+    for _ in range(CENTRINGS):
+        along = moved[2:] - moved[:-2]
+        along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+        inside = moved[1:-1]
+        rise = np.stack([field.clearance(inside + s) - field.clearance(inside - s) for s in shifts], axis=1) / (2 * step)
+        rise -= (rise * along).sum(axis=1, keepdims=True) * along
+        tried = inside + step * rise
+        room = field.clearance(inside)
+        is_better = (room < enough) & (field.clearance(tried) > room)
+        inside[is_better] = tried[is_better]
+    return moved
