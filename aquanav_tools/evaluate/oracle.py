@@ -29,7 +29,7 @@ NUM_NODES = (60_000, 300_000)
 cave so few may miss the middle of a narrow place; then as many as the build seeks its route on."""
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
-HORIZON = 12
+HORIZON = 18
 """Decisions run ahead: longer than it takes to stop."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
@@ -69,7 +69,9 @@ class OraclePolicy:
         if known is None or known.scenario is not env.scenario or radius != known.vehicle.capsule.radius:
             self._graphs = {}
         self._env, self._predictor = env, predictor_of(env, has_map=True, knows_draws=True)
-        self._path = path = self._find_path(env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64))
+        self._path = path = self._find_path(
+            env.state[:3], np.array(env.scenario.settings.goal.position, dtype=np.float64)
+        )
         self._pursuit = Pursuit(self._predictor, path.points, path.arc, HORIZON, env.water_now)
         # Both compile now, not while a first action is timed.
         self._predictor.predict(env.state[None], np.zeros(1), np.zeros((1, env.action_delay, 3)), np.zeros(3))
@@ -151,7 +153,9 @@ def _centred(points: Array, field: DistanceField, enough: float) -> Array:
         along = moved[2:] - moved[:-2]
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         inside = moved[1:-1]
-        rise = np.stack([field.clearance(inside + s) - field.clearance(inside - s) for s in shifts], axis=1) / (2 * step)
+        rise = np.stack([field.clearance(inside + s) - field.clearance(inside - s) for s in shifts], axis=1) / (
+            2 * step
+        )
         rise -= (rise * along).sum(axis=1, keepdims=True) * along
         tried = inside + step * rise
         room = field.clearance(inside)
