@@ -36,8 +36,8 @@ cave so few may miss the middle of a narrow place; then as many as the build see
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
 HORIZON = 18
-"""Decisions run ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces, that flood water will
-carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of 10."""
+"""Decisions run ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces, that flood water
+will carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of 10."""
 MARGIN = 0.15
 """Clearance of the hull that the look-ahead asks for, m."""
 SHARE, STRETCH = 0.5, 1.2
