@@ -3,15 +3,16 @@
 Test caves generated/mixed/SEED are taken by their seeds from 0 upwards. Each goes into a tier by what makes it hard:
 
     narrowest place of the way    4 vehicle widths or more 0 points, 3 or more 1, 2.4 or more 2, 2 or more 3
-    mean turn of the way          10 degrees per m or more 1 point
-    length of the way             80 m or more 1 point
+    mean turn of the way          8 degrees per m or more 1 point
+    length of the way             70 m or more 1 point
 
 0 points are tier 1, 1 point tier 2, 2 points tier 3, 3 or more tier 4. Every cave with a place narrower than two
 vehicle widths is in tier 5, the hard one. The baseline that knows the map and the water (baseline:oracle) dives in each
 under the rules of its tier, from the starts that policies get; a cave in which it touches a wall or does not arrive is
 left out. The first caves that are left fill the tier.
 
-What was found of each cave is kept beside the output, so that a stopped run goes on.
+What was found of each cave is kept beside the output, so that a stopped run goes on. Rows that other code made, of the
+generator, the oracle or the task, or whose tier has other rules now, are made anew.
 """
 
 from __future__ import annotations
@@ -35,10 +36,12 @@ from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.errors import MeshError
 from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec
 from aquanav_tools.evaluate.options import ProtocolOptions
+from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import Condition, plan_condition
+from aquanav_tools.provenance import code_digest, digest
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.scenario.shipped import drawn_from
+from aquanav_tools.scenario.shipped import GENERATOR, drawn_from
 from aquanav_tools.scenario.split import names_for_tests
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
@@ -56,7 +59,7 @@ HARD = "tier 5"
 WIDTHS = (4.0, 3.0, 2.4)
 """Vehicle widths below which a narrowest place counts a point more."""
 SQUEEZE = 2.0
-SHARP, LONG = 10.0, 80.0
+SHARP, LONG = 8.0, 70.0
 """Degrees per m and m from which a way counts a point more."""
 CHUNK = 12
 """Caves that are looked at together; which are taken does not depend on it."""
@@ -90,7 +93,7 @@ class Looker:
         found |= {"style": cave.drawn.style, **measures(scenario, cave.width), "sha256": mesh_hash(scenario)}
         found["tier"] = tier = tier_of(found["width"], found["turn"], found["length"])
         if tier not in candidate.full:
-            found["clean"] = clean_dives(scenario, tier)
+            found |= {"clean": clean_dives(scenario, tier), "basis": basis_of(tier)}
         return found
 
 
@@ -110,6 +113,21 @@ def tier_of(width: float, turn: float, length: float) -> str:
         return HARD
     points = sum(width < bound for bound in WIDTHS) + (turn >= SHARP) + (length >= LONG)
     return f"tier {1 + min(points, 3)}"
+
+
+def basis_of(tier: str) -> str:
+    """Return a hash of what dives in a tier rest on: the code of generator, oracle and task, and its rules."""
+    code = (GENERATOR, OraclePolicy.__module__, EnvCache.__module__)
+    return digest(*map(code_digest, code), RULES[tier])
+
+
+def is_valid(row: dict[str, Any]) -> bool:
+    """Return whether what was found of a cave would be found again."""
+    if "tier" not in row:
+        return True
+    return row["tier"] == tier_of(row["width"], row["turn"], row["length"]) and row.get("basis") == basis_of(
+        row["tier"]
+    )
 
 
 def clean_dives(scenario: Scenario, tier: str) -> int:
@@ -158,7 +176,8 @@ def main() -> None:
 
 def looked_at(names: list[str], known: Path, taken: dict[str, list[Any]], options: Any) -> Iterator[dict[str, Any]]:
     """Yield what is found of caves, in their order, until all tiers are full; each is kept in a file."""
-    kept = {row["scenario"]: row for row in map(json.loads, known.read_text().splitlines())} if known.is_file() else {}
+    rows = [json.loads(line) for line in known.read_text().splitlines()] if known.is_file() else []
+    kept = {row["scenario"]: row for row in rows if is_valid(row)}
     spec = WorkerSpec(make_looker, "cave looker", "caves were looked at", "Run it again: it goes on.")
     with WorkerPool(PipeTransport(), spec, options.workers) as pool, known.open("a", encoding="utf-8") as stream:
         for first in range(0, len(names), CHUNK):

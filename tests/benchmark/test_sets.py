@@ -30,9 +30,9 @@ def test_a_set_consists_of_test_caves_in_the_tiers_of_the_rule(name: str) -> Non
 @pytest.mark.parametrize(
     ("width", "turn", "length", "tier"),
     [
-        (4.0, 9.9, 79.0, "tier 1"),
+        (4.0, 7.9, 69.0, "tier 1"),
         (3.9, 0.0, 20.0, "tier 2"),
-        (3.9, 10.0, 80.0, "tier 4"),
+        (3.9, 8.0, 70.0, "tier 4"),
         (2.0, 0.0, 20.0, "tier 4"),
         (1.99, 0.0, 20.0, "tier 5"),
     ],
