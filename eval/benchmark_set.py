@@ -11,6 +11,11 @@ vehicle widths is in tier 5, the hard one. The baseline that knows the map and t
 under the rules of its tier, from the starts that policies get; a cave in which it touches a wall or does not arrive is
 left out. The first caves that are left fill the tier.
 
+Tier 5 is hard on purpose: flood water, a vehicle hardly known, noise, and commands that are late. Of six such caves the
+oracle was clean in all 10 dives in five; in four of them baseline:reference was in 0 to 2 of 10. What the oracle knows
+and policies do not is the body that the episode drew, which commands are under way, and the water ahead; rays and their
+noise it ignores.
+
 What was found of each cave is kept beside the output, so that a stopped run goes on. Rows that other code made, of the
 generator, the oracle or the task, or whose tier has other rules now, are made anew.
 """
@@ -92,8 +97,9 @@ class Looker:
         scenario = cave.scenario
         found |= {"style": cave.drawn.style, **measures(scenario, cave.width), "sha256": mesh_hash(scenario)}
         found["tier"] = tier = tier_of(found["width"], found["turn"], found["length"])
+        found["basis"] = basis_of(tier)
         if tier not in candidate.full:
-            found |= {"clean": clean_dives(scenario, tier), "basis": basis_of(tier)}
+            found["clean"] = clean_dives(scenario, tier)
         return found
 
 
@@ -121,13 +127,12 @@ def basis_of(tier: str) -> str:
     return digest(*map(code_digest, code), RULES[tier])
 
 
-def is_valid(row: dict[str, Any]) -> bool:
-    """Return whether what was found of a cave would be found again."""
-    if "tier" not in row:
+def is_valid(row: dict[str, Any], full: tuple[str, ...]) -> bool:
+    """Return whether what was found of a cave would be found again, and is all that is asked, with some tiers full."""
+    if "fault" in row:
         return True
-    return row["tier"] == tier_of(row["width"], row["turn"], row["length"]) and row.get("basis") == basis_of(
-        row["tier"]
-    )
+    tier = tier_of(row["width"], row["turn"], row["length"])
+    return row["tier"] == tier and row.get("basis") == basis_of(tier) and ("clean" in row or tier in full)
 
 
 def clean_dives(scenario: Scenario, tier: str) -> int:
@@ -176,8 +181,7 @@ def main() -> None:
 
 def looked_at(names: list[str], known: Path, taken: dict[str, list[Any]], options: Any) -> Iterator[dict[str, Any]]:
     """Yield what is found of caves, in their order, until all tiers are full; each is kept in a file."""
-    rows = [json.loads(line) for line in known.read_text().splitlines()] if known.is_file() else []
-    kept = {row["scenario"]: row for row in rows if is_valid(row)}
+    kept = {row["scenario"]: row for row in map(json.loads, known.read_text().splitlines())} if known.is_file() else {}
     spec = WorkerSpec(make_looker, "cave looker", "caves were looked at", "Run it again: it goes on.")
     with WorkerPool(PipeTransport(), spec, options.workers) as pool, known.open("a", encoding="utf-8") as stream:
         for first in range(0, len(names), CHUNK):
@@ -185,7 +189,7 @@ def looked_at(names: list[str], known: Path, taken: dict[str, list[Any]], option
             if len(full) == len(taken):
                 return
             chunk = names[first : first + CHUNK]
-            tasks = (Candidate(name, full) for name in chunk if name not in kept)
+            tasks = (Candidate(name, full) for name in chunk if not (name in kept and is_valid(kept[name], full)))
             for _, row in pool.results(tasks, "look", lambda task, why: replace(task, fault=why)):
                 kept[row["scenario"]] = row
                 stream.write(json.dumps(row) + "\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -23,6 +23,9 @@ from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
+
+if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.water import WaterNow
 
 Observation = npt.NDArray[np.float32]
 Info = dict[str, Any]
@@ -242,6 +245,29 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         if self._camera is None:
             return None
         return self._camera.picture(self.state, float(self._arrays["decisions"][0]) * self.decision_seconds)
+
+    @property
+    def drawn_dynamics(self) -> dict[str, Array]:
+        """(1,) numbers by name that this episode drew of its vehicle's dynamics; nothing without a randomisation."""
+        return {name: np.array(values) for name, values in self._batch.dynamics.items()}
+
+    @property
+    def water_now(self) -> WaterNow:
+        """The water around the vehicle: its flow, and the gusts and eddies of this moment."""
+        from aquanav_tools.sim.batch.water import WaterNow
+
+        world, arrays = self._batch.world, self._batch.world.arrays
+        return WaterNow(world.caves.rows[0].water, arrays.eddies, arrays.phases, arrays.current_fractions)
+
+    @property
+    def action_delay(self) -> int:
+        """Decisions between choosing an action and its effect in this episode, which may have drawn its own."""
+        return int(self._batch.view_of("action_delays")[0])
+
+    @property
+    def ballast_level(self) -> float:
+        """True state of the ballast, also where it is observed late: trim, or a floater's power."""
+        return float(self._batch.view_of("levels")[0])
 
     def close(self) -> None:
         """Let go of the physics, and of the viewer, which stays open."""

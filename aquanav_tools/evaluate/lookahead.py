@@ -18,11 +18,15 @@ CHOICES = tuple(
 """The 27 commands of the multidiscrete form, in the order of the discrete one."""
 
 
-def predictor_of(env: CaveEnv, *, has_map: bool) -> Predictor:
-    """Return the equations of an environment's vehicle for its decisions, with its map or without."""
+def predictor_of(env: CaveEnv, *, has_map: bool, knows_draws: bool = False) -> Predictor:
+    """Return the equations of an environment's vehicle for its decisions, with its map or without.
+
+    They are those of the vehicle's file, or of what this episode drew for it.
+    """
     settings = env.scenario.settings
     limits, field = settings.limits, env.scenario.field if has_map else None
-    return Predictor(env.vehicle, settings.water.density, limits.dt, limits.substeps, field)
+    draws = env.drawn_dynamics if knows_draws else None
+    return Predictor(env.vehicle, settings.water.density, limits.dt, limits.substeps, field, draws)
 
 
 def choices_of(command: Command) -> IntArray:

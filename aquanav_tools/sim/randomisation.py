@@ -216,6 +216,15 @@ def varied_body(vehicle: Vehicle, density: float, draws: Draws, num: int) -> Mot
     raise TypeError(f"No dynamics are known for a {type(vehicle).__name__}.")
 
 
+def control_factors(vehicle: Vehicle, draws: Draws, num: int) -> tuple[Array, Array]:
+    """Return (N,) factors of the thrust and the moment that commands ask for, and of the share that reverse has.
+
+    Where a vehicle has thrusters, their gains are part of its body, and commands ask for what they always did.
+    """
+    one = np.ones(num)
+    return draws.get("thrust", one) if num_thrusters(vehicle) == 0 else one, draws.get("reverse", one)
+
+
 def _varied_fossen(vehicle: FossenVehicle, density: float, of: Any, draws: Draws, num: int) -> BodyParameters:
     nominal = vehicle.motion_parameters(density)
     payload, place = of("payload", 0.0), np.array([0.0, 0.0, -vehicle.capsule.radius])

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.action import Command
+from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import oracle
@@ -11,10 +11,11 @@ from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.pursuit import Pursuit
+from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
 from aquanav_tools.sim.vehicle import known_vehicles
+from tests.caves import TUBE_RADIUS
 from tests.evaluate.test_policies import score
-from tests.evaluate.winding import winding_scenario
+from tests.evaluate.winding import RADIUS, winding_scenario
 from tests.shipped_caves import shipped_caves
 
 NEAR_ZERO = 0.05
@@ -37,6 +38,39 @@ def test_prediction_in_still_free_water_is_what_the_environment_does(
         assert observation[40] == pytest.approx(trims[0, 1], abs=1e-6)
         assert info["clearance"] == pytest.approx(clearances[0, 1], abs=1e-5)
     env.close()
+
+
+@pytest.mark.parametrize("contacts", ["own", "bullet"])
+@pytest.mark.parametrize("vehicle", ["bluerov2", "bluerov2-heavy", "original-auv"])
+def test_prediction_knows_what_the_episode_drew(
+    vehicle: str, contacts: str, tube: Scenario, rng: np.random.Generator
+) -> None:
+    env, delays = CaveEnv(tube, vehicle=vehicle, contacts=contacts, randomisation="wide", action_delay=1), set()
+    for seed in (0, 1, 10):  # the last one acts without delay
+        env.reset(seed=seed, options={"start": 0})
+        predictor, delay = predictor_of(env, has_map=True, knows_draws=True), env.action_delay
+        delays.add(delay)
+        pending = [IDLE] * delay
+        for _ in range(6):
+            pending.append(CHOICES[rng.integers(len(CHOICES))])
+            trim = predictor.trim_at(env.ballast_level)
+            acting = np.array([[pending.pop(0)]])
+            expected = predictor.predict(env.state[None], np.array([trim]), acting, env.water_velocity)
+            env.step(choices_of((pending or [Command(*acting[0, 0])])[-1]))
+            np.testing.assert_allclose(env.state[:13], expected.states[0, 1, :13], atol=1e-9)
+            assert predictor.trim_at(env.ballast_level) == pytest.approx(expected.trims[0, 1], abs=1e-12)
+    assert delays == {0, 1}
+    env.close()
+
+
+def test_a_way_is_moved_to_the_middle_of_a_passage_and_left_where_there_is_room(tube: Scenario) -> None:
+    middle = np.stack([np.linspace(3.0, 9.0, 61), np.zeros(61), np.zeros(61)], axis=1)
+    beside = middle + [0.0, 0.3, -0.2]
+    moved = oracle._centred(beside, tube.field, enough=2.0 * TUBE_RADIUS)
+    off = np.linalg.norm((moved - middle)[1:-1, 1:], axis=1)
+    assert off.max() < tube.field.spacing
+    np.testing.assert_array_equal(moved[[0, -1]], beside[[0, -1]])
+    np.testing.assert_array_equal(oracle._centred(beside, tube.field, enough=0.5 * TUBE_RADIUS), beside)
 
 
 def test_what_acting_compiles_is_compiled_before_a_first_action_is_timed(
@@ -67,6 +101,25 @@ def test_each_command_is_its_discrete_number() -> None:
 def test_oracle_finds_a_goal_that_is_out_of_sight_without_a_collision() -> None:
     summary = score(winding_scenario(), "baseline:oracle", 10)
     assert summary.collision_free_success.rate == 1.0
+
+
+def test_oracle_hurries_where_its_look_ahead_finds_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    hurried = score(winding_scenario(), "baseline:oracle", 3)
+    monkeypatch.setattr(oracle, "PACES", (SLOWEST,))
+    slow = score(winding_scenario(), "baseline:oracle", 3)
+    assert hurried.collision_free_success.rate == slow.collision_free_success.rate == 1.0
+    assert hurried.means["time"].mean < 0.9 * slow.means["time"].mean
+
+
+def test_oracle_asks_for_no_more_room_than_a_narrow_place_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = CaveEnv(winding_scenario())
+    env.reset(seed=0, options={"start": 0})
+    policy = OraclePolicy()
+    monkeypatch.setattr(oracle, "MARGIN", 2.0)
+    policy.bind(env)
+    policy.reset(0)
+    assert policy._margin(5.0) == pytest.approx(oracle.SHARE * (RADIUS - env.vehicle.capsule.radius), abs=0.05)
+    env.close()
 
 
 def test_oracle_goes_on_where_there_is_less_room_than_it_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -21,6 +21,7 @@ from aquanav_tools.sim.randomisation import (
     SENSED,
     Draws,
     Randomisation,
+    control_factors,
     draw,
     num_thrusters,
     uniform_numbers,
@@ -198,10 +199,10 @@ class DrawnCrafts(DrawnDynamics):
     def _put_controls(
         self, vehicles: npt.NDArray[np.integer], crafts: npt.NDArray[np.void], vehicle: Vehicle, draws: Draws
     ) -> None:
-        nominal, controls, one = self._nominal_controls[vehicles], crafts["controls"], np.ones(len(vehicles))
-        thrust = draws.get("thrust", one) if num_thrusters(vehicle) == 0 else one
+        nominal, controls = self._nominal_controls[vehicles], crafts["controls"]
+        thrust, reverse = control_factors(vehicle, draws, len(vehicles))
         controls["surge"], controls["yaw"] = thrust * nominal["surge"], thrust * nominal["yaw"]
-        controls["reverse_fraction"] = draws.get("reverse", one) * nominal["reverse_fraction"]
+        controls["reverse_fraction"] = reverse * nominal["reverse_fraction"]
 
 
 def _put_dragged(crafts: npt.NDArray[np.void], parameters: DraggedBodyParameters, dt: float) -> None:

@@ -20,6 +20,7 @@ from aquanav_tools.sim.batch.motion import Body, BodyRows, State, body_rows, swi
 from aquanav_tools.sim.batch.original import DraggedBody, DraggedRows, drag_along, dragged_rows
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
 from aquanav_tools.sim.body_parameters import DraggedBodyParameters, MotionParameters
+from aquanav_tools.sim.randomisation import Draws, control_factors, varied_body
 from aquanav_tools.sim.vehicle_base import STATE_SIZE, Vehicle
 from aquanav_tools.types import Array
 
@@ -139,6 +140,12 @@ def hold(
             clearances[i, n] = axis_clearance(grid, state, hull) - hull.radius
 
 
+@wp.kernel
+def read_trim(level: f64, controls: Controls, trims: wp.array(dtype=f64)):
+    """Write the state of the ballast at a level."""
+    trims[0] = trim_of(level, controls)
+
+
 class Prediction(NamedTuple):
     """Where K rows come in D decisions; the first of the D + 1 columns is where they begin."""
 
@@ -166,7 +173,13 @@ class Predictor:
     """The motion of a vehicle in free water under commands, from any states."""
 
     def __init__(
-        self, vehicle: Vehicle, density: float, dt: float, substeps: int, field: DistanceField | None = None
+        self,
+        vehicle: Vehicle,
+        density: float,
+        dt: float,
+        substeps: int,
+        field: DistanceField | None = None,
+        draws: Draws | None = None,
     ) -> None:
         """Prepare a vehicle's equations.
 
@@ -176,10 +189,13 @@ class Predictor:
             dt: Physics step, s.
             substeps: Steps of a decision.
             field: Where to look up clearances; None leaves them out.
+            draws: (1,) numbers by name that an episode drew of its vehicle's dynamics; None or none leaves them as the
+                vehicle's file has them.
         """
         self.device = find_device("cpu")
-        self.motion, self._rows = _make_motion(vehicle.motion_parameters(density), dt, self.device)
-        self.controls, self.substeps = make_controls(vehicle, dt), substeps
+        parameters = varied_body(vehicle, density, draws, 1) if draws else vehicle.motion_parameters(density)
+        self.motion, self._rows = _make_motion(parameters, dt, self.device)
+        self.controls, self.substeps = _controls_of(vehicle, dt, draws or {}), substeps
         self.hull, self._has_field = Hull(), field is not None
         self.hull.half_axis, self.hull.radius = 0.5 * vehicle.capsule.axis_length, vehicle.capsule.radius
         self.grid = Grid() if field is None else _grid_of(field, self.device)
@@ -202,6 +218,12 @@ class Predictor:
         launch.commands[:], launch.currents[:] = commands, currents
         launch.command.launch()
         return Prediction(launch.states.copy(), launch.trims.copy(), launch.clearances.copy())
+
+    def trim_at(self, level: float) -> float:
+        """Return the state of the ballast in [-1, 1] at a level as the batch has it."""
+        trims = self.zeros((1,))
+        wp.launch(read_trim, dim=1, inputs=[wp.float64(level), self.controls, trims], device=self.device)
+        return float(trims.numpy()[0])
 
     def _record(self, rows: int, decisions: int, size: int) -> _Launch:
         """Return the launch for so many rows, decisions and values of a state."""
@@ -247,6 +269,15 @@ def advance(
     del rows  # lives until here: the bodies point into it
     result: Array = np.array(moved.numpy())
     return result
+
+
+def _controls_of(vehicle: Vehicle, dt: float, draws: Draws) -> Controls:
+    """Return the actuators of a vehicle for which (1,) numbers by name were drawn."""
+    controls = make_controls(vehicle, dt)
+    thrust, reverse = (float(factors[0]) for factors in control_factors(vehicle, draws, 1))
+    controls.surge, controls.yaw = thrust * controls.surge, thrust * controls.yaw
+    controls.reverse_fraction = reverse * controls.reverse_fraction
+    return controls
 
 
 _grids: weakref.WeakKeyDictionary[DistanceField, Grid] = weakref.WeakKeyDictionary()

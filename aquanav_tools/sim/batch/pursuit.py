@@ -5,6 +5,7 @@ The nose is aimed up the current so that the way over ground is right; speed fal
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.water import Water, WaterNow, water_at
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
 from aquanav_tools.types import Array
 
@@ -25,9 +27,10 @@ f64 = wp.float64
 PI = wp.constant(wp.float64(np.pi))
 REACH = wp.constant(wp.float64(0.7))
 """Distance along the path to the point that is aimed at, m: about one and a half lengths of a BlueROV2."""
-SLOWEST, FASTEST = wp.constant(wp.float64(0.3)), wp.constant(wp.float64(0.8))
+SLOWEST = 0.3
+FASTEST = wp.constant(wp.float64(0.8))
 SPEED_PER_METRE = wp.constant(wp.float64(0.8))
-"""Speed over ground, m/s: so much per metre of clearance of the hull, between the two."""
+"""Speed over ground, m/s: so much per metre of clearance of the hull, between the two; or a pace that is faster."""
 STEER_LEAD, STEER_DEADBAND = wp.constant(wp.float64(0.25)), wp.constant(wp.float64(np.radians(4.0)))
 """The rate of turn is taken to go on for so long, s; errors of heading up to the second are left."""
 OVERSPEED = wp.constant(wp.float64(0.15))
@@ -86,13 +89,13 @@ def nearest_point(position: wp.vec3d, path: Path):
 
 
 @wp.func
-def pursued(state: State, trim: f64, clearance: f64, current: wp.vec3d, at: int, path: Path):
+def pursued(state: State, trim: f64, clearance: f64, pace: f64, current: wp.vec3d, at: int, path: Path):
     """Return the command that steers along the path from its nearest point, `at`."""
     last = path.points.shape[0] - 1
     aim = wp.min(wp.lower_bound(path.arc, path.arc[at] + REACH), last)
     higher = wp.min(wp.lower_bound(path.arc, path.arc[at] + f64(0.5) * REACH), last)
     offset = path.points[aim] - state.position
-    speed = wp.clamp(SPEED_PER_METRE * clearance, SLOWEST, FASTEST)
+    speed = wp.clamp(SPEED_PER_METRE * clearance, pace, FASTEST)
     wanted = offset * (speed / wp.max(wp.length(offset), f64(1e-9)))
     climb = CLIMB_PER_METRE * (path.points[higher][2] - state.position[2])
     wanted[2] = wp.clamp(climb, -FASTEST_CLIMB, FASTEST_CLIMB)
@@ -109,10 +112,16 @@ def pursue(
     path: Path,
     hull: Hull,
     grid: Grid,
+    knows_water: int,
+    water: Water,
+    eddies: wp.array2d(dtype=f64),
+    phases: wp.array(dtype=f64),
+    fractions: wp.array(dtype=f64),
     currents: wp.array(dtype=wp.vec3d),
     extra: wp.array2d(dtype=f64),
     states: wp.array3d(dtype=f64),
     trims: wp.array(dtype=f64),
+    paces: wp.array(dtype=f64),
     commands: wp.array(dtype=wp.vec3d),
     reached: wp.array(dtype=f64),
     clearances: wp.array(dtype=f64),
@@ -126,18 +135,21 @@ def pursue(
     reached[i] = path.arc[at]
     if has_command == 0:
         clearance = axis_clearance(grid, state, hull) - hull.radius
-        commands[i] = pursued(state, trims[i], clearance, currents[0], at, path)
+        commands[i] = pursued(state, trims[i], clearance, paces[i], currents[0], at, path)
     command = commands[i]
+    current = f64(1.0) * currents[0]
     least = f64(wp.inf)
     for _ in range(horizon):
         for _ in range(substeps):
             wrench, after = actuated(command, level, controls)
             level = after
-            state = moved_freely(i, state, wrench, currents[0], extra, motion)
+            state = moved_freely(i, state, wrench, current, extra, motion)
         clearance = axis_clearance(grid, state, hull) - hull.radius
         least = wp.min(least, clearance)
         at = nearest_point(state.position, path)
-        command = pursued(state, trim_of(level, controls), clearance, currents[0], at, path)
+        if knows_water == 1:
+            current = fractions[0] * water_at(water, grid, eddies, 0, phases[0], state.position)
+        command = pursued(state, trim_of(level, controls), clearance, paces[i], current, at, path)
     clearances[i] = least
     made[i] = path.arc[at]
 
@@ -158,7 +170,9 @@ class Foreseen(NamedTuple):
 class Pursuit:
     """A vehicle that follows a path through a cave, run ahead for some decisions."""
 
-    def __init__(self, predictor: Predictor, points: Array, arc: Array, horizon: int) -> None:
+    def __init__(
+        self, predictor: Predictor, points: Array, arc: Array, horizon: int, water: WaterNow | None = None
+    ) -> None:
         """Prepare pursuit of a path.
 
         Args:
@@ -166,14 +180,27 @@ class Pursuit:
             points: (N, 3) along the path, m.
             arc: (N,) length of the path up to each of them, m.
             horizon: Decisions that are run ahead.
+            water: What the vehicle comes into; None takes it to move everywhere as it does where the vehicle is.
         """
         self._predictor, self._horizon = predictor, horizon
         self._path = Path()
         self._path.points = wp.array(points, dtype=wp.vec3d, device=predictor.device)
         self._path.arc = wp.array(arc, dtype=wp.float64, device=predictor.device)
+        if water is None:
+            nothing = [predictor.zeros((0, 0)), predictor.zeros((0,)), predictor.zeros((0,))]
+            self._water = [0, Water(), *nothing]
+        else:
+            self._water = [1, water.water, water.eddies, water.phases, water.fractions]
         self._launches: dict[tuple[int, int, bool], tuple[Any, list[Any], list[Array]]] = {}
 
-    def foresee(self, state: Array, trim: float, current: Array, commands: Array | None = None) -> Foreseen:
+    def foresee(
+        self,
+        state: Array,
+        trim: float,
+        current: Array,
+        commands: Array | None = None,
+        paces: Sequence[float] = (SLOWEST,),
+    ) -> Foreseen:
         """Return what first commands lead to, followed by pursuit of the path for the rest of the horizon.
 
         Args:
@@ -181,13 +208,14 @@ class Pursuit:
             trim: In [-1, 1].
             current: (3,) velocity of the water, world frame, m/s.
             commands: (K, 3) ballast, steer and thrust; None takes the pursuit's own.
+            paces: Speeds over ground that it keeps beside walls too, m/s: one for all rows, or K of them.
         """
-        num = 1 if commands is None else len(commands)
+        num = len(paces) if commands is None else len(commands)
         key = (num, len(state), commands is not None)
         if key not in self._launches:
             self._launches[key] = self._record(*key)
-        command, _, (currents, states, trims, given, *found) = self._launches[key]
-        currents[:], states[:, 0], trims[:] = current, state, trim
+        command, _, (currents, states, trims, speeds, given, *found) = self._launches[key]
+        currents[:], states[:, 0], trims[:], speeds[:] = current, state, trim, paces
         if commands is not None:
             given[:] = commands
         command.launch()
@@ -197,11 +225,11 @@ class Pursuit:
         """Return a launch for so many rows, its arrays, and views of them."""
         given = self._predictor
         currents, commands = given.zeros((1,), wp.vec3d), given.zeros((num,), wp.vec3d)
-        states, trims = given.zeros((num, 1, size)), given.zeros((num,))
+        states, trims, paces = given.zeros((num, 1, size)), given.zeros((num,)), given.zeros((num,))
         found = [given.zeros((num,)) for _ in range(3)]
         extra = given.zeros((num, size - STATE_SIZE))
         inputs = [given.motion, given.controls, given.substeps, self._horizon, int(has_command), self._path]
-        inputs += [given.hull, given.grid, currents, extra, states, trims, commands, *found]
+        inputs += [given.hull, given.grid, *self._water, currents, extra, states, trims, paces, commands, *found]
         launch = wp.launch(pursue, dim=num, inputs=inputs, device=given.device, record_cmd=True)
-        arrays = [currents, states, trims, commands, *found]
+        arrays = [currents, states, trims, paces, commands, *found]
         return launch, [*arrays, extra], [array.numpy() for array in arrays]

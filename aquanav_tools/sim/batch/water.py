@@ -6,6 +6,7 @@ around it. They are drawn from what a number is for, so that a vehicle's water d
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,16 @@ class Water:
     swell: Swell
     phase_step: f64
     """Of the waves in a decision, rad."""
+
+
+@dataclass(frozen=True, eq=False)
+class WaterNow:
+    """The water around the one vehicle of a batch as it is: arrays of `BatchState`, which later steps change."""
+
+    water: Water
+    eddies: Any
+    phases: Any
+    fractions: Any
 
 
 def make_water(parts: WaterParts, field: DistanceField, grid: Grid, duration: float, device: Any) -> Water:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.batch.pursuit import Pursuit
 from aquanav_tools.sim.batch.stopping import Stopping
+from aquanav_tools.sim.batch.water import Water, WaterNow
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Pose, rotation_matrix, yaw_quaternion
 from tests.caves import TUBE_RADIUS
@@ -120,6 +122,30 @@ def test_pursuit_follows_the_path_through_the_tube(tube: Scenario) -> None:
     found = pursuit.foresee(state_at((2.0, 1.0, -1.0), 1.0), 0.0, np.zeros(3))
     assert 8.0 < found.made[0] - found.reached[0] < 0.8 * 15.0 + 0.5
     assert 0.2 < found.clearances[0] < TUBE_RADIUS - np.hypot(1.0, 1.0) - RADIUS + 0.01
+
+
+def test_pursuit_meets_the_water_on_its_way(tube: Scenario) -> None:
+    predictor, state = predictor_in(tube), state_at((5.0, 1.0, 0.3), 0.4, 0.9)
+    command, here, there = np.array([[1.0, -1.0, 1.0]]), np.zeros(3), np.array([-0.3, 0.4, 0.1])
+    water = Water()
+    water.uniform = wp.vec3d(*(2.0 * there))
+    now = WaterNow(
+        water, predictor.zeros((1, 1)), predictor.zeros((1,)), wp.full(1, wp.float64(0.5), wp.float64, "cpu")
+    )
+    found = Pursuit(predictor, MIDDLE, ARC, 2, now).foresee(state, 0.2, here, command)
+    first = predictor.predict(state[None], np.array([0.2]), command[None], here)
+    then = Pursuit(predictor, MIDDLE, ARC, 1).foresee(first.states[0, 1], first.trims[0, 1], there)
+    assert found.clearances[0] == pytest.approx(min(first.clearances[0, 1], then.clearances[0]), abs=1e-12)
+    held = Pursuit(predictor, MIDDLE, ARC, 2).foresee(state, 0.2, here, command)
+    assert abs(held.clearances[0] - found.clearances[0]) > 1e-4
+
+
+def test_pursuit_keeps_each_pace_beside_a_wall(tube: Scenario) -> None:
+    side, paces = TUBE_RADIUS - RADIUS - 0.2, (0.3, 0.5, 0.7)
+    pursuit, state = Pursuit(predictor_in(tube), MIDDLE + [0.0, side, 0.0], ARC, 40), state_at((3.0, side, 0.0))
+    found = pursuit.foresee(state, 0.0, np.zeros(3), paces=paces)
+    speeds = (found.made - found.reached) / 4.0  # m in 4 s; the first of them is lost in gathering way
+    np.testing.assert_allclose(speeds, paces, rtol=0.25)
 
 
 def test_clearance_in_a_prediction_is_that_of_the_tube(tube: Scenario) -> None:
