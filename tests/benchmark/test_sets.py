@@ -27,6 +27,13 @@ def test_a_set_consists_of_test_caves_in_the_tiers_of_the_rule(name: str) -> Non
         assert task_under(tier.condition, TaskOptions()).current == tier.rules.current
 
 
+def test_quick_is_the_beginning_of_each_tier_of_the_set() -> None:
+    quick, whole = read_benchmark("quick"), read_benchmark("aquanav-300")
+    assert (quick.episodes, quick.seed, len(quick.caves), len(whole.caves)) == (whole.episodes, whole.seed, 30, 300)
+    for some, all_ in zip(quick.tiers, whole.tiers, strict=True):
+        assert (some.name, some.rules, some.caves) == (all_.name, all_.rules, all_.caves[:6])
+
+
 @pytest.mark.parametrize(
     ("width", "turn", "length", "tier"),
     [
