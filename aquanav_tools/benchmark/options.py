@@ -17,9 +17,9 @@ class BenchmarkOptions:
     policy: str
     """As `aquanav_tools.evaluate.policies.load_policy` takes it."""
     benchmark: str
-    """Name of a benchmark (`aquanav list` has them; trial is fifteen caves to try things out), or a file like those in
-    eval/sets. With +real at the end, caves of your own are dived as well, as a tier of their own: those in the slots
-    cave-real-1 to 3, and those named with --real."""
+    """Name of a benchmark (`aquanav list` has them; quick is a tenth of the set, to try things out), or a file like
+    those in eval/sets. With +real at the end, caves of your own are dived as well, as a tier of their own: those in
+    the slots cave-real-1 to 3, and those named with --real."""
     output: Path = Path("out/benchmark")
     """Folder for results.json, episodes.parquet, score.json and report.html; an earlier run in it is replaced."""
     real: tuple[Path, ...] = ()

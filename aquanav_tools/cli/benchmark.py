@@ -17,7 +17,7 @@ BENCHMARK = (
     "rules. Caves that are missing are built first. Prints the mean and the interquartile mean over caves of "
     "collision-free success with intervals, and each tier; writes score.json, results.json, episodes.parquet and "
     "report.html.\n\n"
-    "Example: aquanav-eval policy.zip --benchmark trial -o out/benchmark"
+    "Example: aquanav-eval policy.zip --benchmark quick -o out/benchmark"
 )
 
 

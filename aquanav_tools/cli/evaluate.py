@@ -27,7 +27,7 @@ DESCRIPTION = (
     "recordings. Policy files are read without running any code from them, unless --trust is given. Ends with exit "
     "code 8 where the policy itself failed in every episode: by an error, by hanging, or by what is no action.\n\n"
     "Example: aquanav-eval policy.zip --scenario out/han --episodes 50 --seed 0 -o out/eval\n"
-    "In a fixed set of caves: aquanav-eval policy.zip --benchmark trial (with --help: its options).\n"
+    "In a fixed set of caves: aquanav-eval policy.zip --benchmark quick (with --help: its options).\n"
     "Also: aquanav-eval compare out/a out/b, aquanav-eval replay out/eval --episode 17, and aquanav-eval stress "
     "policy.zip --scenario out/han (each has --help)."
 )

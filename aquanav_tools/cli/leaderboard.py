@@ -15,7 +15,7 @@ from aquanav_tools.errors import InputError
 class Leaderboard:
     """Make the page of all submissions in a folder, or dive one again: aquanav leaderboard verify FILE.
 
-    aquanav-eval POLICY --benchmark trial --submit NAME writes a submission: one file with the policy, every
+    aquanav-eval POLICY --benchmark aquanav-300 --submit NAME writes a submission: one file with the policy, every
     episode and the score. verify computes the score anew, dives the episodes again and compares them to the bit; on
     another kind of processor, or with other versions, within bounds that it states. Policies are read without running
     code from them.
