@@ -114,10 +114,10 @@ def test_every_option_a_page_shows_exists(page: str) -> None:
 
 
 @functools.cache
-def help_text(command: str, subcommand: str) -> str:
-    """Return what a command, one of its subcommands or it with an option of its own mode, says of itself."""
+def help_text(command: str, *modes: str) -> str:
+    """Return what a command says of itself: with its subcommand, or the option of a mode of its own, where there is one."""
     module, function = commands()[command].split(":")
-    words = [subcommand, "--help"] if subcommand else ["--help"]
+    words = [*filter(None, modes), "--help"]
     return run_here(getattr(importlib.import_module(module), function), *words).stdout
 
 
