@@ -115,7 +115,7 @@ def test_every_option_a_page_shows_exists(page: str) -> None:
 
 @functools.cache
 def help_text(command: str, *modes: str) -> str:
-    """Return what a command says of itself: with its subcommand, or the option of a mode of its own, where there is one."""
+    """Return what a command says of itself: with its subcommand, or the option of a mode of its own."""
     module, function = commands()[command].split(":")
     words = [*filter(None, modes), "--help"]
     return run_here(getattr(importlib.import_module(module), function), *words).stdout

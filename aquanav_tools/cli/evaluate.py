@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -61,7 +62,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments[:1] == ["compare"] and SEQUENTIAL_FLAG in arguments:
         rest = [word for word in arguments[1:] if word != SEQUENTIAL_FLAG]
         name = f"aquanav-eval compare {SEQUENTIAL_FLAG}"
-        run_command(SequentialCommand, _compare_pair_by_pair, name, SEQUENTIAL, defaults=_pair_defaults, arguments=rest)
+        run_command(
+            SequentialCommand,
+            _compare_pair_by_pair,
+            name,
+            SEQUENTIAL,
+            defaults=partial(_defaults, kind=SequentialCommand),
+            arguments=rest,
+        )
     elif arguments[:1] == ["compare"]:
         run_command(CompareCommand, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
     elif arguments[:1] == ["replay"]:
@@ -72,7 +80,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run_command(BenchmarkCommand, run_benchmark, "aquanav-eval", BENCHMARK, arguments=arguments)
     else:
         run_command(
-            EvaluateCommand, _evaluate_all, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments
+            EvaluateCommand,
+            _evaluate_all,
+            "aquanav-eval",
+            DESCRIPTION,
+            defaults=partial(_defaults, kind=EvaluateCommand),
+            arguments=arguments,
         )
 
 
@@ -119,11 +132,7 @@ def _evaluate_one(options: EvaluateOptions, policy: str, folder: Path) -> str:
     return ""
 
 
-def _pair_defaults(arguments: Sequence[str]) -> SequentialCommand | None:
-    return _defaults(arguments, SequentialCommand)
-
-
-def _defaults(arguments: Sequence[str], kind: type[Command] = EvaluateCommand) -> Command | None:  # type: ignore[assignment]
+def _defaults(arguments: Sequence[str], kind: type[Command]) -> Command | None:
     """Return the options with those of the protocol named after --protocol; None without one."""
     from aquanav_tools.cli.command import file_after
 

@@ -22,7 +22,7 @@ import numpy as np
 
 from aquanav_tools.evaluate.paired import episodes_for
 from aquanav_tools.evaluate.statistics import Estimate
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, BoolArray
 
 PRIOR_PAIRS, PRIOR_DIFFERING = 10.0, 1.0
 """Pairs, and those of them that differ, that the first bets go by. Chosen: wrong ones cost pairs, never the error."""
@@ -100,12 +100,12 @@ def evidence(differences: Array, mean: float, smallest: float, population: int |
     return np.exp(np.minimum(np.logaddexp(*sides), 700.0)) / 2.0
 
 
-def is_smaller(differences: Array, smallest: float, population: int | None = None) -> Array:
+def is_smaller(differences: Array, smallest: float, population: int | None = None) -> BoolArray:
     """Return (..., N) whether a difference of `smallest` or more, either way, is ruled out by then."""
     above = log_wealth(differences, -smallest, 1, smallest, population)
     below = log_wealth(differences, smallest, -1, smallest, population)
     reached = [np.maximum.accumulate(side, axis=-1) >= -np.log(MISSED) for side in (above, below)]
-    found: Array = reached[0] & reached[1]
+    found: BoolArray = reached[0] & reached[1]
     return found
 
 
