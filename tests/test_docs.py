@@ -39,6 +39,7 @@ SUBCOMMANDS = {
             "scenarios",
             "generate",
             "leaderboard",
+            "card",
         )
     ),
 }
