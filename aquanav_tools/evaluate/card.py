@@ -14,12 +14,12 @@ from typing import Any
 from aquanav_tools import __version__
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.evaluate.policies import PREFIX, TRAINED, LoadedPolicy, load_policy
+from aquanav_tools.evaluate.policies import PREFIX, LoadedPolicy, load_policy
 from aquanav_tools.evaluate.results import episodes_of, read_results
 from aquanav_tools.evaluate.summary import summarise
 from aquanav_tools.evaluate.summary_text import estimate_text, fraction_text, percent
 from aquanav_tools.policy.architecture import read_kind, read_options
-from aquanav_tools.policy.archive import read_archive
+from aquanav_tools.policy.archive import TRAINED, read_archive
 from aquanav_tools.shipped import shipped_path
 
 RESULTS = "results.json"
@@ -115,14 +115,21 @@ def _failures(tables: Sequence[dict[str, Any]]) -> list[str]:
     failed = [episode for episode in episodes if not episode.is_collision_free_success]
     if not failed:
         return [f"In none of {len(episodes)} episodes."]
-    ends = Counter("touched a wall" if item.outcome == "success" else item.outcome for item in failed)
-    starts = Counter((item.scenario, item.start) for item in failed if item.start is not None)
+    ends = Counter("touched" if item.outcome == "success" else item.outcome for item in failed)
+    starts = Counter((item.scenario, item.start) for item in failed)
     told = ", ".join(f"{name} {count}" for name, count in ends.most_common())
     return [
         f"In {len(failed)} of {len(episodes)} episodes, {fraction_text(len(failed) / len(episodes))}: {told}.",
         "",
-        *(f"- {place}, start {start}: {count} of them" for (place, start), count in starts.most_common(WORST_STARTS)),
+        *(
+            f"- {place}, {_start_text(start)}: {count} of them"
+            for (place, start), count in starts.most_common(WORST_STARTS)
+        ),
     ]
+
+
+def _start_text(start: int) -> str:
+    return "start drawn anew" if start < 0 else f"start {start}"
 
 
 def _rows(title: str, rows: Iterator[tuple[str, str]]) -> list[str]:

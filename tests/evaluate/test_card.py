@@ -51,7 +51,7 @@ def test_the_card_says_what_file_and_evaluation_hold(evaluation: Path, tmp_path:
     for path in (ZIP, ZIP.with_suffix(".onnx")):
         assert f"| SHA-256 of {path.name} | {hashlib.sha256(path.read_bytes()).hexdigest()} |" in text
     assert "50 % [15, 85]" in text  # Wilson's interval of 2 of 4 by hand
-    assert "In 2 of 4 episodes, 50 %: touched a wall 2." in text
+    assert "In 2 of 4 episodes, 50 %: touched 2." in text
     assert "start 1: 1 of them" in text and "start 2" not in text
 
 
@@ -69,3 +69,11 @@ def test_evaluations_of_another_file_and_programs_are_refused(evaluation: Path, 
     (tmp_path / "file").write_text("")
     blocked = aquanav("card", ZIP, "-o", tmp_path / "file" / "card.md")
     assert blocked.returncode == 2 and "Choose another with -o" in blocked.stderr
+
+
+@pytest.mark.parametrize("name", ["boat-safe", "boat-standard"])
+def test_shipped_cards_are_of_the_shipped_files(name: str) -> None:
+    """The table of what a policy is, made anew, is in its card to the letter."""
+    facts = aquanav("card", ZIP.with_name(f"{name}.zip")).stdout.split("\n## ")[0].split("\n\n", 1)[1]
+    card = (ZIP.parent / f"{name}.md").read_text()
+    assert facts in card and "start drawn anew" in card and "start -1" not in card
