@@ -171,7 +171,7 @@ class SequentialOptions(EvaluateOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if len(self.policies) != 2:
+        if isinstance(self.policies, tuple) and len(self.policies) != 2:  # a command line may leave them to come
             raise InputError(
                 f"A comparison pair by pair takes two policies, not {len(self.policies)}. Name two; compare "
                 "evaluations of more without --sequential."

@@ -123,6 +123,7 @@ def test_two_baselines_are_told_apart_early_and_a_stopped_run_goes_on(folder: Pa
     [
         (POLICIES[:1], "takes two policies, not 1"),
         ((*POLICIES, "--smallest-difference", "5"), "--smallest-difference is 5.0"),
+        ((*POLICIES, "--protocol", "quick", "--smallest-difference", "5"), "--smallest-difference is 5.0"),
         ((*POLICIES, "--block", "0"), "--block is 0; choose 1 or more"),
     ],
 )
