@@ -39,6 +39,7 @@ SUBCOMMANDS = {
             "scenarios",
             "generate",
             "leaderboard",
+            "card",
         )
     ),
 }
@@ -107,15 +108,17 @@ def test_every_option_a_page_shows_exists(page: str) -> None:
         has_subcommand = bool(words) and (command, words[0]) in SUBCOMMANDS
         mode = "--benchmark=quick" if "--benchmark" in words else ""
         known = help_text(command, words[0] if has_subcommand else mode)
+        if words[:2] == ["compare", "--sequential"]:
+            known += help_text(command, "compare", "--sequential")
         wrong |= {(command, word) for word in words if re.fullmatch("--[a-z][a-z.-]*", word) and word not in known}
     assert wrong == set()
 
 
 @functools.cache
-def help_text(command: str, subcommand: str) -> str:
-    """Return what a command, one of its subcommands or it with an option of its own mode, says of itself."""
+def help_text(command: str, *modes: str) -> str:
+    """Return what a command says of itself: with its subcommand, or the option of a mode of its own."""
     module, function = commands()[command].split(":")
-    words = [subcommand, "--help"] if subcommand else ["--help"]
+    words = [*filter(None, modes), "--help"]
     return run_here(getattr(importlib.import_module(module), function), *words).stdout
 
 

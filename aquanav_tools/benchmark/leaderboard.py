@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -100,6 +101,18 @@ def paired_p_value(first: Array, second: Array) -> float:
     return float(found.pvalue)
 
 
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values of several tests such that one wrongly below a level comes with its probability at most.
+
+    Source: Holm, Scandinavian Journal of Statistics 6 (1979) 65.
+    """
+    order = np.argsort(p_values, kind="stable")
+    scaled = np.array(p_values)[order] * np.arange(len(p_values), 0, -1)
+    corrected = np.empty(len(p_values))
+    corrected[order] = np.minimum(np.maximum.accumulate(scaled), 1.0)
+    return [float(value) for value in corrected]
+
+
 def _rate(episodes: Sequence[EpisodeMetrics]) -> float:
     return sum(episode.is_collision_free_success for episode in episodes) / len(episodes)
 
@@ -112,28 +125,33 @@ def _section(benchmark: Benchmark, entries: Sequence[Entry], output: Path) -> Se
         "policy", "runs", "interquartile mean", "mean", "over the next", *tiers, "worst cave", "success", "SPL",
         "collisions per 100 m", "policy, SHA-256",
     )  # fmt: skip
-    rows = []
-    for place, entry in enumerate(entries):
-        below = entries[place + 1] if place + 1 < len(entries) else None
-        rows.append(_row(entry, below))
+    rows = [_row(entry, over) for entry, over in zip(entries, [*_over_next(entries), ""], strict=True)]
     return Section(
         benchmark.name,
-        f"{len(benchmark.caves)} caves, {benchmark.episodes} dives in each.",
+        f"{len(benchmark.caves)} caves, {benchmark.episodes} dives in each. Over the next: the difference of means, "
+        "with the p-value of a permutation test over the same caves, by Holm's correction for all rows together.",
         figures=(Figure(plot, "Dots are caves, bars means with 95 % intervals over caves."),),
         tables=(Table("", columns, tuple(rows)),),
     )
 
 
-def _row(entry: Entry, below: Entry | None) -> tuple[str, ...]:
+def _over_next(entries: Sequence[Entry]) -> list[str]:
+    """Return of each row but the last how it stands over the next."""
+    rates = [entry.cave_rates.mean(axis=0) for entry in entries]
+    pairs = list(pairwise(rates))
+    p_values = holm([paired_p_value(*pair) for pair in pairs])
+    return [
+        f"{100 * (first - second).mean():+.1f} points, p = {p_value:.2g}"
+        for (first, second), p_value in zip(pairs, p_values, strict=True)
+    ]
+
+
+def _row(entry: Entry, over: str) -> tuple[str, ...]:
     total = entry.score.total
-    over = ""
-    if below is not None:
-        first, second = entry.cave_rates.mean(axis=0), below.cave_rates.mean(axis=0)
-        over = f"{100 * (first - second).mean():+.1f} points, p = {paired_p_value(first, second):.2g}"
     iqm = points(total.iqm)
     if len(entry.submissions) > 1:
         iqm = f"{points(stratified_iqm(entry.cave_rates))} over runs"
-    hashes = {(one.policy.sha256 or "none: a program")[:12] for one in entry.submissions}
+    hashes = {one.policy.sha256[:12] if one.policy.sha256 else "none: a program" for one in entry.submissions}
     return (
         entry.name, str(len(entry.submissions)), iqm, points(total.mean), over,
         *(f"{100 * tier.mean.mean:.1f} %" for tier in entry.score.tiers), fraction_text(total.worst),

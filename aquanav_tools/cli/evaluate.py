@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -13,15 +14,22 @@ import tyro
 
 from aquanav_tools.cli.benchmark import BENCHMARK, BENCHMARK_FLAG, BenchmarkCommand, run_benchmark
 from aquanav_tools.cli.command import NO_TERMINAL, run_command
-from aquanav_tools.cli.evaluate_options import CompareCommand, EvaluateCommand, ReplayCommand, StressCommand
+from aquanav_tools.cli.evaluate_options import (
+    CompareCommand,
+    EvaluateCommand,
+    ReplayCommand,
+    SequentialCommand,
+    StressCommand,
+)
 from aquanav_tools.errors import PolicyError
-from aquanav_tools.evaluate.options import EvaluateOptions, ReplayOptions, StressOptions
+from aquanav_tools.evaluate.options import EvaluateOptions, ReplayOptions, SequentialOptions, StressOptions
 
 if TYPE_CHECKING:
     from aquanav_tools.evaluate.evaluation import Evaluation
     from aquanav_tools.types import Progress
 
 Options = TypeVar("Options")
+Command = TypeVar("Command", EvaluateCommand, SequentialCommand)
 DESCRIPTION = (
     "Score a policy in scenarios on fixed seeded starts. Writes results.json, episodes.parquet, report.html and rerun "
     "recordings. Policy files are read without running any code from them, unless --trust is given. Ends with exit "
@@ -32,6 +40,14 @@ DESCRIPTION = (
     "policy.zip --scenario out/han (each has --help)."
 )
 COMPARE = "Compare evaluations: the first with each other one, on the same episodes, with intervals and tests."
+SEQUENTIAL_FLAG = "--sequential"
+SEQUENTIAL = (
+    "Fly two policies on the same episodes, in an order drawn over all scenarios, conditions and starts, and stop as "
+    "soon as one proves better, or neither by as much as --smallest-difference, or --episodes are over. Equal policies "
+    "are called different with a probability of 5 % at most, ones that far apart alike with 1 % at most, whenever one "
+    "stops.\n\n"
+    "Example: aquanav-eval compare --sequential a.zip b.zip --scenario out/han --starts anywhere --episodes 2000"
+)
 STRESS = (
     "Search for the starts, currents and sensor noise that break a policy, beside as many cases drawn at random, and "
     "save the worst as a protocol for aquanav-eval."
@@ -43,7 +59,18 @@ REPLAY = "Fly an episode of an evaluation again, check that it repeats to the bi
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command."""
     arguments = list(sys.argv[1:] if arguments is None else arguments)
-    if arguments[:1] == ["compare"]:
+    if arguments[:1] == ["compare"] and SEQUENTIAL_FLAG in arguments:
+        rest = [word for word in arguments[1:] if word != SEQUENTIAL_FLAG]
+        name = f"aquanav-eval compare {SEQUENTIAL_FLAG}"
+        run_command(
+            SequentialCommand,
+            _compare_pair_by_pair,
+            name,
+            SEQUENTIAL,
+            defaults=partial(_defaults, kind=SequentialCommand),
+            arguments=rest,
+        )
+    elif arguments[:1] == ["compare"]:
         run_command(CompareCommand, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
     elif arguments[:1] == ["replay"]:
         run_command(ReplayCommand, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
@@ -53,7 +80,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run_command(BenchmarkCommand, run_benchmark, "aquanav-eval", BENCHMARK, arguments=arguments)
     else:
         run_command(
-            EvaluateCommand, _evaluate_all, "aquanav-eval", DESCRIPTION, defaults=_defaults, arguments=arguments
+            EvaluateCommand,
+            _evaluate_all,
+            "aquanav-eval",
+            DESCRIPTION,
+            defaults=partial(_defaults, kind=EvaluateCommand),
+            arguments=arguments,
         )
 
 
@@ -100,7 +132,7 @@ def _evaluate_one(options: EvaluateOptions, policy: str, folder: Path) -> str:
     return ""
 
 
-def _defaults(arguments: Sequence[str]) -> EvaluateCommand | None:
+def _defaults(arguments: Sequence[str], kind: type[Command]) -> Command | None:
     """Return the options with those of the protocol named after --protocol; None without one."""
     from aquanav_tools.cli.command import file_after
 
@@ -109,9 +141,7 @@ def _defaults(arguments: Sequence[str]) -> EvaluateCommand | None:
         return None
     from aquanav_tools.evaluate.protocol import read_protocol
 
-    return EvaluateCommand(
-        policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name), "--trust" in arguments)
-    )
+    return kind(policies=tyro.MISSING, scenario=tyro.MISSING, **read_protocol(str(name), "--trust" in arguments))
 
 
 def _evaluate(options: EvaluateOptions, policy: str, folder: Path) -> Evaluation:
@@ -172,6 +202,18 @@ def _compare(options: CompareCommand) -> None:
     from aquanav_tools.evaluate.comparison_report import summary_text
 
     found = compare(options.evaluations, options.output)
+    text = summary_text(found.methods, found.comparisons)
+    print(f"\n{text}\n\nReport:      {found.report}\nNumbers:     {found.numbers}")
+
+
+def _compare_pair_by_pair(command: SequentialCommand) -> None:
+    from aquanav_tools.evaluate.comparison_report import summary_text
+    from aquanav_tools.evaluate.paired_run import compare_pair_by_pair
+
+    for policy in command.policies:
+        _tell_choice(policy)
+    with _episode_bar() as show:
+        found = compare_pair_by_pair(_plain(SequentialOptions, command), show)
     text = summary_text(found.methods, found.comparisons)
     print(f"\n{text}\n\nReport:      {found.report}\nNumbers:     {found.numbers}")
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
-from aquanav_tools.evaluate.options import Case, EvaluateOptions, ReplayOptions, StressOptions
+from aquanav_tools.evaluate.options import Case, EvaluateOptions, ReplayOptions, SequentialOptions, StressOptions
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +52,27 @@ class CompareCommand:
     """Output folders of aquanav-eval; one of several policies counts as training runs of one method."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/compare")
     """Folder for comparison.json and report.html."""
+    sequential: bool = False
+    """Fly two policies, named in place of folders, on the same episodes until one proves better, or neither by as much
+    as matters: often with half of the episodes. Options and an example: aquanav-eval compare --sequential --help."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SequentialCommand(SequentialOptions):
+    """How two policies are flown against each other."""
+
+    policies: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="POLICY POLICY")]
+    """Two, as aquanav-eval takes them."""
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/compare")
+    """Folder for comparison.json and report.html, and a folder in it for each policy's evaluation."""
+    record: tyro.conf.Suppress[Literal["all", "failures", "worst", "none"]] = "none"
+    """Nothing is recorded: aquanav-eval replay flies any of the episodes again."""
+    max_recordings: tyro.conf.Suppress[int] = 0
+    """None."""
+    film: tyro.conf.Suppress[bool] = False
+    """No."""
+    cases: tyro.conf.Suppress[tuple[Case, ...]] = ()
+    """In a protocol's file only."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from typing import Annotated
 import tyro
 
 from aquanav_tools import __version__
+from aquanav_tools.cli.card import Card, run_card
 from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
 from aquanav_tools.cli.command import DEBUG_FLAG, run_command
 from aquanav_tools.cli.generate import Generate, run_generate
@@ -111,6 +112,7 @@ class Options:
         | Annotated[Scenarios, tyro.conf.subcommand("scenarios")]
         | Annotated[Generate, tyro.conf.subcommand("generate")]
         | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
+        | Annotated[Card, tyro.conf.subcommand("card")]
     )
     """What to do."""
 
@@ -164,6 +166,8 @@ def _run(options: Options) -> None:
             run_generate(drawing)
         case Leaderboard() as leaderboard:
             run_leaderboard(leaderboard)
+        case Card() as card:
+            run_card(card)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

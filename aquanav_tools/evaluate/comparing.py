@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.paired import (
     probability_of_improvement,
 )
 from aquanav_tools.evaluate.results import episodes_of, read_results
+from aquanav_tools.evaluate.sequential import Sequential
 from aquanav_tools.evaluate.statistics import stratified_iqm
 from aquanav_tools.evaluate.summary import summarise
 from aquanav_tools.report.trajectory import FAILED
@@ -49,8 +50,13 @@ class Compared:
     report: Path
 
 
-def compare(evaluations: Sequence[Path], output: Path) -> Compared:
+def compare(evaluations: Sequence[Path], output: Path, sequential: Sequential | None = None) -> Compared:
     """Compare the evaluations in some folders, the first with each other one; write comparison.json and report.html.
+
+    Args:
+        evaluations: Folders of evaluations, or of several each.
+        output: Folder to write into.
+        sequential: What pairs said that were flown until a verdict; the verdict is theirs then.
 
     Raises:
         InputError: a folder holds no finished evaluation, or the evaluations have no scenario and condition in common.
@@ -59,6 +65,8 @@ def compare(evaluations: Sequence[Path], output: Path) -> Compared:
     _check_vehicles(methods)
     methods = _same_tasks(methods)
     comparisons = tuple(_compare(methods[0], other) for other in methods[1:])
+    if sequential is not None:
+        comparisons = tuple(dataclasses.replace(item, sequential=sequential) for item in comparisons)
     output.mkdir(parents=True, exist_ok=True)
     path = output / "comparison.json"
     path.write_text(json.dumps(_table(methods, comparisons), indent=2, allow_nan=False) + "\n", encoding="utf-8")

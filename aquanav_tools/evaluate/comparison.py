@@ -7,6 +7,7 @@ from typing import Any
 
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.paired import PairedRates, RunRates
+from aquanav_tools.evaluate.sequential import Sequential
 from aquanav_tools.evaluate.statistics import Estimate
 from aquanav_tools.evaluate.summary import Summary
 from aquanav_tools.types import Array
@@ -63,3 +64,5 @@ class Comparison:
     """Of collision-free success by training run; needs two or more of each method."""
     notes: tuple[str, ...]
     """What the reader must know: rules that differ, policies that failed by themselves."""
+    sequential: Sequential | None = None
+    """Where the pairs were flown until a verdict: what they said. Tests for a fixed number do not hold then."""

@@ -11,6 +11,7 @@ from aquanav_tools.evaluate.comparison import SIGNIFICANT, Comparison, Method
 from aquanav_tools.evaluate.options import MAX_EPISODES
 from aquanav_tools.evaluate.paired import PairedRates
 from aquanav_tools.evaluate.reporting import MEAN_ROWS, mean_row
+from aquanav_tools.evaluate.sequential import LEVEL, MISSED, Sequential
 from aquanav_tools.evaluate.statistics import Estimate
 from aquanav_tools.evaluate.summary_text import bound, estimate_text, fraction_text, percent
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
@@ -56,6 +57,8 @@ def summary_text(methods: Sequence[Method], comparisons: Sequence[Comparison]) -
 
 def verdict(comparison: Comparison) -> str:
     """Return in a few sentences which of two methods is better, and how sure that is."""
+    if comparison.sequential is not None:
+        return _sequential_verdict(comparison, comparison.sequential)
     if comparison.rates is not None:
         return _paired_verdict(comparison, comparison.rates)
     first, second, runs = comparison.first, comparison.second, comparison.runs
@@ -89,6 +92,30 @@ def _paired_verdict(comparison: Comparison, rates: PairedRates) -> str:
         better, worse = _ordered(comparison, rates.difference)
         return f"{better} is better than {worse}: {seen}"
     return f"{first} and {second} cannot be told apart: {seen} {_outlook(comparison, rates)}"
+
+
+def _sequential_verdict(comparison: Comparison, found: Sequential) -> str:
+    first, second = comparison.first, comparison.second
+    smallest = f"{100 * found.smallest:g} points"
+    said = {
+        "first": f"{first} is better than {second}",
+        "second": f"{second} is better than {first}",
+        "alike": f"Neither {first} nor {second} is better by {smallest}",
+        "open": f"{first} and {second} cannot be told apart yet",
+    }[found.verdict]
+    seen = (
+        f"{found.num_pairs} of at most {found.max_pairs} pairs of episodes were flown; in {found.only_first} only "
+        f"{first} ended at the goal without a collision, in {found.only_second} only {second}: "
+        f"{_difference(found.difference, 100.0, '1f')} points (e-value {found.e_value:.3g}, p at any time "
+        f"{found.p_value:.2g})."
+    )
+    errors = (
+        f"Whenever one stops: equal policies are called different with a probability of {100 * LEVEL:g} % at most, and "
+        f"ones {smallest} or more apart alike with {100 * MISSED:g} % at most."
+    )
+    fixed = found.fixed_pairs
+    needed = "" if fixed is None else f" A number fixed beforehand would be {fixed} pairs for the same errors."
+    return f"{said}: {seen} {errors}{needed}"
 
 
 def _outlook(comparison: Comparison, rates: PairedRates) -> str:
@@ -160,21 +187,29 @@ def _summary_table(methods: Sequence[Method]) -> Table:
 def _pair_table(comparison: Comparison) -> Table:
     rows = [("probability that a run scores higher, ties half", fraction_text(comparison.improvement))]
     if comparison.rates is not None and comparison.won is not None:
-        rates = comparison.rates
+        rates, found = comparison.rates, comparison.sequential
+        difference = rates.difference if found is None else found.difference
         rows += [
             ("episodes that both met", str(comparison.num_pairs)),
             ("both without a collision", str(rates.both)),
             (f"only {comparison.first}", str(rates.only_first)),
             (f"only {comparison.second}", str(rates.only_second)),
             ("neither", str(rates.neither)),
-            ("difference of collision-free success, points", _difference(rates.difference, 100.0, "1f")),
-            ("McNemar's exact test, p", f"{rates.p_value:.3g}"),
+            ("difference of collision-free success, points", _difference(difference, 100.0, "1f")),
+            _test_row(comparison, rates),
             ("episodes with the higher SPL, ties half", _points(comparison.won)),
         ]
         for name, estimate in comparison.differences.items():
             label, form, unit = MEAN_ROWS[name]
             rows.append((f"difference of {label}", f"{_difference(estimate, 1.0, form)} {unit}".strip()))
     return Table(f"{comparison.first} less {comparison.second}, on the same episodes", ("", ""), tuple(rows))
+
+
+def _test_row(comparison: Comparison, rates: PairedRates) -> tuple[str, str]:
+    """Return the test that holds: McNemar's is for a number of episodes that was fixed beforehand."""
+    if comparison.sequential is None:
+        return "McNemar's exact test, p", f"{rates.p_value:.3g}"
+    return "betting test that holds at any time, p", f"{comparison.sequential.p_value:.3g}"
 
 
 def _difference(estimate: Estimate, factor: float, form: str) -> str:

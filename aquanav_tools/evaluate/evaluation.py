@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -81,9 +81,9 @@ def evaluate(
     options = load(name).rules(options)
     spec = EvaluationSpec(options, name, output or options.output, load)
     plan = make_plan(spec)
-    _check_names(plan.scenarios)
+    check_names(plan.scenarios)
     say_left_out(plan.scenarios)
-    _check_runner(plan, options)
+    check_runner(plan, options)
     folder = output or options.output
     with held_results(folder):
         return _evaluate_into_folder(folder, spec, plan, progress)
@@ -92,8 +92,7 @@ def evaluate(
 def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progress: Progress) -> Evaluation:
     """Run the episodes and write everything about them into the folder, which this process holds."""
     options = spec.options
-    provenance = _provenance(plan, spec)
-    journal = _open_journal(output, provenance, options.resume)
+    journal = open_journal(output, plan, spec)
     started, clock, before = datetime.now(timezone.utc), time.perf_counter(), len(journal)
     missing = len(plan.episodes) - len(journal)
     num_worst = min(options.max_recordings, len(plan.episodes)) if options.record == "worst" else 0
@@ -101,37 +100,46 @@ def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progre
         _run_all(runner, spec, plan, journal, progress)
         recordings = _recordings(runner, output, options, journal)
     seconds = time.perf_counter() - clock
-    episodes = journal.episodes
+    run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(journal) - before}
+    (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
+    return write_evaluation(output, spec, plan, journal, recordings)
+
+
+def write_evaluation(
+    output: Path, spec: EvaluationSpec, plan: Plan, journal: Journal, recordings: Mapping[int, str]
+) -> Evaluation:
+    """Write the report and the results of the episodes in a journal into their folder; return what they came to."""
+    options, episodes, provenance = spec.options, journal.episodes, provenance_of(plan, spec)
     summary = summarise(episodes)
     groups = group(episodes)
     if options.cases:
         write_cases(options.cases, options, options.max_decisions, options.observation, output / CASES)
-    report = write_report(plan.scenarios, journal, (summary, groups), provenance, recordings, output)
+    met = [scenario for scenario in plan.scenarios if scenario.name in episodes.names("scenario")]
+    report = write_report(met, journal, (summary, groups), provenance, recordings, output)
     write_episodes(episodes, output / EPISODES)
     write_results(results_table(provenance, summary, groups), episodes, output / RESULTS)
-    run = {"started": started.isoformat(timespec="seconds"), "seconds": seconds, "episodes": len(episodes) - before}
-    (output / RUN).write_text(json.dumps(run) + "\n", encoding="utf-8")
     files = output / RESULTS, report, tuple(output / name for name in recordings.values())
     return Evaluation(summary, episodes, plan.num_possible, *files)
 
 
-def _check_names(scenarios: Sequence[AnyScenario]) -> None:
+def check_names(scenarios: Sequence[AnyScenario]) -> None:
+    """Refuse scenarios of one name, as results go by it."""
     names = [scenario.name for scenario in scenarios]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise InputError(f"Two scenarios are called {twice[0]}. Build one again under another --name.")
 
 
-def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Journal:
+def open_journal(folder: Path, plan: Plan, spec: EvaluationSpec) -> Journal:
     """Make the folder and drop an earlier evaluation's results, so that two never mix; keep its episodes to resume.
 
     A recording whose episode was not written down yet goes as well: that episode is run again.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if not is_resumed:
+        if not spec.options.resume:
             clear_journal(folder)
-        journal = Journal(folder, provenance.identity(versions()), is_resumed)
+        journal = Journal(folder, provenance_of(plan, spec).identity(versions()), spec.options.resume)
         kept = {(folder / name).with_suffix(kind) for name in journal.recordings.values() for kind in KINDS}
         for path in [path for kind in KINDS for path in folder.glob(f"episode-*{kind}*") if path not in kept]:
             path.unlink()
@@ -142,7 +150,7 @@ def _open_journal(folder: Path, provenance: Provenance, is_resumed: bool) -> Jou
     return journal
 
 
-def _check_runner(plan: Plan, options: EvaluateOptions) -> None:
+def check_runner(plan: Plan, options: EvaluateOptions) -> None:
     """Check that the episodes of a plan can be run as the options ask, before anything is written."""
     if options.ray is not None:
         load_ray()
@@ -190,7 +198,8 @@ def _recordings(runner: Runner, output: Path, options: EvaluateOptions, journal:
     return dict(sorted((row["metrics"]["index"], row["recording"]) for row in rows))
 
 
-def _provenance(plan: Plan, spec: EvaluationSpec) -> Provenance:
+def provenance_of(plan: Plan, spec: EvaluationSpec) -> Provenance:
+    """Return what the results of a plan rest on."""
     options, policy = spec.options, plan.policy
     return Provenance(
         possible_episodes=plan.num_possible,

@@ -159,6 +159,32 @@ class EvaluateOptions(ProtocolOptions):
             raise InputError("A batch runs in this process. Leave out --workers, or --backend batch.")
 
 
+@dataclass(frozen=True)
+class SequentialOptions(EvaluateOptions):
+    """How two policies are flown against each other until they are told apart."""
+
+    smallest_difference: float = 0.05
+    """Difference of collision-free success that matters, a fraction: flying also ends once neither policy can be better
+    by as much. Smaller ones take more episodes: half of it, about four times as many."""
+    block: int = 20
+    """Episodes of each policy between two looks at what they say. The error does not depend on it."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if isinstance(self.policies, tuple) and len(self.policies) != 2:  # a command line may leave them to come
+            raise InputError(
+                f"A comparison pair by pair takes two policies, not {len(self.policies)}. Name two; compare "
+                "evaluations of more without --sequential."
+            )
+        if not 0.0 < self.smallest_difference < 1.0:
+            raise InputError(
+                f"--smallest-difference is {self.smallest_difference}; it is a fraction above 0 and below 1, like 0.05 "
+                "for five points."
+            )
+        if self.block < 1:
+            raise InputError(f"--block is {self.block}; choose 1 or more.")
+
+
 @dataclass(frozen=True, kw_only=True)
 class StressOptions(TaskOptions):
     """How a policy is searched for failures. Each field is an option of aquanav-eval stress."""

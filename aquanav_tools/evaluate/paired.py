@@ -67,7 +67,18 @@ def episodes_to_tell(rates: PairedRates) -> int | None:
     differing, difference = (rates.only_first + rates.only_second) / count, rates.difference.mean
     if rates.only_first == rates.only_second:
         return None
-    root = Z_95 * sqrt(differing) + Z_POWER * sqrt(differing - difference**2)
+    return episodes_for(differing, difference, Z_POWER)
+
+
+def episodes_for(differing: float, difference: float, z_power: float) -> int:
+    """Return how many episodes McNemar's test at a level of 5 % needs, by the formula of `episodes_to_tell`.
+
+    Args:
+        differing: Share of the episodes in which just one of the two succeeds.
+        difference: Of the rates; not 0, and not above `differing`.
+        z_power: Normal quantile of the wanted probability to tell them apart.
+    """
+    root = Z_95 * sqrt(differing) + z_power * sqrt(differing - difference**2)
     return ceil((root / difference) ** 2)
 
 

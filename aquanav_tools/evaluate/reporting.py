@@ -168,7 +168,8 @@ def _drawn(indices: Sequence[int]) -> list[int]:
 
 
 def _plots(scenarios: Sequence[AnyScenario], journal: Journal, summary: Summary, pictures: Path) -> tuple[Figure, ...]:
-    trajectories: list[TrajectorySummary] = [journal.trajectory(index) for index in _drawn(range(len(journal)))]
+    indices = journal.episodes.column("index").tolist()
+    trajectories: list[TrajectorySummary] = [journal.trajectory(index) for index in _drawn(indices)]
     plot_outcomes(_rates(summary), pictures / "outcomes.png")
     plot_progress(trajectories, _longest(scenarios, trajectories), pictures / "progress.png")
     plot_clearance(trajectories, pictures / "clearance.png")

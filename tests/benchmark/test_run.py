@@ -115,6 +115,7 @@ def test_a_submission_repeats_and_is_on_the_page(submission: Path, tmp_path: Pat
     assert verify(submission, 1, 1, 0, ignore_progress).episodes == 2
     page = make_leaderboard(submission.parent, tmp_path / "page").read_text()
     assert "tubes" in page and "interquartile mean" in page
+    assert "none: a program" in page
 
 
 def change(path: Path, *keys: object, to: object) -> Path:

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from aquanav_tools.benchmark.leaderboard import paired_p_value
+from aquanav_tools.benchmark.leaderboard import holm, paired_p_value
 from aquanav_tools.benchmark.score import score_of
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 
@@ -74,3 +74,10 @@ def test_the_paired_test_counts_signs() -> None:
     # Of the 2^5 ways to choose the signs of five equal differences, two are as far from zero as all positive.
     assert paired_p_value(np.full(5, 0.6), np.full(5, 0.5)) == pytest.approx(2 / 32)
     assert paired_p_value(np.full(5, 0.6), np.full(5, 0.6)) == 1.0
+
+
+def test_p_values_of_several_rows_are_corrected_by_holm() -> None:
+    # Holm's own procedure by hand: 4 * 0.005, then 3 * 0.01, then max(0.03, 2 * 0.012), then 0.4.
+    assert holm([0.01, 0.4, 0.005, 0.012]) == pytest.approx([0.03, 0.4, 0.02, 0.03])
+    assert holm([0.6, 0.7]) == pytest.approx([1.0, 1.0])
+    assert holm([]) == []
