@@ -73,11 +73,14 @@ def _own_results(folder: Path, policy: LoadedPolicy) -> dict[str, Any]:
 def _facts(policy: LoadedPolicy, settings: dict[str, Any], path: Path) -> Iterator[tuple[str, str]]:
     kind = read_kind(settings, path)
     yield "task", str(policy.task or "caves or bays")
-    yield "observes", f"{policy.observation}" + ("" if policy.size is None else f", {policy.size} values")
+    sensors, history = (policy.observed.sensors, policy.observed.history) if policy.observed else ((), ())
+    words = [policy.observation, *sensors, *(f"the same of {ago} decisions ago" for ago in history)]
+    yield "observes", ", ".join([*words, *([] if policy.size is None else [f"{policy.size} values"])])
     yield "acts", policy.action
     widths = read_options(settings.get("policy_kwargs"), kind, path)["net_arch"]
     yield "network", f"hidden layers of {', '.join(map(str, widths))}"
-    yield "learned from", f"{int(settings['num_timesteps']):,} decisions" if "num_timesteps" in settings else UNKNOWN
+    known = settings.get("num_timesteps")  # SB3 counts anew in each lesson
+    yield "learned from, in its last lesson", UNKNOWN if known is None else f"{int(known):,} decisions"
     yield "by", ", ".join(f"{name} {settings[name]}" for name in SETTINGS if name in settings) or UNKNOWN
     for file in (path, path.with_suffix(".onnx")):
         if file.is_file():

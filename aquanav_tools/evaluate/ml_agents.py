@@ -11,8 +11,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.onnx_file import constants_of, input_shapes, read_onnx
+from aquanav_tools.evaluate.onnx_file import constants_of, input_shapes, onnx_properties, read_onnx
 from aquanav_tools.evaluate.onnx_run import OnnxRunner, Shape
+from aquanav_tools.policy.observed import read_observed
 from aquanav_tools.policy.spaces import MAX_SIZE
 
 SUFFIX = ".onnx"
@@ -45,6 +46,8 @@ class MlAgentsPolicy:
         self._runner = OnnxRunner(model, [output], f"The policy {path}")
         num_choices = 0 if self._is_continuous else _num_choices(shapes[MASKS], path)
         self._masks = np.ones((1, num_choices), dtype=np.float32)
+        self.observed = read_observed(onnx_properties(model, path), path)
+        """What the file says that it observes; None where it says nothing."""
         self.observation_space = spaces.Box(-np.inf, np.inf, (sum(self._sizes),), np.float32)
         """The sensors' values in a row, obs_0 first."""
         self.action_space = self._levels() if self._is_continuous else self._branches(path)

@@ -5,12 +5,14 @@ Such are numbers in other files, operations of a domain of one's own, subgraphs,
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.policy.observed import OBSERVED
 
 if TYPE_CHECKING:
     import onnx
@@ -50,6 +52,21 @@ def read_onnx(path: Path) -> onnx.ModelProto:
             "LFS (run: git lfs pull), or is something else. Copy or export it again."
         ) from cause
     return model
+
+
+def onnx_properties(model: onnx.ModelProto, path: Path) -> dict[str, Any]:
+    """Return what an ONNX file from aquanav-train says of itself, by name; nothing of others.
+
+    Raises:
+        InputError: it is not JSON.
+    """
+    texts = {item.key: item.value for item in model.metadata_props if item.key == OBSERVED}
+    try:
+        return {name: json.loads(text) for name, text in texts.items()}
+    except (json.JSONDecodeError, RecursionError) as cause:
+        raise InputError(
+            f"{path} says what it observes in another form than JSON: {cause}. Export it again."
+        ) from cause
 
 
 def constants_of(model: onnx.ModelProto) -> dict[str, Any]:

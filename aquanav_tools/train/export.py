@@ -7,6 +7,7 @@ out, as it needs two packages more and names values in its own way.
 from __future__ import annotations
 
 import io
+import json
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,6 +20,7 @@ from torch import nn
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.normaliser import LIMIT, NormalisedObservations
+from aquanav_tools.policy.observed import OBSERVED
 from aquanav_tools.store import write_whole
 from aquanav_tools.train.actors import Actor
 
@@ -44,7 +46,7 @@ def export(learner: BaseAlgorithm, folder: Path) -> None:
     """
     learner.policy.set_training_mode(False)
     actor = Actor(learner.policy)
-    write_whole(folder / ONNX_FILE, onnx_bytes(actor))
+    write_whole(folder / ONNX_FILE, onnx_bytes(actor, getattr(learner, OBSERVED, None)))
     stream = io.BytesIO()
     with torch.no_grad(), warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # TorchScript is, but other programs still ask for it
@@ -53,8 +55,13 @@ def export(learner: BaseAlgorithm, folder: Path) -> None:
     write_whole(folder / SCRIPT_FILE, stream.getvalue())
 
 
-def onnx_bytes(actor: Actor) -> bytes:
-    """Return a policy as an ONNX file. Its inputs and outputs are called as ML-Agents calls them."""
+def onnx_bytes(actor: Actor, observed: dict[str, Any] | None = None) -> bytes:
+    """Return a policy as an ONNX file. Its inputs and outputs are called as ML-Agents calls them.
+
+    Args:
+        actor: The network.
+        observed: What the file is to say that it observes, as `policy.observed` has it.
+    """
     graph = _Graph()
     value = OBSERVATIONS
     for layer in actor.layers:
@@ -68,7 +75,7 @@ def onnx_bytes(actor: Actor) -> bytes:
         graph.node("Clip", [value, graph.constant([-1.0], scalar=True), graph.constant([1.0], scalar=True)], LEVELS)
         output = (LEVELS, FLOAT, actor.num_levels)
     graph.constant([0.0], name="memory_size")
-    return _model(graph, inputs, output)
+    return _model(graph, inputs, output, observed)
 
 
 class _Graph:
@@ -129,7 +136,9 @@ def _add_choices(graph: _Graph, value: str, branches: list[int]) -> None:
     graph.node("Concat", choices, CHOICES, axis=1)
 
 
-def _model(graph: _Graph, inputs: dict[str, int], output: tuple[str, int, int]) -> bytes:
+def _model(
+    graph: _Graph, inputs: dict[str, int], output: tuple[str, int, int], observed: dict[str, Any] | None
+) -> bytes:
     import onnx
     from onnx import helper
 
@@ -139,5 +148,7 @@ def _model(graph: _Graph, inputs: dict[str, int], output: tuple[str, int, int]) 
     whole = helper.make_graph(graph.nodes, "policy", described, outputs, graph.constants)
     opset = helper.make_opsetid("", OPSET)
     model = helper.make_model(whole, opset_imports=[opset], ir_version=IR_VERSION, producer_name="aquanav")
+    if observed is not None:
+        helper.set_model_props(model, {OBSERVED: json.dumps(observed)})
     onnx.checker.check_model(model, full_check=True)
     return model.SerializeToString()

@@ -45,7 +45,7 @@ def test_the_card_says_what_file_and_evaluation_hold(evaluation: Path, tmp_path:
     text = card.read_text()
     with zipfile.ZipFile(ZIP) as archive:
         steps = json.loads(archive.read("data"))["num_timesteps"]
-    assert f"| learned from | {steps:,} decisions |" in text
+    assert f"| learned from, in its last lesson | {steps:,} decisions |" in text
     assert "| observes | full" in text and "| acts | multidiscrete |" in text
     assert "hidden layers of 128, 128, 128" in text
     for path in (ZIP, ZIP.with_suffix(".onnx")):

@@ -8,6 +8,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
+import onnx
 import pytest
 
 from aquanav_tools.errors import InputError
@@ -41,8 +42,9 @@ def with_observed(learned: Path, to: Path, observed: object) -> Path:
     return copy
 
 
-def test_a_policy_is_let_observe_what_it_learned_with_unasked(learned: Path, tmp_path: Path) -> None:
-    policy, tube = learned / "run" / "policy.zip", learned / "tube"
+@pytest.mark.parametrize("suffix", [".zip", ".onnx"])
+def test_a_policy_is_let_observe_what_it_learned_with_unasked(learned: Path, tmp_path: Path, suffix: str) -> None:
+    policy, tube = learned / "run" / f"policy{suffix}", learned / "tube"
     loaded = load_policy(str(policy))
     assert loaded.size == NUM_VALUES
     results = [
@@ -79,3 +81,12 @@ def test_a_sensor_that_there_is_not_gets_the_nearest_name(learned: Path, tmp_pat
     options = EvaluateOptions(policies=(str(policy),), scenario=(learned / "tube",), episodes=1, record="none")
     with pytest.raises(InputError, match="Did you mean 'echosounders'"):
         evaluate(options, lambda done, total: None, output=tmp_path / "out")
+
+
+def test_an_exported_file_chooses_no_code_either(learned: Path, tmp_path: Path) -> None:
+    model = onnx.load(learned / "run" / "policy.onnx")
+    for text, message in ((json.dumps({**SEEN, "sensors": ["os:getcwd"]}), "no code"), ("{", "says in no JSON")):
+        onnx.helper.set_model_props(model, {"observed": text})
+        onnx.save(model, tmp_path / "policy.onnx")
+        with pytest.raises(InputError, match=message):
+            load_policy(str(tmp_path / "policy.onnx"))
