@@ -85,7 +85,7 @@ def test_a_sensor_that_there_is_not_gets_the_nearest_name(learned: Path, tmp_pat
 
 def test_an_exported_file_chooses_no_code_either(learned: Path, tmp_path: Path) -> None:
     model = onnx.load(learned / "run" / "policy.onnx")
-    for text, message in ((json.dumps({**SEEN, "sensors": ["os:getcwd"]}), "no code"), ("{", "says in no JSON")):
+    for text, message in ((json.dumps({**SEEN, "sensors": ["os:getcwd"]}), "no code"), ("{", "another form than JSON")):
         onnx.helper.set_model_props(model, {"observed": text})
         onnx.save(model, tmp_path / "policy.onnx")
         with pytest.raises(InputError, match=message):
