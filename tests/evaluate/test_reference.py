@@ -15,6 +15,7 @@ from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.presets import SURFACE
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings
+from aquanav_tools.task import TaskOptions
 from tests.conftest import REPOSITORY
 
 POLICIES = sorted((REPOSITORY / "eval" / "policies").glob("*.zip"))
@@ -32,7 +33,9 @@ def test_there_is_a_reference_policy_that_is_known_by_its_name() -> None:
 @pytest.mark.parametrize("path", POLICIES, ids=lambda path: path.stem)
 def test_a_reference_policy_has_an_easy_way_without_a_touch_and_so_does_its_onnx(path: Path, tube: Scenario) -> None:
     loaded, other = (load_policy(str(path.with_suffix(suffix))) for suffix in (".zip", ".onnx"))
+    rules = loaded.rules(TaskOptions(on_collision="end"))
     form: dict[str, Any] = {"observation": loaded.observation, "action": loaded.action, "on_collision": "end"}
+    form |= {"sensors": rules.sensors, "history": rules.history}
     # A tube four metres wide, in still water and a gentle stream against the vehicle, is easier than any cave; a bay
     # of few rocks, in still water and a gentle tide, than any that is drawn by the usual settings.
     if loaded.task == SURFACE:
