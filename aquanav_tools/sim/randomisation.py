@@ -157,7 +157,7 @@ class Randomisation:
 
 
 def read_randomisation(spec: str | Path) -> Randomisation:
-    """Return the ranges of a name ("mild", "wide") or of a TOML file.
+    """Return the ranges of a name ("late", "mild", "wide") or of a TOML file.
 
     Raises:
         InputError: there is no such name, or the file's ranges make no sense.

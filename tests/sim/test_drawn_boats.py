@@ -245,7 +245,7 @@ def test_a_boat_that_would_sink_or_topple_is_refused(tmp_path: Path) -> None:
         SurfaceEnv(randomisation=written("mass = [1.0, 7.0]", tmp_path))
     with pytest.raises(InputError, match=r"the hull ends 1\.00 m from its middle"):
         SurfaceEnv(randomisation=written("centre_of_mass_y = [0.0, 3.0]", tmp_path))
-    with pytest.raises(InputError, match=r"no randomisation 'wild'.*Known are mild, wide"):
+    with pytest.raises(InputError, match=r"no randomisation 'wild'.*Known are late, mild, wide"):
         SurfaceEnv(randomisation="wild")
 
 

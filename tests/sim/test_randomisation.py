@@ -229,7 +229,7 @@ def test_a_centre_of_mass_outside_of_the_hull_is_refused(tube: Scenario, tmp_pat
 
 
 def test_an_unknown_name_or_key_is_told_with_the_nearest(tube: Scenario, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"no randomisation 'wild'.*Known are mild, wide"):
+    with pytest.raises(InputError, match=r"no randomisation 'wild'.*Known are late, mild, wide"):
         CaveEnv(tube, randomisation="wild")
     file = tmp_path / "own.toml"
     file.write_text("mas = [0.9, 1.1]\n")
