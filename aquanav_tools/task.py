@@ -12,10 +12,6 @@ from aquanav_tools.registry import Registry, is_own
 ProgressMeasure = Literal["panels", "geodesic", "original"]
 MEASURES = get_args(ProgressMeasure)
 """Of the way to go."""
-ORIGINAL_DECISIONS = 2400
-"""Episode limit of the original benchmark, in decisions of 0.1 s."""
-MAX_DECISIONS = 1_000_000
-"""Longest episode, in decisions."""
 REWARDS = ("dense", "safe", "careful", "sparse")
 """That come with aquanav."""
 OWN_FIELDS = ("reward", "sensors", "termination", "disturbance", "motion")
@@ -50,7 +46,8 @@ class TaskOptions:
     """Decisions by which observations are late."""
     randomisation: str | None = None
     """Ranges from which each episode draws its vehicle's mass, damping, thrust and more: "mild" (what a data sheet
-    leaves open), "wide" (a vehicle that is hardly known), or a TOML file of your own. The vehicle's file without."""
+    leaves open), "late" (that, and commands that act up to a decision late), "wide" (a vehicle that is hardly known),
+    or a TOML file of your own. The vehicle's file without."""
     current: Literal["still", "half", "full", "flood"] | float | tuple[float, float, float] | None = None
     """Current of the water: a preset; the mean speed through the cave's narrowest section, m/s; or one velocity X Y Z
     everywhere, m/s. The scenario's own when not given."""

@@ -17,8 +17,8 @@ from aquanav_tools.cave.options import (
 from aquanav_tools.errors import InputError
 from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES, IntakeOptions, Quality
+from aquanav_tools.scenario.limits import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.tables import from_table, read_toml
-from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
 
 SURVEY_SUFFIXES = (".svx", ".3d", ".th")
 """Survex and Therion; the same that cave.survey reads, which is not imported for a command's --help."""

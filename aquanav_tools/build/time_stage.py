@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 from aquanav_tools.build.journal import Journal
+from aquanav_tools.scenario.limits import ORIGINAL_DECISIONS
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.time_limit import decision_limit, ideal_time, longest_path
 from aquanav_tools.sim.vehicle import parse_vehicle
-from aquanav_tools.task import ORIGINAL_DECISIONS
 
 
 def time_facts(scenario: Scenario) -> dict[str, Any]:

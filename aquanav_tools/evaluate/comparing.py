@@ -33,7 +33,7 @@ from aquanav_tools.types import Array
 RESULTS = "results.json"
 PAIRED_MEANS = ("spl", "collisions", "clearance_p5", "time", "energy")
 Key = tuple[str, str, int, int]
-FREE_RULES = {"episodes", "seed", "observation", "action", "grid", "cases", "conditions"}
+FREE_RULES = {"episodes", "seed", "observation", "sensors", "history", "action", "grid", "cases", "conditions"}
 """Of a protocol: what may differ between evaluations that are compared. Conditions are compared by their names."""
 
 

@@ -49,7 +49,10 @@ def compare_pair_by_pair(options: SequentialOptions, progress: Progress) -> Comp
     options = dataclasses.replace(options, record="none")
     folders = run_folders(options.policies, options.output)
     load = policy_loader(options, is_trusted=options.trust)
-    specs = [EvaluationSpec(options, *pair, load) for pair in zip(options.policies, folders, strict=True)]
+    specs = [
+        EvaluationSpec(load(policy).rules(options), policy, folder, load)
+        for policy, folder in zip(options.policies, folders, strict=True)
+    ]
     plans = [make_plan(spec) for spec in specs]
     check_names(plans[0].scenarios)
     say_left_out(plans[0].scenarios)

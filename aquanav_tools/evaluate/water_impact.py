@@ -17,11 +17,12 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.policies import LoadedPolicy, check_named
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_named, observed_by
 from aquanav_tools.evaluate.protocol import EpisodePlan, plan_episodes
 from aquanav_tools.evaluate.rollout import run_episode
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.scenario.schema import PRESETS, Scenario
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import Array, Capsule, Progress
 
 MAX_TRIES = 10
@@ -183,13 +184,8 @@ def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Trajecto
 
 
 def _env(scenario: Scenario, policy: LoadedPolicy, current: str, max_decisions: int | None) -> CaveEnv:
-    return CaveEnv(
-        scenario,
-        observation=policy.observation if policy.parts is None else policy.parts(),
-        action=policy.action,
-        current=current,
-        max_decisions=max_decisions,
-    )
+    rules = policy.rules(TaskOptions(current=current))
+    return CaveEnv(scenario, max_decisions=max_decisions, **observed_by(policy, rules))
 
 
 def _as_given(ideal: Trajectory, env: CaveEnv) -> Array:

@@ -16,7 +16,7 @@ from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
 from aquanav_tools.errors import did_you_mean
-from aquanav_tools.task import MAX_DECISIONS, ORIGINAL_DECISIONS
+from aquanav_tools.scenario.limits import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.types import Mesh
 
 FORMAT = 1

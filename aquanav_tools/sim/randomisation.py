@@ -1,6 +1,7 @@
 """Dynamics that differ from episode to episode: the ranges of a vehicle's numbers, and what comes of those drawn.
 
-A range file is TOML, and each of its entries is a field of `Randomisation`. What is drawn is a number for each of
+A range file is TOML, and each of its entries is a field of `Randomisation`, but for `extends`: the ranges that ship to
+begin with. What is drawn is a number for each of
 `Randomisation.names`, evenly from its range, by the episode's seed alone. `varied_body` makes a body of them.
 """
 
@@ -167,7 +168,15 @@ def read_randomisation(spec: str | Path) -> Randomisation:
     if not path.exists():
         hint = "There is no such file." if str(spec).endswith(".toml") else did_you_mean(str(spec), known).strip()
         raise InputError(f"There is no randomisation '{spec}'. {hint} Known are {', '.join(known)}, and TOML files.")
-    return from_table(Randomisation, read_toml(path), path.name)
+    table = read_toml(path)
+    base = table.pop("extends", None)
+    if base is not None:
+        if base not in known:
+            raise InputError(
+                f"{path.name} extends {base!r}, and what can be extended are the ranges that ship: {', '.join(known)}."
+            )
+        table = read_toml(FOLDER / f"{base}.toml") | table
+    return from_table(Randomisation, table, path.name)
 
 
 def num_thrusters(vehicle: Vehicle | Boat) -> int:

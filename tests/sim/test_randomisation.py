@@ -228,6 +228,16 @@ def test_a_centre_of_mass_outside_of_the_hull_is_refused(tube: Scenario, tmp_pat
         CaveEnv(tube, randomisation=str(file))
 
 
+def test_ranges_extend_those_that_ship(tmp_path: Path) -> None:
+    mild, late = read_randomisation("mild"), read_randomisation("late")
+    assert late == dataclasses.replace(mild, action_delay=(0, 1))
+    (tmp_path / "own.toml").write_text('extends = "mild"\nmass = [0.5, 0.6]\n')
+    assert read_randomisation(tmp_path / "own.toml") == dataclasses.replace(mild, mass=(0.5, 0.6))
+    (tmp_path / "own.toml").write_text('extends = "wild"\n')
+    with pytest.raises(InputError, match=r"own.toml extends 'wild', and .* ship: late, mild, wide"):
+        read_randomisation(tmp_path / "own.toml")
+
+
 def test_an_unknown_name_or_key_is_told_with_the_nearest(tube: Scenario, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no randomisation 'wild'.*Known are late, mild, wide"):
         CaveEnv(tube, randomisation="wild")

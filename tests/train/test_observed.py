@@ -13,8 +13,11 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.evaluation import evaluate
-from aquanav_tools.evaluate.options import EvaluateOptions
+from aquanav_tools.evaluate.options import EvaluateOptions, SequentialOptions
+from aquanav_tools.evaluate.paired_run import compare_pair_by_pair
 from aquanav_tools.evaluate.policies import load_policy
+from aquanav_tools.evaluate.water_impact import measure_water_impact
+from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.train.training import train
 from tests.train.runs import tiny_pipeline, tiny_tube
 
@@ -74,6 +77,21 @@ def test_a_policy_is_let_observe_what_it_learned_with_unasked(learned: Path, tmp
 def test_a_file_chooses_no_code_and_no_odd_form(learned: Path, tmp_path: Path, observed: object, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_policy(str(with_observed(learned, tmp_path, observed)))
+
+
+def test_policies_that_observe_different_things_are_compared(learned: Path, tmp_path: Path) -> None:
+    policies = (str(learned / "run" / "policy.zip"), "baseline:reactive")
+    options = SequentialOptions(policies=policies, scenario=(learned / "tube",), episodes=2, output=tmp_path / "out")
+    found = compare_pair_by_pair(options, lambda done, total: None)
+    seen = [method.tables[0]["protocol"]["sensors"] for method in found.methods]
+    assert seen == [list(SEEN["sensors"]), []]
+    assert "different rules" not in found.report.read_text()
+
+
+def test_the_water_is_tried_on_a_policy_with_what_it_observes(learned: Path) -> None:
+    scenario, policy = read_scenario(learned / "tube"), load_policy(str(learned / "run" / "policy.zip"))
+    with pytest.raises(InputError, match="goal"):  # it flies, and its 40 decisions are too few
+        measure_water_impact(scenario, policy, ("full",), 1, 0, lambda done, total: None)
 
 
 def test_a_sensor_that_there_is_not_gets_the_nearest_name(learned: Path, tmp_path: Path) -> None:
