@@ -184,8 +184,8 @@ def _ideal_dive(scenario: Scenario, policy: LoadedPolicy, seed: int) -> Trajecto
 
 
 def _env(scenario: Scenario, policy: LoadedPolicy, current: str, max_decisions: int | None) -> CaveEnv:
-    rules = policy.rules(TaskOptions(current=current))
-    return CaveEnv(scenario, max_decisions=max_decisions, **observed_by(policy, rules))
+    task = observed_by(policy, policy.rules(TaskOptions())) | {"current": current}
+    return CaveEnv(scenario, max_decisions=max_decisions, **task)
 
 
 def _as_given(ideal: Trajectory, env: CaveEnv) -> Array:
