@@ -65,6 +65,8 @@ SECONDS_PER_METRE = 6.0
 at full current in passages narrower than two vehicle widths; the 2 to 4 s of long ways in other caves end its dives."""
 MIN_WIDTHS, MAX_WIDTHS = 1.25, 20.0
 """Narrowest place of the way, vehicle widths."""
+SHORTEST = 12.0
+"""Of the way, m: side passages that meet by chance may cut a winding one short."""
 MAX_ATTEMPTS = 8
 """Caves that are drawn for a name until one can be dived."""
 
@@ -110,18 +112,25 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     """Return the scenario in a drawn cave and the width of the narrowest place of its way, m.
 
     Raises:
-        MeshError: the surface is no proven solid, has not two whole portals, the vehicle cannot pass, or the narrowest
-            place is narrower or wider than MIN_WIDTHS and MAX_WIDTHS allow.
+        MeshError: the surface is no proven solid, has not two whole portals, the vehicle cannot pass, the narrowest
+            place is narrower or wider than MIN_WIDTHS and MAX_WIDTHS allow, or the way is shorter than SHORTEST.
     """
     capsule = load_vehicle(VEHICLE).capsule
     cavity = made_up_cavity(water_surface(drawn.plan, drawn.voxel, drawn.noise_seed), MERGED_VOXELS * drawn.voxel)
     field = distance_field(cavity, max(SPACING_RADII * capsule.radius, SPACING_VOXELS * drawn.voxel))
     graph = WaterGraph(field, capsule.radius, MAX_NODES)
     entrance, goal = (portal.centre for portal in cavity.portals)
+    if drawn.end is not None:
+        goal, room = drawn.end, field.clearance_at(drawn.end)
+        if room < capsule.radius:
+            raise MeshError(f"the end of its way has {room:.2f} m of room around it")
     route = find_route(cavity, field, capsule.radius, entrance, goal, graph)
     width = _narrowest(route, cavity, capsule)
     if not MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
         raise MeshError(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
+    length = float(np.linalg.norm(np.diff(route.points, axis=0), axis=1).sum())
+    if length < SHORTEST:
+        raise MeshError(f"its way is {length:.1f} m long")
     surface = Surface(cavity.mesh)
     guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius, surface)
     rng = np.random.default_rng(drawn.noise_seed)

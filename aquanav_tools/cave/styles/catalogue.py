@@ -11,6 +11,8 @@ import numpy as np
 from aquanav_tools.cave.styles import natural, rooms
 from aquanav_tools.cave.styles.names import number_of, style_of
 from aquanav_tools.cave.styles.plan import Plan
+from aquanav_tools.cave.styles.winding import end_within
+from aquanav_tools.types import Array
 
 VEHICLE_WIDTH = 0.34
 """Of a BlueROV2's frame and of its capsule, m: openings are drawn in multiples of it."""
@@ -39,11 +41,11 @@ class Style:
 
 
 STYLES: dict[str, Style] = {
-    "phreatic-tube": Style(natural.phreatic_tube, (1.8, 14.0)),
+    "phreatic-tube": Style(natural.phreatic_tube, (1.8, 20.0)),
     "vadose-canyon": Style(natural.vadose_canyon, (1.8, 8.0)),
     "bedding-plane": Style(natural.bedding_plane, (1.8, 7.0), (20.0, 120.0)),
     "breakdown-chamber": Style(rooms.breakdown_chamber, (1.8, 10.0)),
-    "shaft-ramp": Style(natural.shaft_ramp, (2.2, 12.0)),
+    "shaft-ramp": Style(natural.shaft_ramp, (1.8, 12.0)),
     "maze": Style(rooms.maze, (2.0, 7.0), (20.0, 120.0)),
     "sump-series": Style(natural.sump_series, (1.8, 10.0)),
     "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),
@@ -62,6 +64,8 @@ class DrawnCave:
     """m; a whole number of them makes the plan's extent."""
     noise_seed: int
     """Picks the relief."""
+    end: Array | None
+    """(3,) where the way ends, m; at the second portal where there is none."""
 
 
 def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
@@ -87,4 +91,5 @@ def draw_cave(style: str, seed: int, attempt: int = 0) -> DrawnCave:
     enough = float(np.sqrt(plan.wall_area / WALL_CELLS))
     voxel = min(max(VOXEL_SHARE * opening, MIN_VOXEL, enough), coarsest)
     voxel = plan.extent / round(plan.extent / voxel)
-    return DrawnCave(name, seed, plan, voxel, int(rng.integers(1 << 20)))
+    noise_seed = int(rng.integers(1 << 20))
+    return DrawnCave(name, seed, plan, voxel, noise_seed, end_within(plan.passages[0].axis, plan.length, rng))

@@ -10,6 +10,7 @@ import numpy as np
 
 from aquanav_tools.cave.styles import drawing as draw
 from aquanav_tools.cave.styles.plan import Passage, Plan, Relief
+from aquanav_tools.cave.styles.winding import laid
 
 Rng = np.random.Generator
 
@@ -19,9 +20,10 @@ def phreatic_tube(length: float, opening: float, rng: Rng) -> Plan:
     s = draw.stations_of(length)
     fade = draw.faded(s, length)
     headings = fade * rng.uniform(0.5, 0.9) * draw.waves(s, rng.uniform(14.0, 26.0) + 2.0 * opening, rng)
-    slopes = rng.uniform(0.1, 0.3) * draw.waves(s, rng.uniform(10.0, 22.0) + 2.0 * opening, rng)
+    steep = rng.uniform(0.1, 0.3) if rng.random() < 0.5 else rng.uniform(0.3, 0.9)
+    slopes = steep * draw.waves(s, rng.uniform(10.0, 22.0) + 2.0 * opening, rng)
     slopes += draw.chutes(s, length, 16.0, rng.uniform(0.4, 0.87), rng, run=(1.5, 2.5 + opening))
-    axis = draw.shifted(draw.axis_of(headings, fade * np.clip(slopes, -0.87, 0.87)), s)
+    headings, axis = laid(headings, fade * np.clip(slopes, -1.2, 1.2), s, length, 0.8 * opening, rng)
     swell = draw.roomy(s, opening, rng.uniform(0.15, 0.5), rng)
     rooms = draw.spots(int(length // 25), 6.0, length - 6.0, rng)
     if len(rooms):
@@ -44,9 +46,9 @@ def vadose_canyon(length: float, opening: float, rng: Rng) -> Plan:
     s = draw.stations_of(length)
     fade = draw.faded(s, length)
     headings = fade * rng.uniform(0.7, 1.1) * draw.waves(s, rng.uniform(8.0, 13.0) + opening, rng)
-    slopes = -rng.uniform(0.02, 0.08) + 0.06 * draw.waves(s, 20.0, rng)
+    slopes = -rng.uniform(0.02, 0.3) + rng.uniform(0.05, 0.2) * draw.waves(s, 20.0, rng)
     slopes += draw.chutes(s, length, 11.0, rng.uniform(0.5, 0.87), rng, upwards=0.1, run=(0.8, 2.5))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    headings, axis = laid(headings, fade * slopes, s, length, 1.2 * opening, rng)
     half = 0.5 * opening * draw.roomy(s, opening, rng.uniform(0.2, 0.5), rng)
     tall = min(max(opening * rng.uniform(2.2, 5.5), 1.5), 7.0) * np.exp(0.12 * draw.waves(s, 18.0, rng))
     low = 0.45 * fade * draw.humps(s, length, 14.0, max(opening, 0.8), rng)
@@ -64,9 +66,9 @@ def bedding_plane(length: float, opening: float, rng: Rng) -> Plan:
     s = draw.stations_of(length)
     fade = draw.faded(s, length)
     headings = fade * rng.uniform(0.3, 0.6) * draw.waves(s, rng.uniform(22.0, 40.0), rng)
-    slopes = rng.uniform(-0.25, 0.25) + 0.06 * draw.waves(s, 12.0, rng)
+    slopes = rng.uniform(-0.6, 0.6) + 0.06 * draw.waves(s, 12.0, rng)
     slopes += draw.chutes(s, length, 14.0, rng.uniform(0.3, 0.7), rng, run=(0.8, 2.0))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    headings, axis = laid(headings, fade * slopes, s, length, min(1.5 * opening + 0.5, 3.0), rng)
     half = 0.5 * opening * draw.roomy(s, opening, 0.3, rng)
     wide = min(max(opening * rng.uniform(1.2, 2.6), 1.0), 4.2) * np.exp(0.3 * draw.waves(s, 13.0, rng))
     wide = np.maximum(wide, 1.8 * half)
@@ -94,8 +96,8 @@ def shaft_ramp(length: float, opening: float, rng: Rng) -> Plan:
         sign = -sign if rng.random() < 0.75 else sign
     level = np.cos(slopes) ** 2 * draw.faded(s, length)
     headings = draw.faded(s, length) * rng.uniform(0.4, 0.9) * draw.waves(s, 24.0, rng)
-    axis = draw.shifted(draw.axis_of(headings, slopes), s)
-    half = 0.5 * opening * (draw.roomy(s, opening, 0.3, rng) + 0.35 * (1.0 - level))
+    headings, axis = laid(headings, slopes, s, length, 0.9 * opening, rng)
+    half = 0.5 * opening * (draw.roomy(s, opening, 0.3, rng) + rng.uniform(0.0, 0.35) * (1.0 - level))
     low = 0.3 * level * (1.0 - draw.humps(s, length, 10.0, 0.7 * opening, rng))
     main = Passage(axis, headings, half * 1.15, half * (1.0 + low), half)
     blocks = draw.blocks_on_floor(main, int(length / 6.0), (0.2, 0.6), 0.7 * opening, rng, (0.1, 0.9))
@@ -113,7 +115,7 @@ def sump_series(length: float, opening: float, rng: Rng) -> Plan:
     # A sump is a dip in the middle of each period; the chamber lies between two of them.
     slopes = -fade * rng.uniform(0.35, 0.85) * np.sin(2.0 * np.pi * phase)
     headings = fade * rng.uniform(0.5, 0.8) * draw.waves(s, 26.0, rng)
-    axis = draw.shifted(draw.axis_of(headings, slopes), s)
+    headings, axis = laid(headings, slopes, s, length, 1.3 * opening, rng)
     chamber = np.cos(np.pi * phase) ** 4 * fade
     half = 0.5 * opening * (draw.roomy(s, opening, 0.25, rng) + rng.uniform(0.4, 1.4) * chamber)
     low = fade * rng.uniform(0.2, 0.5) * (1.0 - draw.humps(s, length, 8.0, max(0.7 * opening, 0.6), rng))

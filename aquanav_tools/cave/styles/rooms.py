@@ -6,6 +6,7 @@ import numpy as np
 
 from aquanav_tools.cave.styles import drawing as draw
 from aquanav_tools.cave.styles.plan import Block, Passage, Plan, Relief
+from aquanav_tools.cave.styles.winding import laid
 
 Rng = np.random.Generator
 
@@ -15,8 +16,9 @@ def breakdown_chamber(length: float, opening: float, rng: Rng) -> Plan:
     s = draw.stations_of(length)
     fade = draw.faded(s, length)
     headings = fade * rng.uniform(0.3, 0.6) * draw.waves(s, 30.0, rng)
-    slopes = 0.12 * draw.waves(s, 18.0, rng) + draw.chutes(s, length, 12.0, rng.uniform(0.4, 0.8), rng, run=(1.0, 3.0))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    slopes = rng.uniform(0.1, 0.5) * draw.waves(s, 18.0, rng)
+    slopes += draw.chutes(s, length, 12.0, rng.uniform(0.4, 0.8), rng, run=(1.0, 3.0))
+    headings, axis = laid(headings, fade * slopes, s, length, 0.9 * opening + 0.5, rng)
     half = 0.5 * opening * draw.roomy(s, opening, 0.3, rng)
     count = max(1, int(length // 32))
     places = draw.spots(count, 0.1 * length, 0.9 * length, rng)
@@ -56,8 +58,9 @@ def maze(length: float, opening: float, rng: Rng) -> Plan:
     # Joints are straight, and corners take about a metre.
     turns = np.interp(s, s, sides[np.searchsorted(borders, s)] * angle)
     headings = fade * np.convolve(np.pad(turns, 6, mode="edge"), np.ones(13) / 13.0, mode="valid")
-    slopes = 0.08 * draw.waves(s, 15.0, rng) + draw.chutes(s, length, 15.0, rng.uniform(0.3, 0.7), rng, run=(0.8, 2.0))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    slopes = rng.uniform(0.05, 0.4) * draw.waves(s, 15.0, rng)
+    slopes += draw.chutes(s, length, 15.0, rng.uniform(0.3, 0.7), rng, run=(0.8, 2.0))
+    headings, axis = laid(headings, fade * slopes, s, length, 0.9 * opening + 0.5, rng)
     half = 0.5 * opening * draw.roomy(s, opening, 0.3, rng)
     tall = half * (1.25 + 0.4 * draw.waves(s, 11.0, rng) ** 2)
     high = tall * (1.0 + 0.4 * fade * (1.0 - draw.humps(s, length, 8.0, max(0.7 * opening, 0.6), rng)))
@@ -81,7 +84,7 @@ def flooded_gallery(length: float, opening: float, rng: Rng) -> Plan:
     fade = draw.faded(s, length)
     headings = fade * rng.uniform(0.25, 0.5) * draw.waves(s, rng.uniform(35.0, 60.0), rng)
     slopes = 0.06 * draw.waves(s, 30.0, rng) + draw.chutes(s, length, 25.0, rng.uniform(0.2, 0.6), rng, run=(3.0, 8.0))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    headings, axis = laid(headings, fade * slopes, s, length, 1.1 * opening, rng)
     half = 0.5 * opening * np.exp(0.18 * draw.waves(s, 20.0, rng) ** 2)
     wide = half * rng.uniform(1.2, 1.8) * np.exp(0.15 * draw.waves(s, 14.0, rng))
     main = Passage(axis, headings, wide, half, half * 1.1, 2.2, 2.6, floor=0.8 * half)
@@ -100,8 +103,8 @@ def mine_drift(length: float, opening: float, rng: Rng) -> Plan:
     turns = angles[np.searchsorted(borders, s)]
     headings = fade * np.convolve(np.pad(turns, 7, mode="edge"), np.ones(15) / 15.0, mode="valid")
     # Drifts are level, for carts; inclines lead from one level to the next.
-    slopes = 0.005 + draw.chutes(s, length, 30.0, rng.uniform(0.3, 0.75), rng, run=(4.0, 9.0))
-    axis = draw.shifted(draw.axis_of(headings, fade * slopes), s)
+    slopes = 0.005 + draw.chutes(s, length, 30.0, rng.uniform(0.3, 0.75), rng, run=(4.0, 14.0))
+    headings, axis = laid(headings, fade * slopes, s, length, 0.7 * opening + 0.5, rng)
     half = 0.5 * opening * (1.05 + 0.06 * draw.waves(s, 5.0, rng) ** 2)
     main = Passage(axis, headings, half, 1.1 * half, 1.0 * half, 2.4, 9.0, floor=0.97 * half)
     sides = [
