@@ -52,6 +52,8 @@ SPACING = 0.5
 """Between places of the way that are measured, m."""
 TURN_LENGTH = 1.0
 """Turns and slopes are measured over this length of the way, m."""
+FAR = 3.0
+"""From the way's end, m."""
 NUM_RAYS, RAY_RANGE = 64, 10.0
 """Rays from each place, over all directions, and how far each sees, m; one that meets no wall there is open."""
 SMOOTH = 6.0
@@ -62,6 +64,7 @@ PANELS = (
     ("width", "narrowest sphere around the way (vehicle widths)"),
     ("curvature", "turn of the way (degrees per m)"),
     ("slope", "slope of the way (degrees)"),
+    ("bearing", "way off the bearing of its end, in plan (degrees)"),
     ("shape", "width / height of sections"),
     ("ray", "length of rays (m)"),
     ("filled", "section area / its box"),
@@ -106,11 +109,23 @@ def _measure_one(scenario: Scenario) -> Measured:
         "width": 2.0 * scenario.field.clearance(places) / VEHICLE_WIDTH,
         "curvature": turns,
         "slope": np.degrees(np.arcsin(np.clip(np.abs(ahead[:, 2]), 0.0, 1.0))),
+        "bearing": _off_bearing(ends),
         "shape": np.array([section.width / section.height for section in sections]),
         "ray": np.minimum(rays, RAY_RANGE),
         "filled": np.array([section.area for section in sections]) / boxes,
     }
     return Measured(values, _roughness(scenario), float((rays >= RAY_RANGE).mean()), np.array([scenario.guide.length]))
+
+
+def _off_bearing(places: Array) -> Array:
+    """Return by how much the way leads off the straight line to its end, in plan, at all but the last places, degrees.
+
+    Within FAR of the end, that line says nothing.
+    """
+    ahead, to_end = np.diff(places, axis=0), places[-1] - places[:-1]
+    headings, bearings = (np.arctan2(one[:, 1], one[:, 0]) for one in (ahead, to_end))
+    off = np.degrees(np.abs((headings - bearings + np.pi) % (2.0 * np.pi) - np.pi))
+    return np.asarray(off[np.linalg.norm(to_end, axis=1) > FAR])
 
 
 def _rays(scenario: Scenario, places: Array) -> Array:
@@ -174,7 +189,7 @@ def draw(found: dict[str, Measured], num_styles: int, path: Path) -> None:
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    figure, axes = plt.subplots(2, 4, figsize=(17, 9), layout="constrained")
+    figure, axes = plt.subplots(3, 3, figsize=(17, 14), layout="constrained")
     names = list(found)
     colours = ["tab:blue"] * num_styles + ["tab:red"] * (len(names) - num_styles)
     for (name, title), axis in zip(PANELS, axes.ravel(), strict=False):
@@ -190,7 +205,7 @@ def draw(found: dict[str, Measured], num_styles: int, path: Path) -> None:
         if name in ("width", "shape", "ray"):
             axis.set_xscale("log")
             _label(axis.xaxis)
-    spectrum, shares = axes.ravel()[6:]
+    spectrum, shares = axes.ravel()[len(PANELS) :]
     for one, colour in zip(names, colours, strict=True):
         middles = [np.sqrt(low * high) for low, high in BANDS]
         spectrum.loglog(middles, 100.0 * found[one].roughness, "o-", color=colour, label=one, alpha=0.7)
