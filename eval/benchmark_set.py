@@ -3,7 +3,7 @@
 Test caves generated/mixed/SEED are taken by their seeds from 0 upwards. Each goes into a tier by what makes it hard:
 
     narrowest place of the way    4 vehicle widths or more 0 points, 3 or more 1, 2.4 or more 2, 2 or more 3
-    mean turn of the way          8 degrees per m or more 1 point
+    mean turn of the way          12 degrees per m or more 1 point
     length of the way             70 m or more 1 point
 
 0 points are tier 1, 1 point tier 2, 2 points tier 3, 3 or more tier 4. Every cave with a place narrower than two
@@ -64,7 +64,7 @@ HARD = "tier 5"
 WIDTHS = (4.0, 3.0, 2.4)
 """Vehicle widths below which a narrowest place counts a point more."""
 SQUEEZE = 2.0
-SHARP, LONG = 8.0, 70.0
+SHARP, LONG = 12.0, 70.0
 """Degrees per m and m from which a way counts a point more."""
 CHUNK = 12
 """Caves that are looked at together; which are taken does not depend on it."""
