@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import platform
@@ -21,6 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
+from aquanav_tools.machine import exclusive
 from aquanav_tools.provenance import code_digest, digest
 from aquanav_tools.types import Progress, Stages, silent
 
@@ -104,17 +104,18 @@ def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
     while True:
         folder.mkdir(parents=True, exist_ok=True)
         with path.open("a+b", buffering=0) as stream:
-            try:
-                fcntl.flock(stream, fcntl.LOCK_EX | (0 if waits else fcntl.LOCK_NB))
-            except BlockingIOError as error:
-                raise InputError(
-                    f"Another process is at work in {folder}{_holder(path)}. Wait until it has ended, or name another "
-                    "folder with -o."
-                ) from error
-            if holds_path(stream, path):
-                _sign(stream)
-                yield
-                return
+            with contextlib.ExitStack() as stack:
+                try:
+                    stack.enter_context(exclusive(stream, waits=waits))
+                except BlockingIOError as error:
+                    raise InputError(
+                        f"Another process is at work in {folder}{_holder(path)}. Wait until it has ended, or name "
+                        "another folder with -o."
+                    ) from error
+                if holds_path(stream, path):
+                    _sign(stream)
+                    yield
+                    return
 
 
 def holds_path(stream: IO[Any], path: Path) -> bool:

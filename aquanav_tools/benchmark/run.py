@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -28,6 +27,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, code_of
 from aquanav_tools.evaluate.results import Provenance, results_table, versions, write_episodes, write_results
 from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.machine import num_cores
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 from aquanav_tools.workers.pipe import PipeTransport
@@ -123,7 +123,7 @@ def changed_caves(benchmark: Benchmark, rows: Sequence[dict[str, Any]]) -> tuple
 
 
 def _rows(spec: BenchmarkSpec, tasks: Sequence[CaveTask]) -> Iterator[dict[str, Any]]:
-    num = min(spec.options.workers or len(os.sched_getaffinity(0)), len(tasks))
+    num = min(spec.options.workers or num_cores(), len(tasks))
     if num < 2:
         yield from map(CaveWorker(spec).run, tasks)
         return

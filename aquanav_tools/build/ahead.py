@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.scan.sight import make_sight
+from aquanav_tools.machine import lower_priority
 from aquanav_tools.reconstruct.dense import cpu
 from aquanav_tools.reconstruct.dense.levels import Task, find_planes
 from aquanav_tools.reconstruct.dense.pictures import Picture
@@ -94,5 +94,5 @@ def _views(centres: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray
 
 
 if __name__ == "__main__":
-    os.nice(19)
+    lower_priority(19)
     compile_later_stages()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -12,6 +11,7 @@ from typing import Any
 
 from aquanav_tools.build.generated import build_generated, is_built
 from aquanav_tools.errors import AquanavError
+from aquanav_tools.machine import lower_priority, num_cores
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.scenario.shipped import GENERATOR, cache_dir
 from aquanav_tools.workers.pipe import PipeTransport
@@ -61,7 +61,7 @@ class CaveBuilder:
 
 def make_cave_builder(niceness: int, _clock: Any) -> CaveBuilder:
     """Return a builder in a worker of its own, which is made so nice."""
-    os.nice(niceness)
+    lower_priority(niceness)
     return CaveBuilder()
 
 
@@ -116,11 +116,11 @@ def build_set(
         return
     with ExitStack() as held:
         transport: Transport | None = None
-        num_cores = len(os.sched_getaffinity(0))
+        cores = num_cores()
         if ray is not None:
             transport = held.enter_context(connected(ray))
-            num_cores = transport.num_cores
-        num = min(num_workers or num_cores, len(waiting))
+            cores = transport.num_cores
+        num = min(num_workers or cores, len(waiting))
         if num <= 1 and ray is None:  # not worth a process
             yield from ((task, CaveBuilder().build(task)) for task in waiting)
             return

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import contextlib
-import resource
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+from aquanav_tools.machine import peak_memory
 from aquanav_tools.types import Progress, Stages
 
 
@@ -44,7 +44,7 @@ class Journal:
         began, cpu_began = time.perf_counter(), time.process_time()
         with self.display(title) as progress:
             yield progress
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        peak = peak_memory()
         seconds, cpu_seconds = time.perf_counter() - began, time.process_time() - cpu_began
         self.stages.append(StageRecord(title, round(seconds, 3), round(cpu_seconds, 3), round(peak, 1)))
 

@@ -10,10 +10,10 @@ from typing import Any
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.machine import free_memory
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.intake.forecast import check_disk, check_memory, forecast
-from aquanav_tools.reconstruct.intake.memory import free_memory
 from aquanav_tools.reconstruct.intake.options import VIDEO_SUFFIXES
 from aquanav_tools.reconstruct.intake.preflight import preflight
 from aquanav_tools.reconstruct.intake.video import open_video, take_frames

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -13,6 +12,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.batch import Batch, Floats
 from aquanav_tools.envs.cave_batch import slices_of
 from aquanav_tools.errors import InputError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.types import Array
 
 
@@ -33,7 +33,7 @@ class JointBatch:
         Raises:
             InputError: there are fewer vehicles than scenarios, or these do not take the same actions and observations.
         """
-        available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+        available = num_cores() if num_threads is None else num_threads
         if available < 1:
             raise InputError(f"num_threads must be at least 1, got {num_threads}.")
         self.num = num

@@ -6,13 +6,13 @@ episodes end. One whose process ends is run once more; where that ends too, the 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from functools import partial
 
 from aquanav_tools.evaluate.episode_pool import Runner, num_workers, rows_of, worker_spec
 from aquanav_tools.evaluate.episode_worker import EpisodeWorker, EvaluationSpec, Plan
+from aquanav_tools.machine import num_cores
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
 
@@ -29,7 +29,7 @@ def open_runner(spec: EvaluationSpec, plan: Plan, count: int) -> Iterator[Runner
         ResourceError: processes end again and again before they run, Ray is not installed, or the cluster does not
             answer.
     """
-    num = num_workers(spec.options.workers, count, len(os.sched_getaffinity(0)))
+    num = num_workers(spec.options.workers, count, num_cores())
     if count == 0:
         yield lambda tasks: iter(())
     elif spec.options.ray is not None:

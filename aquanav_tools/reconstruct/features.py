@@ -6,7 +6,6 @@ belongs to one photo set and one choice of options.
 
 from __future__ import annotations
 
-import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -17,13 +16,14 @@ from typing import Any
 
 import numpy as np
 
+from aquanav_tools.machine import free_memory, num_cores
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.earlier import NOTHING_EARLIER, Earlier
 from aquanav_tools.reconstruct.images import Photo, PhotoSet
 from aquanav_tools.reconstruct.intake.camera import first_guess
 from aquanav_tools.reconstruct.intake.decode import opened
 from aquanav_tools.reconstruct.intake.faint import brought_out
-from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, free_memory, sift_threads
+from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, sift_threads
 from aquanav_tools.reconstruct.pairs import coarsest, likeness_of
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -154,7 +154,7 @@ def _bring_out(source: Path, files: list[str], target: Path) -> None:
         is_jpeg = Path(file).suffix.lower() in (".jpg", ".jpeg")  # PNG and TIFF know no such setting
         cv2.imwrite(str(target / file), brought_out(grey), [cv2.IMWRITE_JPEG_QUALITY, 100] if is_jpeg else [])
 
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(num_cores()) as threads:
         list(threads.map(bring_out, files))
 
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import functools
 import itertools
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from aquanav_tools.machine import num_cores
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.images import PhotoSet
 from aquanav_tools.reconstruct.nearest import Descriptors, best_matches, products_in_one_thread
@@ -147,7 +147,7 @@ def _match(database: Path, pairs: list[tuple[str, str]], options: MatchOptions, 
     pycolmap = load_pycolmap()
     verification = pycolmap.TwoViewGeometryOptions()
     verification.ransac.random_seed = options.seed
-    with pycolmap.Database.open(database) as store, ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    with pycolmap.Database.open(database) as store, ThreadPoolExecutor(num_cores()) as threads:
         photos = {name: _read_described(store, name) for name in sorted({name for pair in pairs for name in pair})}
 
         def compare(pair: tuple[str, str]) -> tuple[Any, Any] | None:

@@ -7,13 +7,13 @@ The files are then moved into place, and whoever next opens a folder with .ready
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import shutil
 from pathlib import Path
 from typing import Any
 
+from aquanav_tools.machine import exclusive
 from aquanav_tools.scenario.shipped import SETTINGS_FILE
 from aquanav_tools.store import LOCK_FILE, flush, holds_path, sync
 
@@ -50,8 +50,7 @@ def finish_replacing(folder: Path) -> None:
             stream = (ready / LOCK_FILE).open("a")
         except FileNotFoundError:  # another process has just finished
             continue
-        with stream:
-            fcntl.flock(stream, fcntl.LOCK_EX)
+        with stream, exclusive(stream, waits=True):
             if holds_path(stream, ready / LOCK_FILE):
                 _move_all(ready, folder)
                 (ready / LOCK_FILE).unlink()

@@ -18,6 +18,7 @@ from pathlib import Path
 
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
@@ -203,7 +204,7 @@ def build_side_by_side(names: Iterable[object]) -> None:
     """
     drawn = [name for name in names if isinstance(name, str) and drawn_from(name) is not None]
     missing = [name for name in drawn if not (named_folder(name) / SETTINGS_FILE).is_file()]
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
+    with ThreadPoolExecutor(num_cores()) as threads:
         list(threads.map(scenario_folder, missing))
 
 

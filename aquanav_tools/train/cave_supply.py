@@ -6,7 +6,6 @@ Cave k of a run is a function of the run's seed, its styles and k, whatever the 
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,6 +16,7 @@ from aquanav_tools.build.generated import build_generated
 from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
 from aquanav_tools.envs.factory import with_vehicle
 from aquanav_tools.errors import InputError, ResourceError, ScenarioError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import generated_name, remove_version
@@ -68,7 +68,7 @@ class CaveSupply:
         self.sequence = sequence
         self.waited = 0.0
         """Wall time that `take` has waited, s."""
-        self._num_workers = num_workers or max(1, len(os.sched_getaffinity(0)) - 2)
+        self._num_workers = num_workers or max(1, num_cores() - 2)
         self._change = threading.Condition()
         self._ready: dict[int, Scenario] = {}
         self._failed: Exception | None = None

@@ -6,7 +6,6 @@ that is a sentence. The child is this module: `python -m aquanav_tools.cave.scan
 
 from __future__ import annotations
 
-import resource
 import signal
 import struct
 import subprocess
@@ -101,7 +100,14 @@ def _reason(code: int, errors: IO[bytes]) -> str:
 
 
 def _limit(seconds: int) -> None:
-    """Bound this process's processor time and, where the system tells how much it has, its memory; leave no core."""
+    """Bound this process's processor time and, where the system tells how much it has, its memory; leave no core.
+
+    Windows has no such bounds; there only the wall time ends a decoder that goes on for ever.
+    """
+    try:
+        import resource
+    except ModuleNotFoundError:
+        return
     limits = {resource.RLIMIT_CPU: seconds, resource.RLIMIT_CORE: 0}
     if STATM.exists():
         limits[resource.RLIMIT_AS] = int(STATM.read_text().split()[0]) * resource.getpagesize() + MAX_MEMORY

@@ -10,12 +10,12 @@ not been measured (eval/benchmarks/depth.py does).
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.reconstruct.dense.state import Photo, Planes, Search, Sources
 
 Device = Literal["auto", "cpu", "cuda"]
@@ -45,7 +45,7 @@ def solver(device: Device) -> Solver:
     if device == "cpu" or obstacle:
         from aquanav_tools.reconstruct.dense import cpu
 
-        return Solver(cpu.solve, len(os.sched_getaffinity(0)))
+        return Solver(cpu.solve, num_cores())
     from aquanav_tools.reconstruct.dense import card
 
     return Solver(card.solve, 1)

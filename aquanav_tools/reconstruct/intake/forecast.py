@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.machine import free_memory, num_cores
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
 from aquanav_tools.reconstruct.images import PhotoSet
-from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, free_memory, shrunk_px, sift_bytes, sift_threads
+from aquanav_tools.reconstruct.intake.memory import SIFT_SIDE, shrunk_px, sift_bytes, sift_threads
 from aquanav_tools.reconstruct.matching import MatchOptions, expected_pairs
 from aquanav_tools.store import MIN_FREE
 
@@ -67,7 +67,7 @@ class Forecast:
 
 def forecast(photos: PhotoSet, features: FeatureOptions, matching: MatchOptions, depth: DepthOptions) -> Forecast:
     """Return what the reconstruction of a photo set will take."""
-    cores = len(os.sched_getaffinity(0))
+    cores = num_cores()
     count = len(photos.photos)
     pairs = expected_pairs(count, matching)
     keypoints = features.max_features / 4096.0

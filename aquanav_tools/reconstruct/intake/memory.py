@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable
-from pathlib import Path
+
+from aquanav_tools.machine import num_cores
 
 SIFT_SIDE = 3200
 """Longer side, px, to which COLMAP shrinks photos for SIFT."""
@@ -27,10 +27,4 @@ def sift_bytes(sizes: Iterable[tuple[int, int]], threads: int) -> float:
 def sift_threads(sizes: Iterable[tuple[int, int]], free_bytes: int) -> int:
     """Return how many photos may be searched at once: one at least, one per core at most."""
     fitting = int(_SHARE * free_bytes / sift_bytes(sizes, 1))
-    return max(1, min(len(os.sched_getaffinity(0)), fitting))
-
-
-def free_memory() -> int:
-    """Return the bytes of memory that can be had without swapping (proc(5), MemAvailable)."""
-    lines = Path("/proc/meminfo").read_text().splitlines()
-    return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:"))
+    return max(1, min(num_cores(), fitting))

@@ -6,7 +6,6 @@ would need the rocks as triangles anew for the bay of each episode, to find the 
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -16,6 +15,7 @@ import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.sea.sea_map import Berth, SeaMap
 from aquanav_tools.sim.batch import boat_kernels as kernels
 from aquanav_tools.sim.batch.boat_bodies import BoatBodies
@@ -351,7 +351,7 @@ def state_at_berth(boat: Boat | OriginalVehicle, berth: Berth, water: SeaWater) 
 
 def _slices(num: int, num_threads: int | None) -> list[int]:
     """Return where each thread's boats begin, and `num`."""
-    available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+    available = num_cores() if num_threads is None else num_threads
     if available < 1:
         raise InputError(f"num_threads must be at least 1, got {num_threads}.")
     bounds: list[int] = np.linspace(0, num, max(1, min(available, num // MIN_SLICE)) + 1).astype(int).tolist()

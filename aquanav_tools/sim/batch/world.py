@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -12,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.machine import num_cores
 from aquanav_tools.sim.batch import kernels
 from aquanav_tools.sim.batch.caves import Cave, make_cave
 from aquanav_tools.sim.batch.craft import CONTACT_MARGIN, Craft, make_craft
@@ -373,7 +373,7 @@ class BatchWorld:
 
 
 def _num_slices(num: int, num_threads: int | None) -> int:
-    available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+    available = num_cores() if num_threads is None else num_threads
     if available < 1:
         raise InputError(f"num_threads must be at least 1, got {num_threads}.")
     return max(1, min(available, num // MIN_SLICE))

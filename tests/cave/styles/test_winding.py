@@ -36,7 +36,8 @@ def test_a_passage_keeps_off_itself_and_off_the_planes_of_its_portals(length: fl
         middle = (places > 2.0) & (places < length - 2.0)
         assert points[middle, 0].min() > REACH
         assert points[middle, 0].max() < points[-1, 0] - REACH
-        np.testing.assert_allclose(axis[:: len(axis) - 1, 1:], points[:: len(points) - 1, 1:], atol=1e-9)  # straight in, out
+        ends = slice(None, None, len(axis) - 1), slice(None, None, len(points) - 1)
+        np.testing.assert_allclose(axis[ends[0], 1:], points[ends[1], 1:], atol=1e-9)  # straight in, straight out
 
 
 def test_ways_are_from_almost_straight_to_four_times_as_long_as_the_distance_of_their_ends() -> None:

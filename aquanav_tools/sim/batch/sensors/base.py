@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
@@ -12,6 +11,7 @@ import numpy.typing as npt
 import warp as wp
 from gymnasium import spaces
 
+from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.random import RAYS
@@ -67,7 +67,7 @@ class SensorBatch:
         """Whether only the rows of vehicles are needed whose episodes have just begun; others may stay as they are."""
         self.stream = RAYS
         """The purpose from which the sensor that measures next counts what it draws."""
-        available = len(os.sched_getaffinity(0)) if num_threads is None else num_threads
+        available = num_cores() if num_threads is None else num_threads
         self.num_threads = available if device.is_cpu else 1
         self._threads = ThreadPoolExecutor(self.num_threads) if self.num_threads > 1 else None
 
