@@ -10,6 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import IO, Any
 
 WAIT_S = 0.05
@@ -75,6 +76,18 @@ def exclusive(stream: IO[Any], *, waits: bool) -> Iterator[None]:
         yield
     finally:
         fcntl.flock(stream, fcntl.LOCK_UN)
+
+
+def sync(path: Path) -> None:
+    """Bring a file, or the names in a folder, onto the disk; Windows opens no folder, and NTFS logs names by itself."""
+    is_windows = sys.platform == "win32"
+    if is_windows and path.is_dir():
+        return
+    descriptor = os.open(path, os.O_RDWR if is_windows else os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 FAR = 2**30

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
-from aquanav_tools.machine import exclusive
+from aquanav_tools.machine import exclusive, sync
 from aquanav_tools.provenance import code_digest, digest
 from aquanav_tools.types import Progress, Stages, silent
 
@@ -226,12 +226,3 @@ def flush(folder: Path) -> None:
             if not path.is_symlink():
                 sync(path)
         sync(Path(place))
-
-
-def sync(path: Path) -> None:
-    """Bring a file, or the names in a folder, onto the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -127,3 +127,23 @@ def test_without_resource_memory_and_priority_come_from_psutil(
     assert asked == []
     machine.lower_priority(19)
     assert asked == [16384]
+
+
+def test_on_windows_files_are_synced_for_writing_and_folders_not_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[tuple[Path, int]] = []
+    real = os.open
+
+    def note(path: Path, flags: int) -> int:
+        opened.append((path, flags))
+        return real(path, flags)
+
+    (tmp_path / "file").write_text("content", encoding="utf-8")
+    monkeypatch.setattr(os, "open", note)
+    machine.sync(tmp_path)
+    assert opened == [(tmp_path, os.O_RDONLY)]
+    monkeypatch.setattr(sys, "platform", "win32")
+    machine.sync(tmp_path)
+    machine.sync(tmp_path / "file")
+    assert opened[1:] == [(tmp_path / "file", os.O_RDWR)]

@@ -13,9 +13,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-from aquanav_tools.machine import exclusive
+from aquanav_tools.machine import exclusive, sync
 from aquanav_tools.scenario.shipped import SETTINGS_FILE
-from aquanav_tools.store import LOCK_FILE, flush, holds_path, sync
+from aquanav_tools.store import LOCK_FILE, flush, holds_path
 
 STAGED_DIR = ".new"
 """Where a build writes; whatever lies there may be deleted."""

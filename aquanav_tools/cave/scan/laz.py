@@ -74,7 +74,7 @@ def unpacked_tables(path: Path, columns: Sequence[str], chunk: int, num_points: 
             child.wait()
         if code:
             late = f"unpacking it took more than {seconds} s of processor time"
-            reason = late if is_late or code == -signal.SIGXCPU else _reason(code, errors)
+            reason = late if is_late or code == -getattr(signal, "SIGXCPU", 0) else _reason(code, errors)
             raise InputError(
                 f"{path} cannot be read as LAZ: {reason}, after {num_read:,} of {num_points:,} points. The file is "
                 "damaged or cut off. Copy or export it again."
