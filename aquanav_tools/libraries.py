@@ -150,6 +150,7 @@ def load_open3d(purpose: str = "This work") -> Any:
     open3d's binary links to libusb-1.0 (for depth cameras we do not use). Loading the copy that the package
     libusb-package ships first makes the dynamic linker take it by its name, so no system package is needed.
     """
+    check_installed(purpose, "open3d")
     require(purpose, "libusb_package")
     import libusb_package
 
