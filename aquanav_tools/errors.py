@@ -83,6 +83,10 @@ class ResourceError(AquanavError):
     exit_code = 6
 
 
+class LibraryError(ResourceError):
+    """A library that the work needs is not installed, or does not load."""
+
+
 class TrainingError(AquanavError):
     """Learning came to nothing."""
 

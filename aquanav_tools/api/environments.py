@@ -11,6 +11,7 @@ from aquanav_tools.envs import factory
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.factory import AnyScenario, TaskEnv, read_any_scenario, with_vehicle
 from aquanav_tools.envs.vector_env import BatchVectorEnv
+from aquanav_tools.libraries import require
 
 if TYPE_CHECKING:
     from aquanav_tools.envs.sb3_env import BatchedVecEnv
@@ -105,13 +106,15 @@ def make_vec_env(
 
     Raises:
         ScenarioError: a scenario cannot be read, or has no start.
+        LibraryError: SB3's kind is asked for, and Stable-Baselines3 is not installed.
         InputError: an option is unknown, senseless or not batched, or there are fewer vehicles than scenarios.
     """
     check_choice("kind of vector environment", kind, KINDS)
     several = factory.with_drawn(scenario, num_envs, num_caves, cave_seed)
     loaded = [with_vehicle(_scenario(one), vehicle) for one in several]
     if kind == "sb3":
-        from aquanav_tools.envs.sb3_env import BatchedVecEnv  # loads torch
+        require("make_vec_env(kind='sb3')", "torch", "stable_baselines3")
+        from aquanav_tools.envs.sb3_env import BatchedVecEnv
 
         return BatchedVecEnv(loaded, num_envs, seed=seed, **options)
     return BatchVectorEnv(num_envs, autoreset_mode, partial(factory.make_batch, loaded, **options))

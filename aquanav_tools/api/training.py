@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from aquanav_tools.envs.factory import AnyScenario
-from aquanav_tools.train import training
+from aquanav_tools.libraries import LEARNING, require
 from aquanav_tools.train.pipeline import check_settings, read_pipeline
-from aquanav_tools.train.training import Trained
+
+if TYPE_CHECKING:
+    from aquanav_tools.train.training import Trained
 
 
 def train(
@@ -42,6 +44,7 @@ def train(
         InputError: a setting is unknown (with the nearest name) or senseless, or the folder holds another run.
         ScenarioError: a scenario cannot be read.
         TrainingError: learning diverged.
+        LibraryError: torch or Stable-Baselines3 is not installed, or does not load.
         ResourceError: the disk is full, or a worker was killed.
         WorkerError: an environment in a worker raised an error, or took too long.
     """
@@ -50,4 +53,7 @@ def train(
     if scenario is not None:
         settings["scenario"] = loaded.name if loaded is not None else str(scenario)
     lessons = read_pipeline(pipeline, settings)
+    require("Learning a policy", *LEARNING)
+    from aquanav_tools.train import training
+
     return training.train(lessons, seed, Path(output), scenario=loaded, overwrite=overwrite, show_progress=progress)

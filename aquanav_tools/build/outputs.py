@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import platform
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
 from aquanav_tools.errors import MeshError
+from aquanav_tools.provenance import installed_version
 from aquanav_tools.report.faults import draw_faults, grains
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
 from aquanav_tools.report.stage_bars import draw_stages
@@ -39,7 +39,7 @@ def build_record(
     return {
         "aquanav": __version__,
         "python": platform.python_version(),
-        "libraries": {name: version(name) for name in LIBRARIES},
+        "libraries": {name: installed_version(name) for name in LIBRARIES},
         "options": json.loads(json.dumps(dataclasses.asdict(options), default=str)),
         "inputs": inputs,
         "stages": [dataclasses.asdict(stage) for stage in journal.stages],

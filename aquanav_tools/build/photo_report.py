@@ -32,6 +32,7 @@ from aquanav_tools.report.photos.histograms import Misfits, ModelQuality, ScaleS
 from aquanav_tools.report.photos.matches import draw_matches, groups_of
 from aquanav_tools.report.recording.cave import CaveModel
 from aquanav_tools.report.recording.growth import Growth, PlacedPhoto, record_growth
+from aquanav_tools.report.recording.stream import lack_of_recorder
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import IntArray, Sim3
 
@@ -90,7 +91,8 @@ def photo_section(
     trail = trail_of(work.record, sparse, frame)
     draw_camera_map(cave, trail, found.patches, folder / "cameras.svg")
     draw_coverage(cave, found.counts, found.patches, folder / "coverage.png")
-    record_growth(growth_of(sparse, views, reconstruction), CaveModel(scenario), output / RECORDING)
+    if not lack_of_recorder():
+        record_growth(growth_of(sparse, views, reconstruction), CaveModel(scenario), output / RECORDING)
     figures = (
         Figure(folder / "cameras.svg", CAMERAS_CAPTION),
         Figure(folder / "coverage.png", COVERAGE_CAPTION),
@@ -260,5 +262,6 @@ def _summary(facts: dict[str, Any], coverage: dict[str, Any]) -> str:
     need = "No place needs more." if not count else f"{count} places need more." if count > 1 else "1 place needs more."
     return (
         f"{facts['registered']} of {facts['photos']} photos found their place. {share['2']:.0%} of the wall is in two "
-        f"photos or more, {1.0 - share['1']:.0%} in none. {need} {RECORDING} shows how the model grew."
+        f"photos or more, {1.0 - share['1']:.0%} in none. {need} {RECORDING} shows how the model grew "
+        "(written where rerun is installed)."
     )

@@ -40,12 +40,14 @@ from aquanav_tools.cave.survey.caves import choose_cave
 from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError, ReconstructionError, ResourceError
+from aquanav_tools.libraries import check_installed, require
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.georeference.sources import KnownWorld, read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.report.html import Figure, Section, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording.cave import CaveModel, record_cave
+from aquanav_tools.report.recording.stream import NO_RECORDING, lack_of_recorder
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
@@ -155,6 +157,8 @@ def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) ->
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
+    require("A build from photos", "cv2", "pycolmap")
+    check_installed("A build from photos", "open3d")
     settings = _photo_settings(options)
     check_has_scale(options)
     intake = take_in(options, settings, options.output / WORK_DIR, journal)
@@ -238,7 +242,10 @@ def _finish(
         write_glb(scenario.cavity, scenario.collision, staged / "cave.glb", colours)
         model = cave_model(scenario, staged, colours)
         draw_cave(scenario, staged / "cave.png", has_north)
-        record_cave(CaveModel(scenario), staged / "build.rrd")
+        if lack := lack_of_recorder():
+            journal.warn(NO_RECORDING, f"There is no build.rrd. {lack}")
+        else:
+            record_cave(CaveModel(scenario), staged / "build.rrd")
     with journal.stage("Drawing the cave"):
         branches = [branch.points for branch in scenario.network.branches]
         cave = map_of(scenario, built.passability.marked, branches, has_north, survey)

@@ -86,12 +86,12 @@ def _run(options: Options) -> None:
 
 def _summary(built: BuiltScenario) -> str:
     """Return the size of a built cave, and where to look."""
-    folder = built.folder
+    folder, recording = built.folder, built.folder / "build.rrd"
+    shown = f"Recording: rerun {recording}\n" if recording.exists() else ""
     return (
         f"A passage of {built.route_length:.1f} m, {built.volume:.1f} m3, {built.num_triangles} "
         f"triangles, watertight; {built.num_portals} portals, {built.num_panels} panels, "
         f"{built.num_starts} starts.\n{built.passability}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
-        f"Recording: rerun {folder / 'build.rrd'}\n"
-        f"Next: aquanav-eval baseline:reactive --scenario {folder}"
+        f"{shown}Next: aquanav-eval baseline:reactive --scenario {folder}"
     )

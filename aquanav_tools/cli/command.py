@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from aquanav_tools.cli.library_logs import library_logs
 from aquanav_tools.errors import AquanavError
+from aquanav_tools.libraries import explained_imports
 
 if TYPE_CHECKING:
     from aquanav_tools.types import Progress
@@ -57,7 +58,9 @@ def run_command(
     try:
         with _flushed_output(), library_logs(shown=is_debug):
             default = defaults(arguments) if defaults else None
-            function(_parse(options_type, prog, description, default, arguments))
+            options = _parse(options_type, prog, description, default, arguments)
+            with explained_imports(prog):
+                function(options)
     except BrokenPipeError:
         # Python flushes once more at its end, and would complain then: docs.python.org, signal, "Note on SIGPIPE".
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -10,6 +10,8 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
+from aquanav_tools.libraries import OPTIONAL, is_installed
+
 TIMEOUT_S = 120
 """A first import from a cold disk takes up to half a minute."""
 
@@ -19,7 +21,8 @@ class Finding:
     """How one library fared."""
 
     library: str
-    is_well: bool
+    is_well: bool | None
+    """None where it is not installed and need not be."""
     detail: str
     """What was tried, or the last line of what went wrong."""
 
@@ -57,6 +60,14 @@ def _try_numba() -> str:
     return "compiled a function"
 
 
+def _try_laspy() -> str:
+    import laspy
+
+    if not laspy.LazBackend.Lazrs.is_available():
+        raise RuntimeError("the library lazrs, which unpacks LAZ, is missing")
+    return "can unpack LAZ"
+
+
 def _try_onnxruntime() -> str:
     import numpy as np
     import onnx
@@ -78,6 +89,15 @@ def _try_open3d() -> str:
 
     box = load_open3d().geometry.TriangleMesh.create_box()
     return f"loaded with its own libusb-1.0, made a box of {len(box.triangles)} triangles"
+
+
+def _try_opencv() -> str:
+    import cv2
+    import numpy as np
+
+    if cv2.GaussianBlur(np.ones((5, 5), np.float32), (3, 3), 0.0).min() < 0.99:
+        raise RuntimeError("blurring an even picture changed it")
+    return "blurred a picture"
 
 
 def _try_pybullet() -> str:
@@ -121,7 +141,9 @@ def _try_warp() -> str:
 
 
 TRIALS: dict[str, Callable[[], str]] = {
+    "cv2": _try_opencv,
     "embreex": _try_embreex,
+    "laspy": _try_laspy,
     "manifold3d": _try_manifold3d,
     "matplotlib": _try_matplotlib,
     "numba": _try_numba,
@@ -138,6 +160,8 @@ TRIALS: dict[str, Callable[[], str]] = {
 
 def examine(library: str, trials: Mapping[str, Callable[[], str]] = TRIALS) -> Finding:
     """Return how a library fares in a process of its own."""
+    if library in OPTIONAL and not is_installed(library):
+        return Finding(library, None, f"pip install 'aquanav[{OPTIONAL[library].extra}]'")
     trial = trials[library]
     code = f"from {trial.__module__} import {trial.__name__} as trial; print(trial())"
     try:

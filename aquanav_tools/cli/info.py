@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import importlib.metadata
 import platform
 import sys
 from collections.abc import Iterable, Sequence
@@ -24,6 +23,7 @@ from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.provenance import installed_version
 
 DESCRIPTION = """Real caves as navigation benchmarks for underwater vehicles.
 
@@ -72,7 +72,7 @@ class Info:
 
 @dataclass(frozen=True)
 class Doctor:
-    """Try each compiled library on this machine; exit code 6 when one does not work."""
+    """Try each compiled library that is installed here; exit code 6 when one does not work."""
 
 
 @dataclass(frozen=True)
@@ -177,14 +177,7 @@ def _print_table(rows: Iterable[tuple[str, str]]) -> None:
 
 def _versions() -> list[tuple[str, str]]:
     system = [("python", platform.python_version()), ("system", f"{platform.system()} {platform.machine()}")]
-    return [(name, _version(name)) for name in PACKAGES] + system
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"
+    return [(name, installed_version(name)) for name in PACKAGES] + system
 
 
 def _vehicle_facts(name: str) -> list[tuple[str, str]]:
@@ -219,8 +212,9 @@ def _examine_libraries() -> None:
     ailing = []
     for library in TRIALS:
         finding = examine(library)
-        print(f"{library:<18} {'OK    ' if finding.is_well else 'FAILED'}  {finding.detail}", flush=True)
-        if not finding.is_well:
+        word = {True: "OK", False: "FAILED", None: "absent"}[finding.is_well]
+        print(f"{library:<18} {word:<6}  {finding.detail}", flush=True)
+        if finding.is_well is False:
             ailing.append(library)
     if ailing:
         raise ResourceError(

@@ -11,6 +11,7 @@ import tyro
 
 from aquanav_tools.cli.command import NO_TERMINAL
 from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import require
 from aquanav_tools.photograph.conditions import CONDITIONS, Condition, ConditionName
 from aquanav_tools.photograph.options import DiveOptions, LensName
 
@@ -61,6 +62,8 @@ def run_render(options: Render) -> None:
     from tqdm import tqdm
 
     from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
+
+    require("aquanav render", "cv2")
     from aquanav_tools.photograph.dive import film, photograph
     from aquanav_tools.photograph.trajectory import plan_capture
 

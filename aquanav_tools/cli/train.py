@@ -13,6 +13,7 @@ import tyro
 
 from aquanav_tools.cli.command import run_command
 from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import LEARNING, require
 from aquanav_tools.train.renamed import BUFFER, RENAMED, n_steps_text
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 
@@ -115,6 +116,7 @@ def _run(options: TrainOptions, arguments: Sequence[str]) -> None:
 
     overrides = {**_given(options.run, arguments), **_given(options.settings, arguments)}
     pipeline = read_pipeline(options.pipeline, overrides)
+    require("aquanav-train", *LEARNING)
     from aquanav_tools.train.training import train
 
     trained = train(pipeline, options.seed, options.output, overwrite=options.overwrite, show_progress=True, tell=print)

@@ -41,6 +41,9 @@ def run_water_impact(options: WaterImpact) -> None:
         raise InputError(f"--seeds is {options.seeds} and --seed {options.seed}; they start at 1 and at 0.")
     from tqdm import tqdm
 
+    from aquanav_tools.report.recording.stream import require_recorder
+
+    require_recorder()
     from aquanav_tools.evaluate.policies import load_policy
     from aquanav_tools.evaluate.water_impact import impact_table, measure_water_impact
     from aquanav_tools.scenario.folder import read_scenario

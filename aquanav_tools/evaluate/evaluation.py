@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from aquanav_tools.envs.factory import AnyScenario, say_left_out
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, LibraryError
 from aquanav_tools.evaluate.episode_pool import Runner
 from aquanav_tools.evaluate.episode_runner import open_runner
 from aquanav_tools.evaluate.episode_table import EpisodeTable
@@ -30,6 +31,7 @@ from aquanav_tools.evaluate.results import (
     write_results,
 )
 from aquanav_tools.evaluate.summary import Summary, group, summarise
+from aquanav_tools.report.recording.stream import lack_of_recorder
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 from aquanav_tools.workers.ray_cluster import load_ray
@@ -38,6 +40,8 @@ CASES = "cases.toml"
 RESULTS, EPISODES, REPORT, RUN = "results.json", "episodes.parquet", "report.html", "run.json"
 KINDS = (".rrd", FILM_SUFFIX)
 """Endings of what an episode is recorded in."""
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +78,12 @@ def evaluate(
         InputError: the policy cannot be used, the output folder cannot be made, another process evaluates into it, or
             its episodes are of another evaluation.
         ScenarioError: a scenario cannot be read.
+        LibraryError: a library that the policy, or films, need is not installed.
         ResourceError: the processes that run do not start, or the cluster does not answer.
     """
     load = load or policy_loader(options, is_trusted=options.trust)
     name = policy_name or options.policies[0]
-    options = load(name).rules(options)
+    options = _recordable(load(name).rules(options))
     spec = EvaluationSpec(options, name, output or options.output, load)
     plan = make_plan(spec)
     check_names(plan.scenarios)
@@ -87,6 +92,20 @@ def evaluate(
     folder = output or options.output
     with held_results(folder):
         return _evaluate_into_folder(folder, spec, plan, progress)
+
+
+def _recordable(options: EvaluateOptions) -> EvaluateOptions:
+    """Return options that record nothing where nothing can be recorded, and say so; films are of what is recorded.
+
+    Raises:
+        LibraryError: films are asked for.
+    """
+    if options.record == "none" or not (lack := lack_of_recorder()):
+        return options
+    if options.film:
+        raise LibraryError(lack)
+    logger.warning("No episode is recorded. %s", lack)
+    return dataclasses.replace(options, record="none")
 
 
 def _evaluate_into_folder(output: Path, spec: EvaluationSpec, plan: Plan, progress: Progress) -> Evaluation:

@@ -12,6 +12,7 @@ from gymnasium import spaces
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.padding import BLOCK, pad_columns, pad_layers, pad_lstm
+from aquanav_tools.libraries import require
 from aquanav_tools.policy.architecture import ExoticPolicyError, Kind, read_kind, read_options
 from aquanav_tools.policy.archive import read_archive, read_weights
 from aquanav_tools.policy.observed import read_observed
@@ -19,6 +20,7 @@ from aquanav_tools.policy.spaces import parse_space
 from aquanav_tools.types import IntArray
 
 LSTM = "lstm_actor"
+OTHERWISE = ", or fly it as ONNX: aquanav-train writes policy.onnx beside it"
 TRUST = (
     "If you trust whoever made the file, add --trust: then Stable-Baselines3 itself loads it, which runs any code that "
     "the file holds."
@@ -32,9 +34,11 @@ class NetworkPolicy:
         """Read an SB3 zip.
 
         Raises:
+            LibraryError: torch or Stable-Baselines3 is not installed.
             ExoticPolicyError: it was made with what its readable settings do not tell in full.
             InputError: it is damaged or unsafe, or does not act on flat observations.
         """
+        require(f"The policy {path}, a zip of Stable-Baselines3,", "torch", "stable_baselines3", otherwise=OTHERWISE)
         import torch
 
         torch.set_num_threads(1)  # measured: a second thread on a busy machine makes small networks 4-20 times slower

@@ -26,6 +26,7 @@ from aquanav_tools.evaluate.presets import CAVE, fitting_form, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
+from aquanav_tools.libraries import is_installed
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
 from aquanav_tools.policy.observed import Observed, Options
@@ -310,12 +311,26 @@ def own_policy(own: CallablePolicy, name: str) -> LoadedPolicy:
 
 
 def choice_text(spec: str) -> str:
-    """Return which policy of a training run's folder is taken; empty where `spec` names a policy by itself."""
-    folder = Path(spec.removeprefix(SHIELD))
+    """Return which file is taken where `spec` leaves that open: a run's folder, a trained baseline without torch."""
+    inner = spec.removeprefix(SHIELD)
+    if inner.startswith(PREFIX) and inner.removeprefix(PREFIX) in shipped_names(*TRAINED) and not is_installed("torch"):
+        return f"{inner} flies as ONNX, since torch is not installed: the same network, computed in another order."
+    folder = Path(inner)
     if not folder.is_dir():
         return ""
     name = best_policy(folder).name
     return f"{folder} is a training run's folder. Its {name} is taken: {KINDS[name]}."
+
+
+def recorded_spec(spec: str, sha256: str | None) -> str:
+    """Return what loads the policy of some results: of a trained baseline the file that flew, with torch or without."""
+    inner, folder = spec.removeprefix(SHIELD), TRAINED[0]
+    if inner.startswith(PREFIX) and (name := inner.removeprefix(PREFIX)) in shipped_names(*TRAINED):
+        for suffix in (TRAINED[1], SUFFIX):
+            path = shipped_path(folder, name, suffix)
+            if file_hash(path) == sha256:
+                return spec.replace(inner, str(path))
+    return spec
 
 
 def baseline_names() -> list[str]:
@@ -326,6 +341,7 @@ def baseline_names() -> list[str]:
 def _baseline(spec: str) -> LoadedPolicy:
     name, (folder, suffix) = spec.removeprefix(PREFIX), TRAINED
     if name in shipped_names(*TRAINED):
+        suffix = suffix if is_installed("torch") else SUFFIX
         return replace(load_policy(str(shipped_path(folder, name, suffix))), name=spec)
     if name not in BASELINES:
         raise InputError(f"There is no baseline '{name}'.{did_you_mean(name, baseline_names())}")

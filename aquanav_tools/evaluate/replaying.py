@@ -17,11 +17,12 @@ from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.observed import named_observation
 from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.own_files import check_own_files, own_files
-from aquanav_tools.evaluate.policies import LoadedPolicy, code_of, policy_loader
+from aquanav_tools.evaluate.policies import LoadedPolicy, code_of, policy_loader, recorded_spec
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.registry import refuse_recorded
+from aquanav_tools.report.recording.stream import require_recorder
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress
@@ -58,8 +59,10 @@ def replay(
     Raises:
         InputError: no such results or episode, the policy, the scenario or code of the user's own is missing or another
             one, or no film of that name or view can be made.
+        LibraryError: there can be no recording, as rerun is not installed.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
+    require_recorder()
     if options.film is not None:  # before the episode, which takes long
         film_size(options.film)
         check_choice("view", options.view, get_args(View))
@@ -125,7 +128,7 @@ def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetr
 
 def _policy(table: dict[str, Any], options: ReplayOptions, load: Callable[[str], LoadedPolicy]) -> LoadedPolicy:
     expected = table["policy"]
-    policy = load(options.policy or expected["path"])
+    policy = load(options.policy or recorded_spec(expected["path"], expected["sha256"]))
     if policy.sha256 != expected["sha256"]:
         raise InputError(
             f"The policy {policy.name} is another one than was evaluated ({policy.sha256} instead of "

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.errors import ResourceError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import Case, StressOptions
+from aquanav_tools.libraries import require
 from aquanav_tools.types import Array
 
 NUM_AXES = 4
@@ -101,12 +101,9 @@ def load_cmaes() -> Any:
     """Return the library.
 
     Raises:
-        ResourceError: it is not installed.
+        LibraryError: it is not installed.
     """
-    try:
-        import cmaes
-    except ImportError as cause:
-        raise ResourceError(
-            "The search needs the library cmaes, which is not installed. Install it: pip install 'aquanav[stress]'."
-        ) from cause
+    require("A search for failures", "cmaes")
+    import cmaes
+
     return cmaes

@@ -18,6 +18,7 @@ from gymnasium import spaces
 from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.presets import OBSERVATION_SIZES, PARTS
+from aquanav_tools.libraries import require
 
 MAX_FILE_BYTES = 1 << 30
 """Far above any policy; a larger file is something else."""
@@ -71,6 +72,7 @@ class TorchScriptPolicy:
         Raises:
             InputError: it is no TorchScript, or takes or gives numbers of other shapes.
         """
+        require(f"The policy {path}, which is TorchScript,", "torch")
         import torch
 
         _warn(path)
@@ -139,6 +141,7 @@ def _form(output: npt.NDArray[Any], parts: tuple[str, ...], path: Path) -> str:
 
 def _library_load(path: Path) -> Any:
     """Return the policy as Stable-Baselines3 makes it from its unpickled settings and weights."""
+    require(f"The policy {path}, a zip of Stable-Baselines3,", "torch", "stable_baselines3")
     from stable_baselines3.common.save_util import load_from_zip_file
 
     try:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 from PIL import Image
 
 from aquanav_tools.errors import ResourceError
-from aquanav_tools.libraries import stderr_silenced
+from aquanav_tools.libraries import require, stderr_silenced
 
 CODECS = {".mp4": "mp4v", ".webm": "VP80"}
 """By suffix: MPEG-4 part 2, which players know and browsers do not, and VP8, which browsers show. OpenCV's wheels
@@ -23,6 +23,7 @@ class VideoFile:
     """An MP4 or a WebM; use it as a context."""
 
     def __init__(self, path: Path, frames_per_second: float, size: tuple[int, int]) -> None:
+        require("A film as MP4 or WebM", "cv2", otherwise=", or make it a .webp or .gif")
         import cv2
 
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])

@@ -20,7 +20,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.observation import layout
-from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import require
 from aquanav_tools.policy.normaliser import NormalisedObservations
 from aquanav_tools.policy.observed import OBSERVED, observed_table
 from aquanav_tools.train.fitting import decisions_of, update_size
@@ -38,7 +38,7 @@ def class_of(algorithm: str) -> Any:
     """Return the class of an algorithm.
 
     Raises:
-        InputError: it is not installed.
+        LibraryError: it is not installed.
     """
     return _recurrent_ppo() if algorithm == "recurrent-ppo" else {"ppo": ParallelPPO, "sac": SAC, "td3": TD3}[algorithm]
 
@@ -53,7 +53,7 @@ def make_learner(envs: VecEnv, settings: TrainSettings, seed: int, done: int = 0
         done: Decisions of the lesson that were learned from before, by a learner that this one is to go on for.
 
     Raises:
-        InputError: the algorithm is not installed.
+        LibraryError: the algorithm is not installed.
     """
     make = _make_off_policy if settings.algorithm in OFF_POLICY else _make_on_policy
     learner = make(envs, settings, seed, _schedule(settings, done))
@@ -136,12 +136,9 @@ def _schedule(settings: TrainSettings, done: int) -> LinearSchedule:
 
 
 def _recurrent_ppo() -> Any:
-    try:
-        from sb3_contrib import RecurrentPPO
-    except ImportError as cause:
-        raise InputError(
-            "recurrent-ppo needs sb3-contrib, which is not installed. Install it: pip install 'aquanav[recurrent]'"
-        ) from cause
+    require("--algorithm recurrent-ppo", "sb3_contrib")
+    from sb3_contrib import RecurrentPPO
+
     return RecurrentPPO
 
 

@@ -12,6 +12,7 @@ from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.report.html import Fact, Figure, Notice, Page, Table, write_page
 from aquanav_tools.report.learning_plot import Learning, plot_learning
 from aquanav_tools.report.recording.learning import record_learning
+from aquanav_tools.report.recording.stream import NO_RECORDING, lack_of_recorder
 from aquanav_tools.train.cave_rotation import FLOWN, TAKING, WAITING
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.export import export
@@ -25,8 +26,11 @@ COLUMNS = ("lesson", "scenario", "water", "decisions", "learning rate", "clip", 
 
 def write_artifacts(folder: Path, pipeline: Pipeline, journal: RunJournal) -> None:
     """Write the policy as ONNX and TorchScript, the recording, and last the report."""
-    notices = _export(folder, pipeline)
-    record_learning(_series(journal), str(folder.resolve()), folder / RECORDING_FILE)
+    notices = list(_export(folder, pipeline))
+    if lack := lack_of_recorder():
+        notices.append(Notice(NO_RECORDING, f"There is no {RECORDING_FILE}. {lack}"))
+    else:
+        record_learning(_series(journal), str(folder.resolve()), folder / RECORDING_FILE)
     pictures = folder / "pictures"
     pictures.mkdir(exist_ok=True)
     plot_learning(_learning(journal), pictures / "learning.png")

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aquanav_tools.errors import AquanavError, InputError, ResourceError
+from aquanav_tools.libraries import require
 from aquanav_tools.workers.worker import Reply, Served, WorkerLostError, WorkerSpec
 
 ADDRESS = re.compile(r"auto|[^\s:/]+:\d{1,5}")
@@ -34,16 +35,12 @@ def load_ray() -> Any:
     """Return the library, which then tells nobody that it is used.
 
     Raises:
-        ResourceError: it is not installed.
+        LibraryError: it is not installed.
     """
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
-    try:
-        import ray
-    except ImportError as cause:
-        raise ResourceError(
-            "--ray needs the library ray, which is not installed. Install it on every node: "
-            "pip install 'aquanav[cluster]'."
-        ) from cause
+    require("--ray", "ray", otherwise=", on every node")
+    import ray
+
     return ray
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, LibraryError
 from aquanav_tools.reconstruct.images import list_left_out, read_photos
 from aquanav_tools.reconstruct.intake import decode
 from aquanav_tools.reconstruct.intake.exif import (
@@ -180,7 +180,7 @@ def test_heic_without_its_library_says_what_to_install(tmp_path: Path, monkeypat
     write_photos(tmp_path, "a.png", "b.png", "c.png")
     (tmp_path / "d.heic").touch()
     monkeypatch.setitem(sys.modules, "pi_heif", None)
-    with pytest.raises(InputError, match=r"HEIC.*pip install 'aquanav\[heic\]'.*export the photos as JPEG"):
+    with pytest.raises(LibraryError, match=r"HEIC.*pip install 'aquanav\[heic\]'.*export the photos as JPEG"):
         read_photos(tmp_path)
 
 

@@ -15,6 +15,7 @@ from aquanav_tools.errors import InputError, UnseenWallsError
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
 
+PURPOSE = "A surface from a point cloud"
 THINNING = 0.5
 """Points are thinned to one per cell of this size, voxels."""
 NUM_NEIGHBOURS = 16
@@ -116,7 +117,7 @@ def _check_lies_on_surface(points: Array, cell: float, *, is_from_photos: bool) 
 
 def _thinned(cloud: PointCloud, voxel: float) -> tuple[Array, Array]:
     """Return the mean point of each cell and the mean of its normals, 0 where they are unknown."""
-    open3d = load_open3d()
+    open3d = load_open3d(PURPOSE)
     result = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(cloud.points))
     if cloud.normals is not None:
         result.normals = open3d.utility.Vector3dVector(cloud.normals)
@@ -154,7 +155,7 @@ def _clean(cloud: PointCloud, voxel: float) -> tuple[Array, Array, Array, int]:
 
 def _plane_normals(points: Array) -> Array:
     """Return the (N, 3) unit normals of the planes through each point's neighbours, either sign."""
-    open3d = load_open3d()
+    open3d = load_open3d(PURPOSE)
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     cloud.estimate_normals(open3d.geometry.KDTreeSearchParamKNN(NUM_NEIGHBOURS))
     return np.asarray(cloud.normals)
@@ -199,7 +200,7 @@ def _squares(points: Array, normals: Array, spacing: Array) -> Patches:
 
 
 def _poisson(points: Array, normals: Array, voxel: float) -> Mesh:
-    open3d = load_open3d()
+    open3d = load_open3d(PURPOSE)
     cloud: Any = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(points))
     cloud.normals = open3d.utility.Vector3dVector(normals)
     extent = float(np.ptp(points, axis=0).max()) * 1.1

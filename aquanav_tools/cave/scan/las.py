@@ -12,6 +12,7 @@ import numpy.typing as npt
 from aquanav_tools.cave.scan.laz import las_tables, unpacked_tables
 from aquanav_tools.cave.scan.thinning import EvenThinner, thinned_caution
 from aquanav_tools.errors import AquanavError, InputError
+from aquanav_tools.libraries import require
 from aquanav_tools.types import Array, PointCloud
 
 CHUNK_POINTS = 1_000_000
@@ -49,6 +50,7 @@ def read_las(path: Path) -> tuple[PointCloud, tuple[tuple[str, str], ...]]:
         InputError: the file is empty, damaged, cut off or of another format.
     """
     layout = read_layout(path)
+    require("Reading LAS and LAZ", "laspy", "lazrs")
     thinner = EvenThinner()
     try:
         normals, colours = _columns(path)

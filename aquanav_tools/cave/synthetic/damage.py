@@ -226,7 +226,7 @@ def decimate(scan: DamagedScan, keep: float, share: float = 1.0) -> DamagedScan:
     """
     mesh = clean_mesh(scan.mesh)
     is_coarse = _along(mesh) <= share
-    open3d = load_open3d()
+    open3d = load_open3d("Decimating a scan")
     coarse = clean_mesh(Mesh(mesh.vertices, mesh.faces[is_coarse]))
     before = open3d.geometry.TriangleMesh(
         open3d.utility.Vector3dVector(coarse.vertices), open3d.utility.Vector3iVector(coarse.faces.astype(np.int32))

@@ -15,6 +15,7 @@ from aquanav_tools.envs.pictures.rock_tile import rock_tile
 from aquanav_tools.envs.pictures.sea_rocks import drawn_rock
 from aquanav_tools.envs.pictures.triangles import Cells, Eye, see
 from aquanav_tools.envs.pictures.vehicle_camera import check_size
+from aquanav_tools.libraries import require
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
 from aquanav_tools.sim.boat import Boat
@@ -126,6 +127,7 @@ class SeaCamera:
         self, picture: npt.NDArray[np.uint8], eye: Eye, position: Array, turn: Array, ranges: npt.NDArray[Any]
     ) -> npt.NDArray[np.uint8]:
         """Return the picture with a line along each beam, the redder the nearer its echo."""
+        require("A picture of a boat's beams", "cv2")
         import cv2
 
         start = np.array([position[0], position[1], BEAM_RISE])

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, UnidentifiedImageError
 
-from aquanav_tools.errors import InputError
+from aquanav_tools.libraries import require
 from aquanav_tools.reconstruct.intake.exif import ORIENTATION_TAG
 from aquanav_tools.types import BoolArray
 
@@ -47,15 +47,11 @@ def load_heic() -> None:
     """Teach Pillow to open HEIC.
 
     Raises:
-        InputError: the library for it is not installed.
+        LibraryError: the library for it is not installed.
     """
-    try:
-        import pi_heif
-    except ImportError as error:
-        raise InputError(
-            "There are HEIC photos, and the library that opens them is not installed. Install it with: "
-            "pip install 'aquanav[heic]', or export the photos as JPEG."
-        ) from error
+    require("Opening HEIC photos", "pi_heif", otherwise=", or export the photos as JPEG")
+    import pi_heif
+
     pi_heif.register_heif_opener()
 
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.libraries import require
 from aquanav_tools.report.dynamics import dynamics_document
 from aquanav_tools.report.recording.cave import CaveModel, log_cave, log_route
 from aquanav_tools.report.recording.episode import (
@@ -116,6 +117,7 @@ class LiveDive:
 
 def _open_viewer(blueprint: Any) -> Any:
     """Return a stream to the viewer that listens at PORT, or to one that is started; its layout is replaced."""
+    require("The view of render_mode='human'", "rerun", otherwise=", or take pictures with render_mode='rgb_array'")
     import rerun as rr
 
     stream = rr.RecordingStream(APPLICATION)

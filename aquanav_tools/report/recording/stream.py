@@ -10,12 +10,32 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from aquanav_tools.libraries import lack_of, require
+
 APPLICATION = "aquanav"
+NO_RECORDING = "no-recording"
+"""Code of the warning where something else than a recording is asked for, and goes without."""
+RECORDER = "A recording (.rrd)", "rerun"
+
+
+def require_recorder() -> None:
+    """Check that recordings can be written, before work whose end is one.
+
+    Raises:
+        LibraryError: rerun is not installed, or does not load.
+    """
+    require(*RECORDER)
+
+
+def lack_of_recorder() -> str:
+    """Return why there can be no recording; empty where there can."""
+    return lack_of(*RECORDER)
 
 
 @contextmanager
 def recording(path: Path, identity: str, blueprint: Any) -> Iterator[Any]:
     """Open a stream into a file; the recording's id follows from `identity`."""
+    require_recorder()
     import rerun as rr
 
     recording_id = uuid.uuid5(uuid.NAMESPACE_OID, identity)
@@ -34,6 +54,7 @@ class Template:
 
     def __init__(self, fill: Callable[[Any], None], blueprint: Any) -> None:
         """Keep what `fill` logs to a stream."""
+        require_recorder()
         from rerun.chunk import RrdReader
 
         with tempfile.TemporaryDirectory() as folder:
