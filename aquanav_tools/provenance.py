@@ -79,7 +79,7 @@ def code_digest(module: str) -> str:
         own, foreign = _imports(path)
         waiting += own if name != _PACKAGE.name else ()
         libraries |= foreign
-    return digest(sources, {name: _version(name) for name in libraries})
+    return digest(sources, {name: installed_version(_DISTRIBUTIONS.get(name, name)) for name in libraries})
 
 
 @functools.cache
@@ -110,8 +110,9 @@ def _source_of(module: str) -> Path | None:
     return next((path for path in candidates if path.is_file()), None)
 
 
-def _version(module: str) -> str:
+def installed_version(distribution: str) -> str:
+    """Return the version of a library, by the name that pip has for it."""
     try:
-        return version(_DISTRIBUTIONS.get(module, module))
+        return version(distribution)
     except PackageNotFoundError:
         return "not installed"

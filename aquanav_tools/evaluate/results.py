@@ -7,7 +7,6 @@ byte. results.schema.json describes the first; the second has a row per episode 
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import json
 import os
 import platform
@@ -23,6 +22,7 @@ from aquanav_tools.evaluate.episode_table import DYNAMICS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.own_files import OwnFiles
 from aquanav_tools.evaluate.summary import Group, Summary
+from aquanav_tools.provenance import installed_version
 from aquanav_tools.text_files import read_json
 
 FORMAT = 5
@@ -176,7 +176,7 @@ def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
 def versions() -> dict[str, str]:
     """Return the versions of what the numbers depend on."""
     packages = ("numpy", "gymnasium", "pybullet", "torch", "stable-baselines3")
-    found = {name: importlib.metadata.version(name) for name in packages}
+    found = {name: installed_version(name) for name in packages}
     return {"aquanav": __version__, "python": platform.python_version(), **found}
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import platform
 
 from aquanav_tools import __version__
-from aquanav_tools.provenance import code_digest
+from aquanav_tools.provenance import code_digest, installed_version
 
 LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
 
@@ -17,5 +16,5 @@ def versions() -> dict[str, str]:
         "aquanav": __version__,
         "code": code_digest("aquanav_tools.train.training"),
         "python": platform.python_version(),
-        **{name: importlib.metadata.version(name) for name in LIBRARIES},
+        **{name: installed_version(name) for name in LIBRARIES},
     }
