@@ -10,8 +10,6 @@ import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from aquanav_tools.sim.contacts import INSTALL
-
 TIMEOUT_S = 120
 """A first import from a cold disk takes up to half a minute."""
 
@@ -83,10 +81,8 @@ def _try_open3d() -> str:
 
 
 def _try_pybullet() -> str:
-    try:
-        import pybullet
-    except ModuleNotFoundError:
-        return f"not installed, so our own contacts are used; PyBullet's: {INSTALL}"
+    import pybullet
+
     client = pybullet.connect(pybullet.DIRECT)
     if client < 0:
         raise RuntimeError("the physics server without graphics did not start")

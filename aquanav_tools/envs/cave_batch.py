@@ -117,7 +117,7 @@ class CaveBatch(ExtendedBatch):
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
-        self._vehicle, self._max_decisions = vehicle, max_decisions
+        self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
         pairs = [prepared(scenario, vehicle) for scenario in several]
         self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
@@ -134,7 +134,6 @@ class CaveBatch(ExtendedBatch):
             law=own.law(pairs[0][0].settings.limits.dt),
         )
         setups = [room.setup for room in self._rooms]
-        self.contacts = contacts
         self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
         self.observation_space = self._prepare_observations(pairs, num_threads)
 
