@@ -8,7 +8,7 @@ import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.actuators import Controls, make_controls
-from aquanav_tools.sim.batch.contact import FIELD_ERROR, Hull
+from aquanav_tools.sim.batch.contact_points import FIELD_ERROR, Hull
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
