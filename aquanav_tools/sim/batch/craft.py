@@ -29,10 +29,11 @@ class Craft:
     """A vehicle: one of two models of motion, its actuators, its hull."""
 
     is_original: wp.int32
-    body: Body
-    dragged: DraggedBody
     controls: Controls
     hull: Hull
+    body: Body
+    dragged: DraggedBody
+    """Last, as `prefetch` leaves it out for vehicles that have a body."""
 
 
 def make_craft(scenario: Scenario, vehicle: Vehicle, margin: float, device: Any) -> Craft:
@@ -62,8 +63,10 @@ def _make_hull(scenario: Scenario, vehicle: Vehicle, margin: float) -> Hull:
 
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
-const char* body = (const char*)(crafts.data + later);
-for (size_t line = 0; line < sizeof(*crafts.data); line += 64) __builtin_prefetch(body + line);
+const char* craft = (const char*)(crafts.data + later);
+const size_t num_used = (const char*)&crafts.data[later].dragged - craft;
+const size_t num_read = crafts.data[next].is_original ? sizeof(*crafts.data) : num_used;
+for (size_t line = 0; line < num_read; line += 64) __builtin_prefetch(craft + line);
 const auto& soon = crafts.data[next].body;
 for (int n = 0; soon.is_coupled && n < 9; ++n) __builtin_prefetch((const char*)soon.matrix.data + 64 * n);
 const char* thrusters = (const char*)soon.thrusters.data;
