@@ -68,9 +68,10 @@ def solved(intended: vec6, contacts: Contacts, hull: Hull, dt: f64):
     zero = f64(0.0)
     motion = intended
     pushed, rubbed = vec7(), vec7()
+    count = contacts.count + 0
     for _ in range(ITERATIONS):
         change = zero
-        for n in range(contacts.count):
+        for n in range(count):
             normal, arm, gap = row(contacts.normals, n), row(contacts.arms, n), contacts.gaps[n]
             allowed = -gap / dt
             if gap < zero:
@@ -90,7 +91,7 @@ def solved(intended: vec6, contacts: Contacts, hull: Hull, dt: f64):
                 change = wp.max(change, wp.abs(brake - rubbed[n]))
                 rubbed[n] = brake
         if change <= SETTLED * hull.mass:
-            break
+            count = 0  # a break would slow down vehicles in open water by a quarter
     return motion
 
 

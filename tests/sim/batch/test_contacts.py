@@ -11,7 +11,7 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.bvh import Bvh, make_bvh
+from aquanav_tools.sim.batch.bvh import FOUND, Bvh, make_bvh
 from aquanav_tools.sim.batch.contact import beside_wall
 from aquanav_tools.sim.batch.contact_points import OVERLAP, Hull, find_contacts
 from aquanav_tools.sim.batch.field import Grid, make_grid
@@ -123,6 +123,25 @@ def test_the_smallest_gap_is_the_distance_of_the_axis_less_the_radius(tube: Scen
     # Points of the axis lie 3 mm apart, which adds up to (1.5 mm)^2 / (2 x 0.12 m), and Warp's meshes are in float32.
     np.testing.assert_allclose(gaps[is_near], expected[is_near], atol=2e-5)
     assert (gaps[expected > MARGIN + 1e-4] == 1.0).all()
+
+
+def test_the_nearest_of_many_small_triangles_is_found(tube: Scenario, rng: np.random.Generator) -> None:
+    """In a ball of 81,920 triangles some hundred are within reach, in more leaves than one search returns."""
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.6)
+    wall = wall_of(ball.vertices + CENTRE, ball.faces)
+    away = rng.normal(size=(60, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    # Noses point at the wall. From inside a ball, what of a segment is nearest to it is one of its ends.
+    positions = CENTRE + away * rng.uniform(0.41, 0.44, (60, 1))
+    noses = positions + HALF_AXIS * away
+    within = np.linalg.norm(ball.triangles_center + CENTRE - noses[:, None], axis=2) < RADIUS
+    assert within.sum(axis=1).min() > 16 * FOUND  # triangles, eight to a leaf: two searches at the least
+    turns = np.array([Rotation.align_vectors(one[None], [[1.0, 0.0, 0.0]])[0].as_quat() for one in away])
+    gaps, normals = find(tube, wall, positions, turns[:, [3, 0, 1, 2]])
+    for gap, nose, near in zip(gaps, noses - CENTRE, within, strict=True):
+        points = trimesh.triangles.closest_point(ball.triangles[near], np.repeat(nose[None], near.sum(), axis=0))
+        assert gap == pytest.approx(np.linalg.norm(points - nose, axis=1).min() - RADIUS, abs=2e-6)
+    assert (np.sum(normals * -away, axis=1) > 0.99).all()
 
 
 @pytest.mark.parametrize("tilt_deg", [-40.0, -10.0, 10.0, 40.0])
