@@ -12,6 +12,7 @@ import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.bvh import Bvh, make_bvh
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.progress import Measure, make_measure
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -79,8 +80,8 @@ class Cave:
 
     grid: Grid
     """Clearance."""
-    wall: wp.uint64
-    """Mesh that hulls meet."""
+    wall: Bvh
+    """What hulls meet."""
     ray_wall: Wall
     """What exact rays meet; without cells where they are traced through the grid."""
     middle: wp.vec3d
@@ -105,7 +106,7 @@ def make_cave(scenario: Scenario, vehicle: Vehicle, task: CaveTask, *, has_exact
         shared(scenario.field, device, lambda: make_grid(scenario.field, device)),
         wp.vec3d(*middle),
     )
-    cave.wall = shared_mesh(scenario.collision, middle, device).id
+    cave.wall = shared_bvh(scenario.collision, middle, device)
     if has_exact_rays:
         cave.ray_wall = shared_wall(scenario.cavity.mesh, scenario.field, middle, device)
     cave.ends = make_ends(scenario.cavity, task.entrance, task.goal, device)
@@ -152,14 +153,10 @@ def shared(source: Any, key: Any, make: Callable[[], Any]) -> Any:
     return made[str(key)]
 
 
-def shared_mesh(mesh: Mesh, middle: Array, device: Any) -> Any:
-    """Return a mesh on a device, moved so that `middle` is at the origin: Warp's meshes are in float32."""
-
-    def upload() -> Any:
-        points = wp.array((mesh.vertices - middle).astype(np.float32), dtype=wp.vec3, device=device)
-        return wp.Mesh(points, wp.array(mesh.faces.ravel().astype(np.int32), dtype=wp.int32, device=device))
-
-    return shared(mesh, (device, middle.tolist()), upload)
+def shared_bvh(mesh: Mesh, middle: Array, device: Any) -> Bvh:
+    """Return a mesh on a device as hulls meet it, moved so that `middle` is at the origin."""
+    bvh: Bvh = shared(mesh, (device, middle.tolist()), lambda: make_bvh(mesh, middle, device))
+    return bvh
 
 
 def shared_wall(mesh: Mesh, field: DistanceField, middle: Array, device: Any) -> Wall:

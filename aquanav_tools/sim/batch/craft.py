@@ -8,7 +8,7 @@ import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.actuators import Controls, make_controls
-from aquanav_tools.sim.batch.contact import FIELD_ERROR, Hull
+from aquanav_tools.sim.batch.contact_points import FIELD_ERROR, Hull
 from aquanav_tools.sim.batch.motion import Body, make_body, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, make_dragged_body
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -29,10 +29,11 @@ class Craft:
     """A vehicle: one of two models of motion, its actuators, its hull."""
 
     is_original: wp.int32
-    body: Body
-    dragged: DraggedBody
     controls: Controls
     hull: Hull
+    body: Body
+    dragged: DraggedBody
+    """Last, as `prefetch` leaves it out for vehicles that have a body."""
 
 
 def make_craft(scenario: Scenario, vehicle: Vehicle, margin: float, device: Any) -> Craft:
@@ -62,8 +63,10 @@ def _make_hull(scenario: Scenario, vehicle: Vehicle, margin: float) -> Hull:
 
 @wp.func_native("""
 #if !defined(__CUDA_ARCH__)
-const char* body = (const char*)(crafts.data + later);
-for (size_t line = 0; line < sizeof(*crafts.data); line += 64) __builtin_prefetch(body + line);
+const char* craft = (const char*)(crafts.data + later);
+const size_t num_used = (const char*)&crafts.data[later].dragged - craft;
+const size_t num_read = crafts.data[next].is_original ? sizeof(*crafts.data) : num_used;
+for (size_t line = 0; line < num_read; line += 64) __builtin_prefetch(craft + line);
 const auto& soon = crafts.data[next].body;
 for (int n = 0; soon.is_coupled && n < 9; ++n) __builtin_prefetch((const char*)soon.matrix.data + 64 * n);
 const char* thrusters = (const char*)soon.thrusters.data;

@@ -151,6 +151,16 @@ class DrawnCrafts(DrawnDynamics):
         """Give some vehicles, (n,), the bodies of the episodes with (n,) seeds."""
         if not (self._is_ahead[vehicles] & (self._seeds_ahead[vehicles] == seeds)).all():
             self._draw_ahead(vehicles, seeds)
+        self._take(vehicles, seeds)
+
+    def draw_successors(self, vehicles: npt.NDArray[np.integer]) -> None:
+        """Give some vehicles, (n,), the bodies of the episodes that follow theirs."""
+        if not self._is_ahead[vehicles].all():
+            self._draw_ahead(vehicles, draw_many(self._seeds[vehicles], NEXT))
+        self._take(vehicles, self._seeds_ahead[vehicles])
+
+    def _take(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.integer]) -> None:
+        """Give (n,) vehicles the bodies in store, which were drawn for (n,) seeds."""
         self._now.take(vehicles, self._ahead)
         self._seeds[vehicles], self._is_ahead[vehicles] = seeds, False
         if not self.array.device.is_cpu:

@@ -255,7 +255,7 @@ def sense(
     cave = settings.caves[state.cave_of[i]]
     origin, rotation = origin_of(cave, state.positions[i]), rotation_of(state.orientations[i])
     grid, place, num_rays = cave.grid, origin.place, settings.fan.lengths.shape[0]
-    half = settings.crafts[state.craft_of[i]].hull.half_axis / grid.spacing
+    half = settings.vehicles[state.cave_of[i]].hull.half_axis / grid.spacing
     nose = wp.vec3(half * wp.vec3d(rotation[0, 0], rotation[1, 0], rotation[2, 0]))
     ahead, behind = found(grid, place + nose), found(grid, place - nose)
     end = (part + 1) * num_rays // num_parts

@@ -14,7 +14,8 @@ import warp as wp
 
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, make_controls, trim_of
-from aquanav_tools.sim.batch.contact import Hull, axis_clearance
+from aquanav_tools.sim.batch.contact import axis_clearance
+from aquanav_tools.sim.batch.contact_points import Hull
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.motion import Body, BodyRows, State, body_rows, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, DraggedRows, drag_along, dragged_rows

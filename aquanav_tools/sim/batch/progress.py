@@ -10,7 +10,7 @@ import warp as wp
 from aquanav_tools.cave.route.shortest import shortest_paths
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.chain import distances_along_centres, follow_chain
-from aquanav_tools.sim.batch.contact import Hull
+from aquanav_tools.sim.batch.contact_points import Hull
 from aquanav_tools.sim.batch.field import Grid, clearance_at, make_grid
 from aquanav_tools.sim.batch.guide import Panels, make_panels
 from aquanav_tools.sim.batch.runtime import OPTIONS

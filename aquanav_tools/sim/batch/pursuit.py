@@ -12,7 +12,8 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, trim_of
-from aquanav_tools.sim.batch.contact import Hull, axis_clearance
+from aquanav_tools.sim.batch.contact import axis_clearance
+from aquanav_tools.sim.batch.contact_points import Hull
 from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state

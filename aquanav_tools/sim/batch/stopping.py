@@ -7,7 +7,7 @@ from typing import Any
 import warp as wp
 
 from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, trim_of
-from aquanav_tools.sim.batch.contact import Hull, nose_of
+from aquanav_tools.sim.batch.contact_points import Hull, nose_of
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state
 from aquanav_tools.sim.batch.runtime import OPTIONS

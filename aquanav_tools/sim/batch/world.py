@@ -267,12 +267,16 @@ class BatchWorld:
 
     def _draw_successors(self) -> None:
         """Draw what the host draws of the episodes that follow those that have ended: bodies, and unlisted starts."""
-        if self._unlisted.is_used or self._drawn_crafts is not None:
-            ended = np.flatnonzero(self.as_numpy("outcomes") > 0)
-            if len(ended) > 0:
-                seeds = draw_many(self.as_numpy("seeds").view(np.uint32)[ended], NEXT)
-                self._unlisted.draw(self.arrays, ended, seeds)
-                self._draw_bodies(ended, seeds)
+        if not self._unlisted.is_used and self._drawn_crafts is None:
+            return
+        ended = np.flatnonzero(self.as_numpy("outcomes"))
+        if len(ended) == 0:
+            return
+        if self._unlisted.is_used:
+            self._unlisted.draw(self.arrays, ended, draw_many(self.as_numpy("seeds").view(np.uint32)[ended], NEXT))
+        if self._drawn_crafts is not None:
+            self._drawn_crafts.draw_successors(ended)
+            self._drawn_crafts.write_sensing(self.arrays, ended)
 
     def _sort(self) -> None:
         """Put vehicles that are near each other one after the other: they read the same parts of the field."""

@@ -11,11 +11,13 @@ import warp as wp
 from scipy.spatial.transform import Rotation
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.contact import OVERLAP, Hull, beside_wall, find_contacts
+from aquanav_tools.sim.batch.bvh import FOUND, Bvh, make_bvh
+from aquanav_tools.sim.batch.contact import beside_wall
+from aquanav_tools.sim.batch.contact_points import OVERLAP, Hull, find_contacts
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.motion import State, vec6
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, Mesh
 from tests.caves import tube_scenario
 
 wp.set_module_options(OPTIONS)
@@ -31,7 +33,7 @@ def look(
     turns: wp.array(dtype=wp.vec4d),
     hull: Hull,
     grid: Grid,
-    mesh: wp.uint64,
+    wall: Bvh,
     gaps: wp.array(dtype=wp.float64),
     normals: wp.array(dtype=wp.vec3d),
 ):
@@ -39,7 +41,7 @@ def look(
     state = State()
     state.position = positions[i]
     state.orientation = turns[i]
-    found = find_contacts(state, hull, grid, mesh, wp.vec3d())
+    found = find_contacts(state, hull, grid, wall, wp.vec3d())
     gaps[i] = wp.float64(1.0)
     for n in range(found.count):
         if found.gaps[n] < gaps[i]:
@@ -54,7 +56,7 @@ def push(
     velocity: wp.vec3d,
     hull: Hull,
     grid: Grid,
-    mesh: wp.uint64,
+    wall: Bvh,
     speeds: wp.array(dtype=wp.float64),
 ):
     i = wp.tid()
@@ -65,16 +67,16 @@ def push(
     free.position = state.position + wp.float64(0.02) * velocity
     free.orientation = state.orientation
     free.velocity = vec6(velocity[0], velocity[1], velocity[2], wp.float64(0.0), wp.float64(0.0), wp.float64(0.0))
-    after, _ = beside_wall(state, free, hull, grid, mesh, wp.vec3d(), wp.float64(0.02))
+    after, _ = beside_wall(state, free, hull, grid, wall, wp.vec3d(), wp.float64(0.02))
     positions[i] = after.position
     turns[i] = after.orientation
     speeds[i] = wp.length(wp.vec3d(after.velocity[0], after.velocity[1], after.velocity[2]))
 
 
-def wall_of(vertices: Array, faces: Any) -> Any:
-    """Return Warp's mesh; normals point into rock, as those of a cave do."""
-    points = wp.array(vertices.astype(np.float32), dtype=wp.vec3, device="cpu")
-    return wp.Mesh(points, wp.array(np.asarray(faces, dtype=np.int32).ravel(), dtype=wp.int32, device="cpu"))
+def wall_of(vertices: Array, faces: Any) -> Bvh:
+    """Return a wall for hulls; normals point into rock, as those of a cave do."""
+    mesh = Mesh(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+    return make_bvh(mesh, np.zeros(3), find_device("cpu"))
 
 
 def hull_and_grid(tube: Scenario) -> tuple[Hull, Grid]:
@@ -84,11 +86,11 @@ def hull_and_grid(tube: Scenario) -> tuple[Hull, Grid]:
     return hull, make_grid(tube.field, find_device("cpu"))
 
 
-def find(tube: Scenario, wall: Any, positions: Array, turns: Array) -> tuple[Array, Array]:
+def find(tube: Scenario, wall: Bvh, positions: Array, turns: Array) -> tuple[Array, Array]:
     """Return the (N,) smallest gaps of capsules, with (N, 3) positions and (N, 4) quaternions, and the normals."""
     hull, grid = hull_and_grid(tube)
     gaps, normals = wp.zeros(len(positions), dtype=wp.float64), wp.zeros(len(positions), dtype=wp.vec3d)
-    inputs = [wp.array(positions, dtype=wp.vec3d), wp.array(turns, dtype=wp.vec4d), hull, grid, wall.id, gaps, normals]
+    inputs = [wp.array(positions, dtype=wp.vec3d), wp.array(turns, dtype=wp.vec4d), hull, grid, wall, gaps, normals]
     wp.launch(look, dim=len(positions), inputs=inputs, device="cpu")
     return gaps.numpy(), normals.numpy()
 
@@ -121,6 +123,25 @@ def test_the_smallest_gap_is_the_distance_of_the_axis_less_the_radius(tube: Scen
     # Points of the axis lie 3 mm apart, which adds up to (1.5 mm)^2 / (2 x 0.12 m), and Warp's meshes are in float32.
     np.testing.assert_allclose(gaps[is_near], expected[is_near], atol=2e-5)
     assert (gaps[expected > MARGIN + 1e-4] == 1.0).all()
+
+
+def test_the_nearest_of_many_small_triangles_is_found(tube: Scenario, rng: np.random.Generator) -> None:
+    """In a ball of 81,920 triangles some hundred are within reach, in more leaves than one search returns."""
+    ball = trimesh.creation.icosphere(subdivisions=6, radius=0.6)
+    wall = wall_of(ball.vertices + CENTRE, ball.faces)
+    away = rng.normal(size=(60, 3))
+    away /= np.linalg.norm(away, axis=1, keepdims=True)
+    # Noses point at the wall. From inside a ball, what of a segment is nearest to it is one of its ends.
+    positions = CENTRE + away * rng.uniform(0.41, 0.44, (60, 1))
+    noses = positions + HALF_AXIS * away
+    within = np.linalg.norm(ball.triangles_center + CENTRE - noses[:, None], axis=2) < RADIUS
+    assert within.sum(axis=1).min() > 16 * FOUND  # triangles, eight to a leaf: two searches at the least
+    turns = np.array([Rotation.align_vectors(one[None], [[1.0, 0.0, 0.0]])[0].as_quat() for one in away])
+    gaps, normals = find(tube, wall, positions, turns[:, [3, 0, 1, 2]])
+    for gap, nose, near in zip(gaps, noses - CENTRE, within, strict=True):
+        points = trimesh.triangles.closest_point(ball.triangles[near], np.repeat(nose[None], near.sum(), axis=0))
+        assert gap == pytest.approx(np.linalg.norm(points - nose, axis=1).min() - RADIUS, abs=2e-6)
+    assert (np.sum(normals * -away, axis=1) > 0.99).all()
 
 
 @pytest.mark.parametrize("tilt_deg", [-40.0, -10.0, 10.0, 40.0])
@@ -160,7 +181,7 @@ def test_a_hull_that_is_pressed_into_a_groove_stays_out_of_both_its_walls(tube: 
     deepest = 0.0
     for step in range(600):
         velocity = np.array([0.0, SPEED * np.sin(0.05 * step), -SPEED])
-        inputs = [positions, turns, wp.vec3d(*velocity), hull, grid, wall.id, speeds]
+        inputs = [positions, turns, wp.vec3d(*velocity), hull, grid, wall, speeds]
         wp.launch(push, dim=1, inputs=inputs, device="cpu")
         w, x, y, z = turns.numpy()[0]
         nose = HALF_AXIS * Rotation.from_quat([x, y, z, w]).apply([1.0, 0.0, 0.0])
