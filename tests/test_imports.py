@@ -30,7 +30,7 @@ ROOMS_BELOW = {
     "train": {"build", "cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
     "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report", "workers"},
-    "benchmark": {"scenario", "envs", "evaluate", "policy", "report", "workers", "build"},
+    "benchmark": {"scenario", "sim", "envs", "evaluate", "policy", "report", "workers", "build"},
     "api": {"envs", "evaluate", "train", "build"},
     "cli": {
         "api",

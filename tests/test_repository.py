@@ -20,7 +20,7 @@ MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 50
 """Without the docstring."""
 SOURCES = sorted((REPOSITORY / "aquanav_tools").rglob("*.py"))
-PYTHONS = ("3.10", "3.11")
+PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
 PACKAGE_OF = {
     "PIL": "pillow",
     "cv2": "opencv-python-headless",

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.contacts import Backend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,10 +26,10 @@ class BenchmarkOptions:
     """Scenario folders of your own caves."""
     observation: str | None = None
     """What the policy observes, where its file does not tell."""
-    backend: Literal["batch", "pybullet"] = "batch"
+    backend: Backend = "batch"
     """batch runs the episodes of a cave side by side, with our own contacts and rays through the distance field;
     pybullet one by one, with Bullet's contacts and rays to the mesh: for policies that look at the map, such as
-    baseline:oracle."""
+    baseline:oracle; own does so with our own contacts, where PyBullet is not installed."""
     workers: int | None = None
     """Processes, each at one cave at a time; the results do not depend on it. As many as there are cores without it."""
     trust: bool = False

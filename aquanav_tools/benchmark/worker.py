@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import drawn_from
+from aquanav_tools.sim.contacts import default_backend
 
 
 @dataclass(frozen=True)
@@ -64,8 +65,8 @@ def policy_of(options: BenchmarkOptions, benchmark: Benchmark) -> LoadedPolicy:
         )
     if options.backend == "batch" and isinstance(policy.policy, PrivilegedPolicy):
         raise InputError(
-            f"{policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not have. "
-            "Add --backend pybullet."
+            f"{policy.name} looks at its own vehicle or at the map, which it cannot in a batch. "
+            f"Add --backend {default_backend()}."
         )
     return policy
 
@@ -120,7 +121,7 @@ class CaveWorker:
             runner.close()
 
     def _alone(self, specs: Sequence[EpisodeSpec]) -> list[EpisodeMetrics]:
-        env_cache = EnvCache(self._policies[0], self._rules, self._timeout)
+        env_cache = EnvCache(self._policies[0], self._rules, self._timeout, self._spec.options.backend)
         try:
             return [env_cache.run(spec)[1] for spec in specs]
         finally:

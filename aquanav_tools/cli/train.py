@@ -141,7 +141,7 @@ def _summary(trained: Trained, folder: Path, pipeline: Pipeline) -> str:
     if final is not None:
         lines.append(
             f"The last policy reached the goal in {final.success_rate:.0%} of {final.episodes} whole episodes in "
-            f"{_named(lesson.all_scenarios)} (PyBullet, without chance in its actions), in "
+            f"{_named(lesson.all_scenarios)} (backend {pipeline.run.backend}, without chance in its actions), in "
             f"{final.collision_free_success:.0%} without a collision; {final.mean_collisions:.1f} collisions per "
             "episode."
         )

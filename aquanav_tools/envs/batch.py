@@ -10,6 +10,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.errors import OwnCodeError
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.types import Array
 
 Floats = npt.NDArray[np.float32]
@@ -30,6 +31,8 @@ class Batch(Protocol):
     action_space: spaces.Space[Any]
     observation_space: spaces.Space[Any]
     decision_seconds: float
+    contacts: Contacts
+    """Who solves them."""
     ray_lengths: Array
     """(R,) m."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -26,6 +26,7 @@ from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, Starts, check_sta
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.contacts import Contacts, load_bullet
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.time_limit import decision_limit
@@ -38,7 +39,6 @@ if TYPE_CHECKING:
     from aquanav_tools.sim.batch.setup import CaveSetup
 
 RAY_SOURCES = ("field", "mesh")
-CONTACTS = ("own", "bullet")
 CaveSpec = str | Path | Scenario
 
 
@@ -70,7 +70,7 @@ class CaveBatch(ExtendedBatch):
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
         rays: str = "field",
-        contacts: str = "own",
+        contacts: Contacts = "own",
         device: str = "cpu",
         num_threads: int | None = None,
         replaceable: bool = False,
@@ -101,6 +101,7 @@ class CaveBatch(ExtendedBatch):
             ScenarioError: a scenario cannot be read, or has no start.
             InputError: an option is unknown or senseless, the vehicle's hull does not fit, or there are fewer vehicles
                 than caves.
+            ResourceError: PyBullet is asked for, and not installed.
         """
         from aquanav_tools.sim.batch.setup import WorldOptions
         from aquanav_tools.sim.batch.world import BatchWorld
@@ -116,7 +117,7 @@ class CaveBatch(ExtendedBatch):
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
-        self._vehicle, self._max_decisions = vehicle, max_decisions
+        self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
         pairs = [prepared(scenario, vehicle) for scenario in several]
         self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
@@ -171,10 +172,9 @@ class CaveBatch(ExtendedBatch):
     def _engines(self, contacts: str) -> list[Any]:
         if contacts == "own":
             return []
-        from aquanav_tools.sim.bullet import BulletContacts
-
+        engine = load_bullet()
         rooms = [self._rooms[cave] for cave in self.cave_of.tolist()]
-        return [BulletContacts(room.scenario, room.vehicle) for room in rooms]
+        return [engine(room.scenario, room.vehicle) for room in rooms]
 
     @property
     def scenarios(self) -> list[Scenario]:
@@ -305,7 +305,7 @@ def slices_of(num: int, num_parts: int) -> list[slice]:
 
 def _check_choices(options: TaskOptions, rays: str, contacts: str, device: str) -> None:
     check_choice("source of rays", rays, RAY_SOURCES)
-    check_choice("solver of contacts", contacts, CONTACTS)
+    check_choice("solver of contacts", contacts, get_args(Contacts))
     check_choice("measure of progress", options.progress, MEASURES)
     check_choice("collision rule", options.on_collision, COLLISION_RULES)
     if contacts == "bullet" and device != "cpu":

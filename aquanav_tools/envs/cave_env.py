@@ -20,6 +20,7 @@ from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, episode_task
 from aquanav_tools.report.recording.live import LiveDive
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
+from aquanav_tools.sim.contacts import Contacts, default_contacts
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
@@ -109,7 +110,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         vehicle: str | Path | Vehicle | None = None,
         max_decisions: int | None = None,
         rays: str = "mesh",
-        contacts: str = "bullet",
+        contacts: Contacts | None = None,
         render_mode: str | None = None,
         view: str = "chase",
         render_size: tuple[int, int] = (480, 360),
@@ -131,15 +132,17 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
             render_size: Their width and height, px.
             rays: "mesh" casts them exactly; "field" traces them through the distance field, which is faster and errs by
                 a twentieth of its spacing in the median. The observation "original" casts spheres through the field.
-            contacts: "bullet" asks PyBullet what the wall does; "own" is what the vector environment does.
+            contacts: "bullet" asks PyBullet what the wall does; "own" is what the vector environment does; None takes
+                PyBullet where it is installed. `metadata["contacts"]` says which.
             task: The fields of `aquanav_tools.task.TaskOptions`: reward, progress, on_collision, starts, sensor_noise,
                 sensor_dropout, action_delay, observation_delay, current, current_range.
 
         Raises:
             ScenarioError: the scenario cannot be read, or has no start.
             InputError: an option is unknown or senseless, or the vehicle's hull does not fit into the cave.
-            ResourceError: no viewer can be started.
+            ResourceError: no viewer can be started, or PyBullet is asked for, and not installed.
         """
+        contacts = default_contacts() if contacts is None else contacts
         self._batch = batch = CaveBatch(
             scenario,
             1,
@@ -279,7 +282,7 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
         self.render_mode = render_mode
         limits, hull = self.scenario.settings.limits, self.vehicle.capsule
         seconds = limits.dt * limits.substeps
-        self.metadata = {**self.metadata, "render_fps": round(1.0 / seconds)}
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / seconds), "contacts": self._batch.contacts}
         self._camera: VehicleCamera | None = None
         self._live: LiveDive | None = None
         if render_mode is not None:

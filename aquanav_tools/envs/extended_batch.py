@@ -9,6 +9,7 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Floats, copied
 from aquanav_tools.envs.dict_observation import DictObservation
 from aquanav_tools.envs.extensions import Extensions
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.types import Array
 
 OBSERVATIONS = ("observations", "final_observations")
@@ -19,6 +20,7 @@ class ExtendedBatch:
     """Base of `CaveBatch` and `BoatBatch`, which fill its attributes."""
 
     num: int
+    contacts: Contacts = "own"
     world: Any
     """A `BatchWorld` or a `BoatWorld`."""
     _actions: ActionModel

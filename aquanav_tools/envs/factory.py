@@ -25,6 +25,7 @@ from aquanav_tools.scenario.schema import OtherVehicle, Scenario
 from aquanav_tools.scenario.shipped import build_side_by_side
 from aquanav_tools.scenario.split import distribution_of, fixed_draw
 from aquanav_tools.sim.boat import boat_path
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.sim.vehicle import vehicle_path
 
 logger = logging.getLogger(__name__)
@@ -72,16 +73,19 @@ def say_left_out(scenarios: Iterable[AnyScenario]) -> None:
             logger.warning(left_out_sentence(scenario, other.name, len(other.left_out)))
 
 
-def make_env(scenario: AnyScenario, *, max_decisions: int | None = None, **choices: Any) -> TaskEnv:
+def make_env(
+    scenario: AnyScenario, *, max_decisions: int | None = None, contacts: Contacts | None = None, **choices: Any
+) -> TaskEnv:
     """Return the environment of a scenario.
 
     Args:
         scenario: The scenario.
         max_decisions: Episode limit; None takes the scenario's.
+        contacts: In caves, as `CaveEnv` has it.
         choices: observation, action, and the fields of `TaskOptions`.
     """
     if isinstance(scenario, Scenario):
-        return CaveEnv(scenario, max_decisions=max_decisions, **choices)
+        return CaveEnv(scenario, max_decisions=max_decisions, contacts=contacts, **choices)
     settings = scenario.settings
     return SurfaceEnv(
         scenario.map_path or settings.rocks,

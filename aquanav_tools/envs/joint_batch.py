@@ -13,11 +13,14 @@ import numpy.typing as npt
 from aquanav_tools.envs.batch import Batch, Floats
 from aquanav_tools.envs.cave_batch import slices_of
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.types import Array
 
 
 class JointBatch:
     """A `Batch` of batches. Scenarios take their turns in threads, on which the results do not depend."""
+
+    contacts: Contacts = "own"
 
     def __init__(
         self, makes: Sequence[Callable[..., Batch]], num: int, *, num_threads: int | None = None, **options: Any

@@ -78,7 +78,7 @@ class SurfaceEnv(gymnasium.Env[Observation, Any]):
     Bullet. The original's boat ("boat") stays level at its height, and feels the current but neither waves nor wind.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012  # Gymnasium's own name and form
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10, "contacts": "own"}  # noqa: RUF012  # Gymnasium's form
     decision_seconds = SUBSTEPS * DT
 
     def __init__(

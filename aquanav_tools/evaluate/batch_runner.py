@@ -51,15 +51,15 @@ KEPT = (
 
 
 def check_plan(plan: Plan) -> None:
-    """Refuse what only PyBullet's backend can run, before anything is run.
+    """Refuse what runs one by one only, before anything is run.
 
     Raises:
-        InputError: the policy looks at PyBullet's world.
+        InputError: the policy looks at its environment.
     """
     if isinstance(plan.policy.policy, PrivilegedPolicy):
         raise InputError(
-            f"{plan.policy.name} looks at its own vehicle or at the map in PyBullet's world, which a batch does not "
-            "have. Leave out --backend batch."
+            f"{plan.policy.name} looks at its own vehicle or at the map, which it cannot in a batch. Leave out "
+            "--backend batch."
         )
 
 

@@ -15,6 +15,7 @@ from aquanav_tools.evaluate.protocol import Condition, EpisodePlan, task_under
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
+from aquanav_tools.sim.contacts import Backend, contacts_of, default_backend
 from aquanav_tools.task import TaskOptions
 
 
@@ -32,10 +33,18 @@ class EpisodeSpec:
 class EnvCache:
     """Keeps what episodes share, one environment at a time, as episodes come sorted by scenario and condition."""
 
-    def __init__(self, policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None) -> None:
+    def __init__(
+        self,
+        policy: LoadedPolicy,
+        options: ProtocolOptions,
+        timeout: CallTimeout | None = None,
+        backend: Backend | None = None,
+    ) -> None:
+        """Prepare for a policy's episodes; `backend` says who solves contacts, and None takes the default."""
         self.policy = policy
         """May be replaced between episodes by another of the same observation and action."""
         self._options, self._timeout = options, timeout or CallTimeout()
+        self._contacts = contacts_of(default_backend() if backend is None else backend)
         self._env: TaskEnv | None = None
         self._key: tuple[AnyScenario, TaskOptions] | None = None
 
@@ -62,6 +71,7 @@ class EnvCache:
             self._env = make_env(
                 episode.scenario,
                 max_decisions=self._options.max_decisions,
+                contacts=self._contacts,
                 **observed_by(self.policy, task),
             )
             self._key = key
@@ -71,10 +81,10 @@ class EnvCache:
 
 @contextmanager
 def open_env_cache(
-    policy: LoadedPolicy, options: ProtocolOptions, timeout: CallTimeout | None = None
+    policy: LoadedPolicy, options: ProtocolOptions, backend: Backend | None = None
 ) -> Iterator[EnvCache]:
     """Yield a cache that is closed at the end."""
-    env_cache = EnvCache(policy, options, timeout)
+    env_cache = EnvCache(policy, options, backend=backend)
     try:
         yield env_cache
     finally:

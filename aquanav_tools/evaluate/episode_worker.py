@@ -211,7 +211,7 @@ class EpisodeWorker:
         """Take over a plan of the specification; `began` is the clock of `CallTimeout`."""
         self._spec, self._plan = spec, plan
         timeout = CallTimeout(spec.options.action_time_limit, began)
-        self._env_cache = EnvCache(plan.policy, spec.options, timeout)
+        self._env_cache = EnvCache(plan.policy, spec.options, timeout, spec.options.backend)
         self._writer = EpisodeWriter(spec.output, is_filming=spec.options.film)
         self._policy_sha256: str | None = None
 

@@ -32,6 +32,8 @@ from aquanav_tools.evaluate.results import (
 )
 from aquanav_tools.evaluate.summary import Summary, group, summarise
 from aquanav_tools.report.recording.stream import lack_of_recorder
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.contacts import load_bullet
 from aquanav_tools.task import choices_of
 from aquanav_tools.types import Progress
 from aquanav_tools.workers.ray_cluster import load_ray
@@ -173,6 +175,8 @@ def check_runner(plan: Plan, options: EvaluateOptions) -> None:
     """Check that the episodes of a plan can be run as the options ask, before anything is written."""
     if options.ray is not None:
         load_ray()
+    if options.backend == "pybullet" and any(isinstance(scenario, Scenario) for scenario in plan.scenarios):
+        load_bullet()
     if options.backend == "batch":
         from aquanav_tools.evaluate.batch_runner import check_plan  # Warp takes a second to import
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.contacts import Backend, default_backend
 from aquanav_tools.task import TaskOptions
 from aquanav_tools.workers.ray_cluster import ADDRESS
 
@@ -124,8 +125,9 @@ class EvaluateOptions(ProtocolOptions):
     files name code. Only for files whose maker you trust; what can be read without is, all the same."""
     resume: bool = False
     """Go on with an evaluation that was stopped; its results become those of one that was not."""
-    backend: Literal["pybullet", "batch"] = "pybullet"
-    """pybullet runs each episode by itself. batch runs up to 256 side by side, several times as fast; an episode is
+    backend: Backend = field(default_factory=default_backend)
+    """pybullet runs each episode by itself, with PyBullet's contacts in caves; own does, with our own contacts, and is
+    the default where PyBullet is not installed. batch runs up to 256 side by side, several times as fast; an episode is
     the same whatever runs beside it. In caves its contacts are our own and its rays go through the distance field. It
     takes no policies that look at the map."""
     workers: int | None = None

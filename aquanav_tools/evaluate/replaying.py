@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.report.recording.stream import require_recorder
 from aquanav_tools.report.trajectory import FAILED, Trajectory
+from aquanav_tools.sim.contacts import Backend
 from aquanav_tools.task import TaskOptions, choices_of, named_code
 from aquanav_tools.types import Progress, ignore_progress
 
@@ -83,8 +84,7 @@ def replay(
     start = None if episode.start == NOWHERE_LISTED else episode.start
     spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
-    is_batched = table["protocol"].get("backend") == "batch"
-    trajectory, metrics = (_run_batched if is_batched else _run_alone)(policy, spec, rules)
+    trajectory, metrics = _run(policy, spec, rules, table["protocol"].get("backend", "pybullet"))
     record_trajectory(scenario, trajectory, output)
     if options.film is not None:
         film_trajectory(scenario, trajectory, options.film, options.view, progress)
@@ -104,8 +104,12 @@ def _check_own_files(table: dict[str, Any], rules: ProtocolOptions, policy: str,
     check_own_files(before, own_files(rules, rules.observation, ranges, policy if is_recorded else ""))
 
 
-def _run_alone(policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions) -> tuple[Trajectory, EpisodeMetrics]:
-    with open_env_cache(policy, rules) as env_cache:
+def _run(
+    policy: LoadedPolicy, spec: EpisodeSpec, rules: ProtocolOptions, backend: Backend
+) -> tuple[Trajectory, EpisodeMetrics]:
+    if backend == "batch":
+        return _run_batched(policy, spec, rules)
+    with open_env_cache(policy, rules, backend) as env_cache:
         return env_cache.run(spec)
 
 

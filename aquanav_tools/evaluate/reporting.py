@@ -371,6 +371,7 @@ def repeat_command(provenance: Provenance) -> str:
     words += [scenario["path"] for scenario in provenance.scenarios]
     others = [scenario["vehicle"]["path"] for scenario in provenance.scenarios if "vehicle" in scenario]
     words += ["--vehicle", others[0]] if others else []
+    words += ["--backend", protocol["backend"]]
     if "cases" in protocol:
         trust = ["--trust"] if provenance.policy["is_trusted"] or names_code(provenance.own_files) else []
         return shlex.join(map(str, [*words, "--protocol", "cases.toml", *trust]))

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.factory import AnyScenario, make_env
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.episodes import SummaryWrapper
 from aquanav_tools.train.settings import TrainSettings
@@ -32,9 +33,11 @@ class Stepped(NamedTuple):
 class EnvironmentGroup:
     """Environments of one lesson, in this process."""
 
-    def __init__(self, scenarios: Sequence[AnyScenario], settings: TrainSettings) -> None:
-        """Make an environment in each of the scenarios, of which some may be the same."""
-        self._envs = [training_env(scenario, settings) for scenario in scenarios]
+    def __init__(
+        self, scenarios: Sequence[AnyScenario], settings: TrainSettings, contacts: Contacts | None = None
+    ) -> None:
+        """Make an environment in each of the scenarios, of which some may be the same. See `CaveEnv` for contacts."""
+        self._envs = [training_env(scenario, settings, contacts) for scenario in scenarios]
 
     def __len__(self) -> int:
         return len(self._envs)
@@ -66,15 +69,18 @@ class EnvironmentGroup:
             env.close()
 
 
-def training_env(scenario: AnyScenario, settings: TrainSettings) -> SnapshotEnv:
+def training_env(scenario: AnyScenario, settings: TrainSettings, contacts: Contacts | None = None) -> SnapshotEnv:
     """Return one environment of a lesson."""
-    env = make_env(scenario, observation=settings.observation, action=settings.action, **choices_of(settings))
+    choices = choices_of(settings) | {"observation": settings.observation, "action": settings.action}
+    env = make_env(scenario, contacts=contacts, **choices)
     return SnapshotEnv(SummaryWrapper(env))
 
 
-def make_group(scenarios: Sequence[AnyScenario], settings: TrainSettings, clock: Any) -> EnvironmentGroup:
+def make_group(
+    scenarios: Sequence[AnyScenario], settings: TrainSettings, contacts: Contacts | None, clock: Any
+) -> EnvironmentGroup:
     """Return a worker's environments, as `WorkerSpec.make` has it; each call is timed by the pool, not by the clock."""
-    return EnvironmentGroup(scenarios, settings)
+    return EnvironmentGroup(scenarios, settings, contacts)
 
 
 def _step(env: SnapshotEnv, action: Any) -> tuple[Any, float, bool, dict[str, Any]]:

@@ -7,7 +7,7 @@ a second processor brings.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Any, Protocol, runtime_checkable
@@ -18,6 +18,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from aquanav_tools.envs.cave_batch import slices_of
 from aquanav_tools.envs.factory import AnyScenario
+from aquanav_tools.sim.contacts import Contacts
 from aquanav_tools.train.environment_group import EnvironmentGroup, Floats, Stepped, make_group
 from aquanav_tools.train.settings import TrainSettings
 from aquanav_tools.train.snapshots import Snapshot
@@ -48,10 +49,15 @@ class Resumable(Protocol):
 
 
 class TrainingEnvs(VecEnv):
-    """All environments of a lesson, in PyBullet."""
+    """All environments of a lesson, each by itself."""
 
     def __init__(
-        self, scenarios: Sequence[AnyScenario], settings: TrainSettings, num_workers: int, ray: str | None = None
+        self,
+        scenarios: Sequence[AnyScenario],
+        settings: TrainSettings,
+        num_workers: int,
+        ray: str | None = None,
+        contacts: Contacts | None = None,
     ) -> None:
         """Make the environments.
 
@@ -60,6 +66,7 @@ class TrainingEnvs(VecEnv):
             settings: Of the lesson.
             num_workers: Workers among which the environments are divided; with 0 they are in this process.
             ray: Address of the Ray cluster whose actors the workers are; None for processes of this machine.
+            contacts: As `CaveEnv` has it.
 
         Raises:
             ResourceError: a worker does not start, or the cluster does not answer.
@@ -76,10 +83,11 @@ class TrainingEnvs(VecEnv):
         """The workers; None where there are none."""
         if self._slices:
             transport: Transport = PipeTransport() if ray is None else self._held.enter_context(connected(ray))
-            specs = [_worker_spec(per_env[part], settings, is_on_ray=ray is not None) for part in self._slices]
+            makes = [partial(make_group, per_env[part], settings, contacts) for part in self._slices]
+            specs = [_worker_spec(make, is_on_ray=ray is not None) for make in makes]
             self.pool = self._held.enter_context(WorkerPool(transport, specs))
         else:
-            self._group = EnvironmentGroup(per_env, settings)
+            self._group = EnvironmentGroup(per_env, settings, contacts)
             self._held.callback(self._group.close)
         self.render_mode = None
         self._actions: Any = None
@@ -157,8 +165,7 @@ class TrainingEnvs(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def _worker_spec(scenarios: Sequence[AnyScenario], settings: TrainSettings, *, is_on_ray: bool) -> WorkerSpec:
-    make = partial(make_group, scenarios, settings)
+def _worker_spec(make: Callable[[Any], EnvironmentGroup], *, is_on_ray: bool) -> WorkerSpec:
     return WorkerSpec(
         make=as_at_home(make, versions) if is_on_ray else make,
         name="training worker",

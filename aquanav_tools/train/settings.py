@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
+from aquanav_tools.sim.contacts import Backend, default_backend
 from aquanav_tools.task import TaskOptions
 from aquanav_tools.workers.ray_cluster import ADDRESS
 
@@ -166,12 +167,13 @@ class RunSettings:
     """Decisions between two trials; the first update after a multiple of these is tried."""
     checkpoint_every: int = 100_000
     """Decisions between two checkpoints. A run that was killed goes on from the last one."""
-    backend: Literal["pybullet", "batch"] = "pybullet"
-    """Where the vehicles move while learning: each by itself, in caves with PyBullet's contacts; or all of them in one
-    batch, faster by several times with hundreds of them (num_envs). Trials are run by the same."""
+    backend: Backend = field(default_factory=default_backend)
+    """Where the vehicles move while learning: each by itself, in caves with PyBullet's contacts (pybullet) or, where
+    that is not installed, our own (own); or all of them in one batch, faster by several times with hundreds of them
+    (num_envs). Trials are run by the same."""
     workers: int = 0
-    """Processes among which PyBullet's environments are divided, and that run the episodes of trials; 0 runs all in the
-    process that learns. The result is the same."""
+    """Processes among which the environments are divided, where each vehicle moves by itself, and that run the episodes
+    of trials; 0 runs all in the process that learns. The result is the same."""
     cave_workers: int = 0
     """Processes of lower priority that build drawn caves ahead of need; 0 takes as many as the learner leaves of
     the cores, all but two, and at least one. The result is the same."""
@@ -184,8 +186,8 @@ class RunSettings:
     """A policy to begin with: the policy.zip or best.zip of another run, that run's folder, or baseline:reference. Its
     weights and its means and spreads of observations are taken over; spaces and network must be the same."""
     final_episodes: int = 20
-    """Whole episodes in which the last policy is measured when all is learned, in PyBullet, in the last lesson's
-    scenarios and water; 0 leaves that out."""
+    """Whole episodes in which the last policy is measured when all is learned, on the same backend, in the last
+    lesson's scenarios and water; 0 leaves that out."""
 
     def __post_init__(self) -> None:
         for name in ("validation_episodes", "validate_every", "checkpoint_every"):
@@ -194,9 +196,9 @@ class RunSettings:
         for name in ("workers", "cave_workers"):
             _check(0 <= getattr(self, name) <= 256, f"{name} is {getattr(self, name)}; choose 0 to 256.")
         _check(
-            self.workers == 0 or self.backend == "pybullet",
+            self.workers == 0 or self.backend != "batch",
             f"workers is {self.workers}, and the batch runs in threads of its own. Leave workers out, or take the "
-            "backend pybullet.",
+            f"backend {default_backend()}.",
         )
         _check(self.ray is None or self.workers > 0, "ray is given without workers. Say how many actors: workers.")
         _check(

@@ -19,6 +19,7 @@ from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.split import check_training_scenario
+from aquanav_tools.sim.contacts import contacts_of, load_bullet
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.callback import TrainingCallback
@@ -165,6 +166,8 @@ def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
     for one in scenarios:
         if isinstance(one, Scenario):
             check_training_scenario(one)
+    if caves and pipeline.run.backend == "pybullet":
+        load_bullet()
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
     if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
@@ -254,7 +257,7 @@ def _environments(
     if run.backend == "batch":
         envs = BatchedEnvs(caves.scenarios, settings, caves.rotation)
     else:
-        envs = TrainingEnvs(caves.scenarios, settings, run.workers, run.ray)
+        envs = TrainingEnvs(caves.scenarios, settings, run.workers, run.ray, contacts_of(run.backend))
     return MirroredEnvs(envs, settings) if settings.mirrored else envs
 
 

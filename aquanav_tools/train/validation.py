@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.evaluate.repeated import RepeatedEvaluation
 from aquanav_tools.evaluate.summary import Summary
+from aquanav_tools.sim.contacts import Backend, default_backend
 from aquanav_tools.store import write_whole
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.train.settings import RunSettings, TrainSettings
@@ -66,7 +67,7 @@ class Validation:
         folder: Path,
         num_workers: int = 0,
         observation: str | None = None,
-        backend: Literal["pybullet", "batch"] = "pybullet",
+        backend: Backend | None = None,
     ) -> None:
         """Prepare trials; environments are made, and workers started, by the first.
 
@@ -77,15 +78,16 @@ class Validation:
             folder: Of the run; holds the policy during a trial.
             num_workers: Processes that run episodes; fewer than two run them in this process.
             observation: What policies observe; None tells it from the number of values.
-            backend: What runs episodes, as in an evaluation.
+            backend: What runs episodes, as in an evaluation; None takes the default.
         """
         self._path = folder / TRIED_FILE
+        backend = default_backend() if backend is None else backend
         options = EvaluateOptions(
             policies=(str(self._path),),
             scenario=tuple(Path(scenario.name) for scenario in scenarios),
             episodes=num_episodes,
             seed=SEED,
-            workers=max(1, num_workers) if backend == "pybullet" else None,
+            workers=max(1, num_workers) if backend != "batch" else None,
             observation=observation,
             backend=backend,
             **choices_of(task),

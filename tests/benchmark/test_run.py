@@ -19,6 +19,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.options import ReplayOptions
 from aquanav_tools.evaluate.replaying import replay
 from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.types import ignore_progress
 from tests.caves import tube_scenario
 
@@ -175,9 +176,9 @@ def test_what_nobody_could_check_is_not_submitted(changes: dict[str, str], messa
 
 
 def test_the_oracle_needs_bullet(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="--backend pybullet"):
+    with pytest.raises(InputError, match=f"--backend {default_backend()}"):
         run(tmp_path, policy="baseline:oracle")
-    assert run(tmp_path, policy="baseline:oracle", backend="pybullet").score.tiers[0].mean.mean == 1.0
+    assert run(tmp_path, policy="baseline:oracle", backend=default_backend()).score.tiers[0].mean.mean == 1.0
 
 
 def test_policies_for_boats_do_not_dive(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from gymnasium.vector import AutoresetMode
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.bullet import needs_bullet
 from tests.caves import TUBE_RADIUS
 from tests.envs.test_vector_env import wander
 from tests.sim.test_water import flowing
@@ -64,7 +65,7 @@ def fly_together(scenario: Scenario, starts: np.ndarray, wildness: float, **opti
 
 def fly_alone(scenario: Scenario, starts: np.ndarray, wildness: float, **options: Any) -> list[str]:
     """Return the outcomes of the same episodes with PyBullet's contacts."""
-    env = CaveEnv(scenario, action="continuous", **options)
+    env = CaveEnv(scenario, action="continuous", contacts="bullet", **options)
     outcomes = []
     for n, start in enumerate(starts):
         rng = np.random.default_rng([1, n])
@@ -88,10 +89,12 @@ def share_of_equal_outcomes(num: int, current: str) -> float:
     return float(np.mean([a == b for a, b in zip(alone, together, strict=True)]))
 
 
+@needs_bullet
 def test_a_policy_fares_in_moving_water_as_in_pybullet() -> None:
     assert share_of_equal_outcomes(25, "full") >= 0.96  # one of 25 may differ
 
 
+@needs_bullet
 @pytest.mark.slow
 @pytest.mark.parametrize("current", ["half", "full"])
 def test_a_policy_fares_in_moving_water_as_in_pybullet_in_98_of_100_episodes(current: str) -> None:

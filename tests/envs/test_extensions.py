@@ -14,6 +14,7 @@ from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.schema import Scenario
+from tests.bullet import ENGINES
 from tests.caves import TUBE_RADIUS
 from tests.own_modules import WriteModule, own_module
 
@@ -274,7 +275,7 @@ def test_a_disturbance_changes_what_acts_and_what_is_observed(tube: Scenario, ow
     assert all(np.array_equal(one[0] + 1.0, more[0]) for one, more in zip(plain, plus, strict=True))
 
 
-@pytest.mark.parametrize("contacts", ["own", "bullet"])
+@pytest.mark.parametrize("contacts", ENGINES)
 def test_a_law_of_motion_says_where_vehicles_go(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
     own = own_module(CODE)
     options: dict[str, Any] = {"motion": f"{own}:glide", "current": (0.2, 0.0, 0.0), "contacts": contacts}
@@ -286,7 +287,7 @@ def test_a_law_of_motion_says_where_vehicles_go(tube: Scenario, own_module: Writ
     assert np.allclose(infos["position"] - begun, [[0.7, 0.0, 0.0], [0.2, 0.0, 0.0], [0.7, 0.0, 0.1]])  # 1 s
 
 
-@pytest.mark.parametrize("contacts", ["own", "bullet"])
+@pytest.mark.parametrize("contacts", ENGINES)
 def test_the_wall_stops_a_vehicle_whatever_law_moves_it(tube: Scenario, own_module: WriteModule, contacts: str) -> None:
     own = own_module(CODE)
     envs = CaveVectorEnv(1, tube, motion=f"{own}:glide", contacts=contacts)

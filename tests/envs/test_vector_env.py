@@ -15,6 +15,7 @@ from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.bullet import needs_bullet
 from tests.caves import TUBE_RADIUS, tube_scenario
 from tests.sim.test_water import flowing
 
@@ -35,7 +36,7 @@ def wander(obs: np.ndarray, rng: np.random.Generator, wildness: float) -> np.nda
 def fly_alone(scenario: Scenario, starts: np.ndarray, wildness: float, **options: Any) -> list[dict[str, Any]]:
     """Return the last info of an episode from each start in PyBullet; episode n has its own stream of chance."""
     ends = []
-    env = CaveEnv(scenario, action="continuous", **options)
+    env = CaveEnv(scenario, action="continuous", contacts="bullet", **options)
     for n, start in enumerate(starts):
         rng = np.random.default_rng([1, n])
         obs, info = env.reset(options={"start": int(start)})
@@ -73,11 +74,13 @@ def share_of_equal_outcomes(num: int, on_collision: str, rays: str) -> float:
     return float(np.mean([a == b for a, b in zip(alone, together, strict=True)]))
 
 
+@needs_bullet
 @pytest.mark.parametrize(("on_collision", "rays"), [("end", "mesh"), ("continue", "field")])
 def test_a_policy_fares_as_in_pybullet(on_collision: str, rays: str) -> None:
     assert share_of_equal_outcomes(25, on_collision, rays) >= 0.96  # one of 25 may differ
 
 
+@needs_bullet
 @pytest.mark.slow
 @pytest.mark.parametrize("on_collision", ["end", "continue"])
 @pytest.mark.parametrize("rays", ["mesh", "field"])

@@ -25,6 +25,7 @@ from aquanav_tools.evaluate.policies import LoadedPolicy, load_policy
 from aquanav_tools.evaluate.replaying import replay
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.bullet import needs_bullet
 from tests.evaluate.models import make_model
 
 EXACT = ("outcome", "start", "seed", "collisions", "region", "geodesic")
@@ -58,6 +59,7 @@ def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
     return evaluate_here
 
 
+@needs_bullet
 def test_batch_comes_to_the_verdict_of_pybullet(run: Run, tmp_path: Path) -> None:
     batch = run("baseline:reactive", tmp_path / "batch", episodes=6)
     bullet = run("baseline:reactive", tmp_path / "bullet", episodes=6, backend="pybullet", workers=1)

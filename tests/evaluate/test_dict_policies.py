@@ -25,6 +25,7 @@ from aquanav_tools.evaluate.network import NetworkPolicy
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.policy.spaces import parse_space, shapes_of
 from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.task import TaskOptions
 from tests.caves import tube_scenario
 from tests.evaluate.models import ACTIONS, Still, make_model
@@ -42,7 +43,7 @@ SPACE = spaces.Dict(
         'it\'s "one"': spaces.Box(0.0, 1.0, (4, 5)),
     }
 )
-BACKENDS = ("pybullet", "batch")
+BACKENDS = (default_backend(), "batch")
 OWN = """
 IMAGE = Box(0, 255, (40, 36, 1), np.uint8)
 

@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.replaying import replay
 from aquanav_tools.evaluate.results import check_results, episodes_of, read_results
 from aquanav_tools.report.dynamics import FACTOR, UNITS, dynamics_document
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.sim.randomisation import DELAYS, FACTORS, read_randomisation
 from aquanav_tools.sim.vehicle import load_vehicle
 from tests.evaluate.test_bays import BAY
@@ -219,7 +220,7 @@ def test_ranges_that_there_are_not_are_refused_before_anything_runs(folder: Path
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("backend", ["pybullet", "batch"])
+@pytest.mark.parametrize("backend", [default_backend(), "batch"])
 def test_results_of_boats_have_what_their_environment_draws(backend: str, tmp_path: Path) -> None:
     bay = tmp_path / "small.toml"
     bay.write_text(BAY)

@@ -13,6 +13,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
 from aquanav_tools.sim.vehicle import known_vehicles
+from tests.bullet import ENGINES
 from tests.caves import TUBE_RADIUS
 from tests.evaluate.test_policies import score
 from tests.evaluate.winding import RADIUS, winding_scenario
@@ -40,7 +41,7 @@ def test_prediction_in_still_free_water_is_what_the_environment_does(
     env.close()
 
 
-@pytest.mark.parametrize("contacts", ["own", "bullet"])
+@pytest.mark.parametrize("contacts", ENGINES)
 @pytest.mark.parametrize("vehicle", ["bluerov2", "bluerov2-heavy", "original-auv"])
 def test_prediction_knows_what_the_episode_drew(
     vehicle: str, contacts: str, tube: Scenario, rng: np.random.Generator

@@ -12,6 +12,7 @@ import aquanav
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.evaluation import Evaluation
 from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.sim.contacts import default_backend
 from tests.caves import tube_scenario
 from tests.own_modules import WriteModule, own_module
 
@@ -53,7 +54,7 @@ def cave(tmp_path: Path) -> Path:
     return tmp_path / "tube"
 
 
-BACKENDS = ("pybullet", "batch")
+BACKENDS = (default_backend(), "batch")
 
 
 def score(cave: Path, output: str, backend: str = "batch", **options: Any) -> Evaluation:

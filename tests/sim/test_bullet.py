@@ -12,6 +12,7 @@ import trimesh
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Mesh, rotation_matrix, yaw_quaternion
+from tests.bullet import ENGINES, needs_bullet
 from tests.caves import TUBE_RADIUS
 from tests.sim.batch.worlds import Dive
 
@@ -22,7 +23,7 @@ EVERYWHERE = 1e6
 """Reach, m, with which Bullet is asked at every step."""
 
 
-@pytest.fixture(params=["bullet", "own"])
+@pytest.fixture(params=ENGINES)
 def dive(tube: Scenario, request: pytest.FixtureRequest) -> Iterator[Dive]:
     dive = Dive(tube, VEHICLE, request.param)
     yield dive
@@ -46,6 +47,7 @@ def bump(dive: Dive, seed: int, decisions: int = 150) -> tuple[Array, int]:
     return np.array(states), num_contacts
 
 
+@needs_bullet
 def test_asking_bullet_far_from_the_wall_changes_nothing(tube: Scenario, rng: np.random.Generator) -> None:
     always, rarely = Dive(tube, VEHICLE), Dive(tube, VEHICLE)
     reach_everywhere(always)
@@ -88,7 +90,7 @@ def test_no_contact_is_reported_clear_of_the_wall(dive: Dive) -> None:
     assert dive.step(*IDLE) == 0
 
 
-@pytest.mark.parametrize("contacts", ["bullet", "own"])
+@pytest.mark.parametrize("contacts", ENGINES)
 def test_contact_never_adds_energy(tube: Scenario, contacts: str) -> None:
     mass, rng = VEHICLE.total_mass, np.random.default_rng(4)
     drifting = dataclasses.replace(
@@ -134,7 +136,7 @@ def test_vehicle_never_ends_outside_however_fast(dive: Dive, speed: float) -> No
     assert num_touched > 12
 
 
-@pytest.mark.parametrize("contacts", ["bullet", "own"])
+@pytest.mark.parametrize("contacts", ENGINES)
 def test_vehicle_slides_smoothly_over_the_edges_of_a_flat_floor(tube: Scenario, contacts: str) -> None:
     # Without GEOM_CONCAVE_INTERNAL_EDGE, or with faces that look away from the water, a quarter of Bullet's contact
     # normals tilt here and the vehicle hops by 4 mm.

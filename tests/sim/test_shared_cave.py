@@ -15,11 +15,13 @@ import pytest
 from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.bullet import BulletContacts, _arenas
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, Mesh, yaw_quaternion
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
 from tests.sim.batch.worlds import Dive
+
+pytest.importorskip("pybullet", reason="PyBullet is not installed")
+from aquanav_tools.sim.bullet import BulletContacts, _arenas  # there is none without PyBullet
 
 VEHICLES = [load_vehicle(name) for name in ("bluerov2", "bluerov2-heavy")]
 DECISIONS = 160

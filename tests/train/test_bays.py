@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pytest
 
@@ -12,6 +12,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.contacts import Backend, default_backend
 from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline, read_pipeline
 from aquanav_tools.train.settings import RunSettings, TrainSettings
@@ -21,7 +22,6 @@ from tests.train.runs import assert_stopped_run_ends_alike
 
 __all__ = ["own_module"]
 
-Backend = Literal["pybullet", "batch"]
 
 BAY = "format = 1\ndecisions = 60\n[rocks]\nlength = 70.0\nwidth = 40.0\nboat_width = 1.1\n"
 
@@ -48,7 +48,7 @@ def bay(tmp_path: Path) -> Path:
     return path
 
 
-def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object) -> Pipeline:
+def pipeline_in(*places: str, backend: Backend | None = None, **settings: object) -> Pipeline:
     lesson = TrainSettings(
         scenario=places[0],
         n_steps=64,
@@ -62,7 +62,7 @@ def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object)
         workers=0,
         validation=(places[0],),
         validation_episodes=1,
-        backend=backend,
+        backend=backend or default_backend(),
         checkpoint_every=64,
         final_episodes=1,
     )
@@ -70,7 +70,7 @@ def pipeline_in(*places: str, backend: Backend = "pybullet", **settings: object)
     return Pipeline(lessons=lessons, run=run)
 
 
-@pytest.mark.parametrize("backend", ["pybullet", "batch"])
+@pytest.mark.parametrize("backend", [default_backend(), "batch"])
 def test_a_boats_policy_is_one_for_bays(backend: Backend, bay: Path, tmp_path: Path) -> None:
     trained = train(pipeline_in(str(bay), backend=backend), 0, tmp_path / "run")
     assert trained.point.steps == 128

@@ -10,6 +10,7 @@ from aquanav_tools.cli.train import main
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
+from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.train import training
 from aquanav_tools.train.pipeline import Pipeline
 from tests.caves import tube_scenario
@@ -34,7 +35,8 @@ def test_command_trains_and_says_what_to_do_next(tmp_path: Path, capsys: pytest.
         in said
     )
     assert "Learned from 256 decisions" in said
-    assert re.search(r"The last policy reached the goal in \d+% of 3 whole episodes in \S+tube \(PyBullet", said)
+    where = rf"in \S+tube \(backend {default_backend()}"
+    assert re.search(rf"The last policy reached the goal in \d+% of 3 whole episodes {where}", said)
     assert "There is no best.zip: it needs scenarios to try the policy in while it learns (--validation)." in said
     assert f"aquanav-eval {tmp_path / 'run' / 'policy.zip'}" in said
     assert (tmp_path / "run" / "policy.zip").is_file()

@@ -7,7 +7,7 @@ import io
 import json
 from contextlib import closing
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import pytest
 import torch
@@ -19,6 +19,7 @@ from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.sim.contacts import Backend, default_backend
 from aquanav_tools.task import choices_of
 from aquanav_tools.train import training
 from aquanav_tools.train.environments import TrainingEnvs
@@ -61,9 +62,9 @@ def test_a_straight_tube_is_swum_through_by_who_goes_straight_ahead_for_long_eno
         assert (trial.success_rate, trial.collision_free_success, trial.mean_collisions) == (rate, rate, 0.0)
 
 
-@pytest.mark.parametrize(("num_workers", "backend"), [(0, "pybullet"), (2, "pybullet"), (0, "batch")])
+@pytest.mark.parametrize(("num_workers", "backend"), [(0, default_backend()), (2, default_backend()), (0, "batch")])
 def test_trials_of_one_policy_after_another_are_of_that_policy(
-    num_workers: int, backend: Literal["pybullet", "batch"], tmp_path: Path
+    num_workers: int, backend: Backend, tmp_path: Path
 ) -> None:
     tube = tube_scenario(limits=LimitSettings(decisions=300))
     with closing(Validation([tube], TINY, 3, tmp_path, num_workers, backend=backend)) as validation:

@@ -3,7 +3,6 @@ from __future__ import annotations
 import igl
 import manifold3d
 import numpy as np
-import pybullet
 import pytest
 import trimesh
 
@@ -14,7 +13,6 @@ from aquanav_tools.cave.mesh.deviation import measure_deviation
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError
-from aquanav_tools.sim.bullet import _load_cave
 from aquanav_tools.types import Mesh
 
 LENGTH = 6.0
@@ -133,6 +131,9 @@ def test_deviation_of_a_sphere_from_a_larger_one_is_the_gap() -> None:
 
 
 def test_bullet_loads_it_as_a_hollow_mesh(collision: CollisionMesh) -> None:
+    pybullet = pytest.importorskip("pybullet", reason="PyBullet is not installed")
+    from aquanav_tools.sim.bullet import _load_cave
+
     client = pybullet.connect(pybullet.DIRECT)
     middle = np.array([LENGTH / 2, 0.0, 0.0])
     body = _load_cave(collision.mesh, middle, client)

@@ -10,7 +10,7 @@ from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.batch.caves import CaveTask
 from aquanav_tools.sim.batch.setup import CaveSetup, WorldOptions
 from aquanav_tools.sim.batch.world import BatchWorld
-from aquanav_tools.sim.bullet import BulletContacts
+from aquanav_tools.sim.contacts import default_contacts, load_bullet
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import water_of
 from aquanav_tools.task import ProgressMeasure
@@ -41,7 +41,7 @@ def make_world(
         water=water_of(scenario, current),
         progress=progress,
     )
-    engines = [BulletContacts(scenario, vehicle) for _ in range(num)] if contacts == "bullet" else []
+    engines = [load_bullet()(scenario, vehicle) for _ in range(num)] if contacts == "bullet" else []
     setup = CaveSetup(scenario, vehicle, task)
     world = BatchWorld([setup], np.zeros(num, dtype=np.int32), WorldOptions(**options), engines)
     starts = np.arange(num, dtype=np.int32) % len(scenario.starts)
@@ -75,7 +75,8 @@ def random_turns(rng: np.random.Generator, num: int) -> np.ndarray:
 class Dive:
     """One vehicle in a world of its own, that can be put anywhere and driven by commands."""
 
-    def __init__(self, scenario: Scenario, vehicle: Vehicle, contacts: str = "bullet", **options: Any) -> None:
+    def __init__(self, scenario: Scenario, vehicle: Vehicle, contacts: str | None = None, **options: Any) -> None:
+        contacts = contacts or default_contacts()
         self.world = make_world(scenario, vehicle, 1, has_goal=False, contacts=contacts, num_threads=1, **options)
 
     def begin(self, position: Any, orientation: np.ndarray) -> None:
