@@ -8,7 +8,8 @@ habit of steering to the goal, in one velocity of water everywhere and in the fl
 "random" draws actions, the same in every run, and soon rubs along the walls, which is the dearest there is: what Bullet
 itself takes of it is told apart.
 
-Contacts are PyBullet's or our own, rays cast against the mesh or traced through the distance field: all in one run.
+Contacts are PyBullet's, where it is installed, or our own, rays cast against the mesh or traced through the distance
+field: all in one run.
 Where gym-pybullet-drones can be imported (clone github.com/utiasDSL/gym-pybullet-drones and name the clone in
 PYTHONPATH), its hover task is stepped in the same run: no cave, no rays, 8 physics steps of 1/240 s per decision.
 """
@@ -30,7 +31,6 @@ from typing import Any
 
 import numpy as np
 import psutil
-import pybullet
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the tiny caves live with the tests
 
@@ -40,6 +40,7 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.contacts import default_contacts
 from aquanav_tools.types import Mesh
 from eval.smoke import parser_of
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
@@ -129,6 +130,8 @@ def per_decision(env: Any, act: Callable[[Any, Any], Any], size: Size) -> float:
 
 def bullet_steps(env: CaveEnv, size: Size) -> tuple[float, float]:
     """Return how many of the physics steps of a random decision ask Bullet, and the microseconds of one in Bullet."""
+    import pybullet
+
     step, durations = pybullet.stepSimulation, []
 
     def timed(physicsClientId: int) -> None:
@@ -168,7 +171,8 @@ def report(scenario: Scenario, size: Size) -> None:
     """Print everything about one scenario."""
     triangles = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
     print(f"{scenario.name}: {triangles}, {scenario.settings.limits.substeps} substeps")
-    for contacts, rays in itertools.product(("bullet", "own"), ("mesh", "field")):
+    solvers = ("bullet", "own") if default_contacts() == "bullet" else ("own",)
+    for contacts, rays in itertools.product(solvers, ("mesh", "field")):
         options: dict[str, Any] = {"reward": "safe", "contacts": contacts, "rays": rays}
         env, flowing = (CaveEnv(scenario, current=current, **options) for current in (CURRENT, "full"))
         runs = (
