@@ -9,6 +9,7 @@ import importlib.util
 import os
 import sys
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
 from aquanav_tools.errors import LibraryError
@@ -80,6 +81,14 @@ def is_installed(module: str) -> bool:
         return importlib.util.find_spec(module) is not None
     except (ImportError, ValueError):  # it is kept from being imported, by a finder or by None in sys.modules
         return False
+
+
+def installed_version(package: str) -> str:
+    """Return the version of a package, by the name that pip has for it, or that it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def check_installed(purpose: str, *modules: str) -> None:

@@ -8,10 +8,11 @@ import functools
 import hashlib
 import json
 import sys
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
+
+from aquanav_tools.libraries import installed_version
 
 _PACKAGE = Path(__file__).resolve().parent
 _DISTRIBUTIONS = {
@@ -108,11 +109,3 @@ def _source_of(module: str) -> Path | None:
     place = _PACKAGE.joinpath(*module.split(".")[1:])
     candidates = [place.with_name(f"{place.name}.py"), place / "__init__.py"]
     return next((path for path in candidates if path.is_file()), None)
-
-
-def installed_version(distribution: str) -> str:
-    """Return the version of a library, by the name that pip has for it."""
-    try:
-        return version(distribution)
-    except PackageNotFoundError:
-        return "not installed"

@@ -17,7 +17,7 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.time_stage import time_facts
 from aquanav_tools.build.water_stage import current_facts
 from aquanav_tools.errors import MeshError
-from aquanav_tools.provenance import installed_version
+from aquanav_tools.libraries import installed_version
 from aquanav_tools.report.faults import draw_faults, grains
 from aquanav_tools.report.html import Figure, Notice, Page, Section, Table
 from aquanav_tools.report.stage_bars import draw_stages

@@ -23,7 +23,7 @@ from aquanav_tools.cli.render import Render, run_render
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
 from aquanav_tools.errors import ResourceError
-from aquanav_tools.provenance import installed_version
+from aquanav_tools.libraries import installed_version
 
 DESCRIPTION = """Real caves as navigation benchmarks for underwater vehicles.
 

@@ -22,7 +22,7 @@ from aquanav_tools.evaluate.episode_table import DYNAMICS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.own_files import OwnFiles
 from aquanav_tools.evaluate.summary import Group, Summary
-from aquanav_tools.provenance import installed_version
+from aquanav_tools.libraries import installed_version
 from aquanav_tools.text_files import read_json
 
 FORMAT = 5

@@ -5,7 +5,8 @@ from __future__ import annotations
 import platform
 
 from aquanav_tools import __version__
-from aquanav_tools.provenance import code_digest, installed_version
+from aquanav_tools.libraries import installed_version
+from aquanav_tools.provenance import code_digest
 
 LIBRARIES = ("gymnasium", "numpy", "pybullet", "stable-baselines3", "torch", "warp-lang")
 

@@ -37,9 +37,9 @@ def test_quick_is_the_beginning_of_each_tier_of_the_set() -> None:
 @pytest.mark.parametrize(
     ("width", "turn", "length", "tier"),
     [
-        (4.0, 7.9, 69.0, "tier 1"),
+        (4.0, 11.9, 69.0, "tier 1"),
         (3.9, 0.0, 20.0, "tier 2"),
-        (3.9, 8.0, 70.0, "tier 4"),
+        (3.9, 12.0, 70.0, "tier 4"),
         (2.0, 0.0, 20.0, "tier 4"),
         (1.99, 0.0, 20.0, "tier 5"),
     ],
