@@ -129,6 +129,13 @@ def test_results_and_report_name_the_backend(
     table = json.loads((tmp_path / "results.json").read_text())
     assert table["protocol"]["backend"] == "own"
     assert "--backend own" in (tmp_path / "report.html").read_text()
+
+
+def test_a_replay_takes_the_backend_of_the_results(without_bullet: None, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun", reason="replays are recorded, which needs rerun")
+    words = ("baseline:reactive", "--scenario", folder, "--episodes", 2, "--workers", 1, "--record", "none")
+    assert aquanav_eval(*words, "-o", tmp_path).returncode == 0
+    table = json.loads((tmp_path / "results.json").read_text())
     assert aquanav_eval("replay", tmp_path, "--episode", 1).returncode == 0
     table["protocol"]["backend"] = "pybullet"
     (tmp_path / "results.json").write_text(json.dumps(table))

@@ -52,8 +52,13 @@ def test_a_style_without_a_seed_stands_for_a_fixed_draw_of_training_caves(tubes:
     )  # fmt: skip
     assert [scenario.name for scenario in again.batch.scenarios] == names
     again.close()
+
+
+def test_another_seed_draws_other_caves_also_for_stable_baselines3(tubes: list[str]) -> None:
+    pytest.importorskip("stable_baselines3", reason="Stable-Baselines3's kind of environment needs it")
     other = make_vec_env("generated/mixed", 8, kind="sb3", num_caves=3, cave_seed=2)
-    assert {scenario.name for scenario in other._task.scenarios}.isdisjoint(names)
+    assert sorted(tubes) == sorted(fixed_draw(["generated/mixed"], 3, 2))
+    assert set(tubes).isdisjoint(fixed_draw(["generated/mixed"], 3, 1))
     other.close()
 
 
