@@ -259,7 +259,12 @@ def page(found: dict[str, Measured], num_styles: int, left_out: dict[str, str], 
 
 def _spread(values: Array) -> str:
     low, middle, high = np.percentile(values, [5, 50, 95])
-    return f"{middle:.2g} ({low:.2g} to {high:.2g})"
+    return f"{_short(middle)} ({_short(low)} to {_short(high)})"
+
+
+def _short(value: float) -> str:
+    """Return two digits of a number, and no power of ten where it has three before the point."""
+    return f"{value:.0f}" if abs(value) >= 99.5 else f"{value:.2g}"
 
 
 def _coverage(found: dict[str, Measured], num_styles: int) -> list[str]:
@@ -285,7 +290,7 @@ def _coverage_together(found: dict[str, Measured], num_styles: int) -> list[str]
         low, high = np.percentile(np.concatenate([found[one].values[key] for one in drawn]), [1, 99])
         shares = [np.mean((found[one].values[key] >= low) & (found[one].values[key] <= high)) for one in real]
         share = f"{np.mean(shares):.0%} of real caves' places, {min(shares):.0%} at least"
-        lines.append(f"- {title}: {low:.2g} to {high:.2g}; {share}.")
+        lines.append(f"- {title}: {_short(low)} to {_short(high)}; {share}.")
     return lines
 
 

@@ -232,7 +232,7 @@ COMMANDS = {
     "photos": Case(build_cave_command, lambda f: [write_photos(f), "-o", f / "cave"], "cv2"),
     "photos-poses": Case(build_cave_command, lambda f: [write_photos(f), "-o", f / "cave"], "pycolmap", ("cv2",)),
     "photos-cloud": Case(
-        build_cave_command, lambda f: [write_photos(f), "-o", f / "cave"], "open3d", ("cv2", "pycolmap")
+        build_cave_command, lambda f: [write_photos(f), "-o", f / "cave"], "open3d", ("cv2", "pycolmap", "torch")
     ),
     "render": Case(info, lambda f: ["render", "--out", f / "photos"], "cv2"),
 }

@@ -92,10 +92,10 @@ def test_code_counts_with_all_that_it_imports_and_libraries_with_their_version(m
     assert before[0] == after[0]  # does not import it
     assert before[1] != after[1]
     code_digest.cache_clear()
-    monkeypatch.setattr("aquanav_tools.provenance._version", lambda name: "99" if name == "numpy" else "1")
+    monkeypatch.setattr("aquanav_tools.provenance.installed_version", lambda name: "99" if name == "numpy" else "1")
     newer = code_digest("aquanav_tools.values")
     code_digest.cache_clear()
-    monkeypatch.setattr("aquanav_tools.provenance._version", lambda name: "98" if name == "numpy" else "1")
+    monkeypatch.setattr("aquanav_tools.provenance.installed_version", lambda name: "98" if name == "numpy" else "1")
     assert newer != code_digest("aquanav_tools.values")
     code_digest.cache_clear()
 

@@ -157,7 +157,7 @@ def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) ->
 
 
 def _build_from_photos(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
-    require("A build from photos", "cv2", "pycolmap")
+    require("A build from photos", "cv2", "pycolmap", "torch")
     check_installed("A build from photos", "open3d")
     settings = _photo_settings(options)
     check_has_scale(options)

@@ -22,7 +22,6 @@ from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Array
 from tests.evaluate.policies import TROUBLE, load_drifting
-from tests.evaluate.test_trusted import Fixed, export
 
 BUDGET = 8
 HALF_WIDTH = 0.1
@@ -112,6 +111,9 @@ def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+    pytest.importorskip("torch", reason="The policy of this test is TorchScript.")
+    from tests.evaluate.test_trusted import Fixed, export
+
     policy = export(Fixed(44, [0, 2, 1], is_integer=True), tmp_path / "policy.pt")
     with pytest.raises(InputError, match="add --trust"):
         stress(options_of(folder, tmp_path / "stress", policy=policy), ignore)
