@@ -6,6 +6,7 @@ Linux and macOS have what POSIX has; Windows has no `fcntl`, `resource` and `os.
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import sys
 import time
@@ -15,6 +16,8 @@ from typing import IO, Any
 
 WAIT_S = 0.05
 """Between two tries for a lock, where the system cannot wait for one for as long as it takes."""
+FAR = 2**30
+"""The byte that is locked on Windows, where others can neither read nor write what is: behind all that is written."""
 
 
 def num_cores() -> int:
@@ -90,13 +93,9 @@ def sync(path: Path) -> None:
         os.close(descriptor)
 
 
-FAR = 2**30
-"""The byte that is locked on Windows, where others can neither read nor write what is: behind all that is written."""
-
-
 @contextlib.contextmanager
 def _exclusive_on_windows(stream: IO[Any], waits: bool) -> Iterator[None]:
-    msvcrt: Any = __import__("msvcrt")
+    msvcrt: Any = importlib.import_module("msvcrt")  # typed for Windows alone
     while True:
         stream.seek(FAR)
         try:

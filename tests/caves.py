@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import trimesh
 
@@ -9,7 +12,8 @@ from aquanav_tools.cave.cavity import WALL, Cavity, Portal
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.field import DistanceField, field_from_dense
-from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
+from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.types import Mesh, Pose, yaw_quaternion
 
 TUBE_RADIUS = 2.0
@@ -85,3 +89,10 @@ def tube_scenario(**overrides: object) -> Scenario:
         **{"name": "tube", "built": BuiltBy("test", "synthetic"), "goal": GoalSettings(goal), **overrides}  # type: ignore[arg-type]
     )
     return Scenario(settings, cavity, cavity.mesh, tube_field(), guide, starts)
+
+
+def write_short(scenario: Scenario, path: Path, decisions: int) -> Path:
+    """Write a scenario whose episodes end after so many decisions; return its folder."""
+    settings = dataclasses.replace(scenario.settings, limits=LimitSettings(decisions=decisions))
+    write_scenario(dataclasses.replace(scenario, settings=settings), path)
+    return path

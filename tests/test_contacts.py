@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import json
 import subprocess
@@ -18,10 +17,10 @@ from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.errors import ResourceError
-from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.contacts import contacts_of, default_backend, default_contacts
 from tests.bullet import needs_bullet
+from tests.caves import write_short
 from tests.commands import run_here
 
 aquanav_eval = functools.partial(run_here, evaluate_command)
@@ -37,10 +36,7 @@ def without_bullet(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tube"
-    limits = LimitSettings(decisions=60)
-    write_scenario(dataclasses.replace(tube, settings=dataclasses.replace(tube.settings, limits=limits)), path)
-    return path
+    return write_short(tube, tmp_path_factory.mktemp("scenario") / "tube", 60)
 
 
 def scraped(tube: Scenario, contacts: str | None) -> np.ndarray:

@@ -29,8 +29,8 @@ from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.evaluate.results import check_results
 from aquanav_tools.evaluate.rollout import CallTimeout, run_episode
 from aquanav_tools.evaluate.summary_text import metres
-from aquanav_tools.scenario.folder import write_scenario
-from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from aquanav_tools.scenario.schema import Scenario
+from tests.caves import write_short
 from tests.commands import run_here
 from tests.evaluate.models import make_model
 
@@ -44,10 +44,7 @@ def as_a_process(*arguments: str | int | Path) -> subprocess.CompletedProcess[st
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory, tube: Scenario) -> Path:
-    path = tmp_path_factory.mktemp("scenario") / "tube"
-    limits = LimitSettings(decisions=300)
-    write_scenario(dataclasses.replace(tube, settings=dataclasses.replace(tube.settings, limits=limits)), path)
-    return path
+    return write_short(tube, tmp_path_factory.mktemp("scenario") / "tube", 300)
 
 
 @pytest.fixture(scope="module")
