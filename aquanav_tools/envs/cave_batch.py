@@ -144,10 +144,11 @@ class CaveBatch(ExtendedBatch):
         """Vehicles of each scenario."""
         if len(self.slices) < num_caves:
             raise InputError(f"{num_caves} scenarios need at least as many vehicles, got {num}.")
-        self._slot_of = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
+        self.slots = np.repeat(np.arange(num_caves), [part.stop - part.start for part in self.slices])
+        """(N,) place of each vehicle, which it keeps."""
         self.current_caves = np.arange(num_caves)
         """Index of the cave of now in each place."""
-        self.cave_of = self._slot_of.copy()
+        self.cave_of = self.slots.copy()
         """(N,) index of the cave that each vehicle is in."""
 
     def _room(self, scenario: Scenario, vehicle: Vehicle) -> _Room:
@@ -274,7 +275,7 @@ class CaveBatch(ExtendedBatch):
 
     def _move(self, vehicles: npt.NDArray[np.int64]) -> None:
         """Let the next episodes of vehicles begin in the caves that are in their places now."""
-        wanted = self.current_caves[self._slot_of[vehicles]]
+        wanted = self.current_caves[self.slots[vehicles]]
         is_new = wanted != self.cave_of[vehicles]
         if is_new.any():
             self.cave_of[vehicles] = wanted

@@ -52,7 +52,8 @@ class BatchedEnvs(BatchedVecEnv):
         """Carry out the decision; then the next drawn cave comes in where it is its turn."""
         stepped = super().step_wait()
         if self.rotation is not None:
-            self.rotation.step(self._caves)
+            infos = stepped[3]
+            self.rotation.step(self._caves, {n: infos[n][SUMMARY] for n in np.flatnonzero(stepped[2]).tolist()})
         return stepped
 
     @property

@@ -36,6 +36,9 @@ class TrainSettings(TaskOptions):
     new_cave_every: int = 100_000
     """Decisions of all environments after which the next drawn cave takes the place of another, in turn; a vehicle goes
     there when its episode ends."""
+    cave_that_leaves: Literal["oldest", "easiest"] = "oldest"
+    """Which of the drawn caves the next one takes the place of: the one that came first, or the one in which most
+    episodes end at the goal without a contact by now, so that more is learned in caves that are hard."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""

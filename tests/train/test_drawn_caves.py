@@ -155,8 +155,8 @@ def test_fixed_caves_and_drawn_ones_share_a_batch(tmp_path: Path, monkeypatch: p
     seen: list[list[str]] = []
     step = CaveRotation.step
 
-    def watched(self: CaveRotation, batch: Any) -> None:
-        step(self, batch)
+    def watched(self: CaveRotation, batch: Any, ended: Any) -> None:
+        step(self, batch, ended)
         seen.append([batch.scenarios[cave].name for cave in batch.cave_of])
 
     monkeypatch.setattr(CaveRotation, "step", watched)
