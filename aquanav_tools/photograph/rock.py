@@ -6,11 +6,12 @@ import math
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.cave.synthetic.noise import fade, fractal, lattice_value, noise
+from aquanav_tools.types import Array
 
-_SAFE_MATH = {"contract", "reassoc", "arcp", "afn"}
-"""Fast arithmetic that still knows NaN, which marks rays that hit nothing."""
+_FAST_MATH = {"contract", "reassoc", "arcp", "afn"}
 RELIEF = 0.0045
 """Height of the finest relief that shows in the shading alone, m."""
 AMBIENT = 0.006
@@ -19,9 +20,10 @@ MUD = 0.42
 """Reflectance of a wall without texture: about the mean of the rich one."""
 
 
-@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_SAFE_MATH)
-def shade(points, normals, lamp, ahead, pixel_angle, contrast, seed):  # type: ignore[no-untyped-def]
-    """Return the (N, 3) float32 light that points on the rock send back: 1 for a white wall that faces it at 1 m.
+def shade(
+    points: Array, normals: Array, lamp: Array, ahead: Array, pixel_angle: float, contrast: float, seed: int
+) -> npt.NDArray[np.float32]:
+    """Return the (N, 3) light that points on the rock send back: 1 for a white wall that faces it at 1 m.
 
     The texture ends at the finest detail a pixel can show, so that it does not shimmer from photo to photo.
 
@@ -35,12 +37,19 @@ def shade(points, normals, lamp, ahead, pixel_angle, contrast, seed):  # type: i
         seed: Picks the texture.
     """
     light = np.zeros((len(points), 3), np.float32)
+    # Told apart here: compilers that may reorder arithmetic have been seen to drop a test for NaN.
+    is_rock = ~np.isnan(points).any(axis=1)
+    light[is_rock] = _shade(points[is_rock], normals[is_rock], lamp, ahead, pixel_angle, contrast, seed)
+    return light
+
+
+@numba.njit(cache=True, parallel=True, error_model="numpy", fastmath=_FAST_MATH)
+def _shade(points, normals, lamp, ahead, pixel_angle, contrast, seed):  # type: ignore[no-untyped-def]
+    light = np.empty((len(points), 3), np.float32)
     for n in numba.prange(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
         to_lamp = lamp - points[n]
         distance = np.sqrt(to_lamp[0] ** 2 + to_lamp[1] ** 2 + to_lamp[2] ** 2)
-        if np.isnan(distance):
-            continue
         finest = 0.5 / (pixel_angle * distance)
         facing = _facing(x, y, z, normals[n], to_lamp / distance, finest, contrast, seed)
         on_axis = -(to_lamp[0] * ahead[0] + to_lamp[1] * ahead[1] + to_lamp[2] * ahead[2]) / distance
@@ -50,13 +59,13 @@ def shade(points, normals, lamp, ahead, pixel_angle, contrast, seed):  # type: i
     return light
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath=False)
 def beam(on_axis):  # type: ignore[no-untyped-def]
     """Return the lamp's light towards a direction with this cosine to its axis, 1 on it."""
     return 0.08 + 0.92 * np.maximum(0.0, on_axis) ** 6
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST_MATH)
 def _facing(x, y, z, normal, to_lamp, finest, contrast, seed):  # type: ignore[no-untyped-def]
     """Return the cosine between the rock's bumpy normal and the lamp, at least 0."""
     sx, sy, sz = _relief_slope(x, y, z, finest, seed + 101)
@@ -66,7 +75,7 @@ def _facing(x, y, z, normal, to_lamp, finest, contrast, seed):  # type: ignore[n
     return max(0.0, (nx * to_lamp[0] + ny * to_lamp[1] + nz * to_lamp[2]) / length)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST_MATH)
 def _relief_slope(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
     """Return the gradient of fractal(x, y, z, 14.0, 3, 0.6, finest, seed), per m."""
     sx, sy, sz, amplitude, frequency = 0.0, 0.0, 0.0, 1.0, 14.0
@@ -84,7 +93,7 @@ def _relief_slope(x, y, z, finest, seed):  # type: ignore[no-untyped-def]
     return sx, sy, sz
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST_MATH)
 def _noise_slope(x, y, z, seed):  # type: ignore[no-untyped-def]
     """Return the gradient of noise(x, y, z, seed): a quarter of the work of four samples of it."""
     fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
@@ -108,7 +117,7 @@ def _fade_slope(t):  # type: ignore[no-untyped-def]
     return 30.0 * t * t * (t - 1.0) * (t - 1.0)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST_MATH)
 def _rock_colour(x, y, z, finest, contrast, seed):  # type: ignore[no-untyped-def]
     """Return red, green and blue in [0, 1]: limestone in beds, with grain, dark pits, stains of iron and manganese."""
     grain = 0.17 * fractal(x, y, z, 7.0, 6, 0.88, finest, seed + 211)
@@ -122,7 +131,7 @@ def _rock_colour(x, y, z, finest, contrast, seed):  # type: ignore[no-untyped-de
     return grey * (1.0 + 0.18 * iron), grey * (0.9 + 0.02 * iron), grey * (0.78 - 0.16 * iron)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_SAFE_MATH)
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST_MATH)
 def _pits(x, y, z, frequency, finest, seed):  # type: ignore[no-untyped-def]
     """Return how deep in a pit of the rock a point is, in [0, 1]: sharp spots, a tenth of the wall."""
     if frequency > finest:

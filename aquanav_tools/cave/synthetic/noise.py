@@ -1,6 +1,9 @@
 """Solid noise: smooth random fields over space that depend on nothing but the point and a seed.
 
 Value noise on the integer lattice with quintic interpolation (Perlin, Improving Noise, 2002), summed over octaves.
+
+`fastmath=False` is not numba's default: without a word on it, a function is compiled with what its first caller allows,
+and kept in the cache so for all others. Caves would depend on what ran first.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ def fade(t):  # type: ignore[no-untyped-def]
     return t * t * t * (t * (t * 6.0 - 15.0) + 10.0)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=False)
 def noise(x, y, z, seed):  # type: ignore[no-untyped-def]
     """Return noise in [-1, 1] with features of about one unit."""
     fx, fy, fz = math.floor(x), math.floor(y), math.floor(z)
@@ -39,7 +42,7 @@ def noise(x, y, z, seed):  # type: ignore[no-untyped-def]
     return (a * (1 - v) + b * v) * (1 - w) + (c * (1 - v) + d * v) * w
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, fastmath=False)
 def fractal(x, y, z, frequency, octaves, gain, finest, seed):  # type: ignore[no-untyped-def]
     """Return noise summed over octaves, within +-(1 + gain + gain^2 + ...).
 

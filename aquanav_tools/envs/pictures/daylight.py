@@ -140,7 +140,7 @@ def _byte(value):  # type: ignore[no-untyped-def]
     return np.uint8(255.0 * min(max(value, 0.0), 1.0) ** (1.0 / GAMMA) + 0.5)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, error_model="numpy", fastmath=False)
 def _to_sea(centre, rx, ry, rz, corner, grid):  # type: ignore[no-untyped-def]
     """Return how far the sea is along a line of sight, m; infinity where it never meets it."""
     if rz > -1e-4:

@@ -41,7 +41,7 @@ MAX_SLANT = 6.0
 """Tangent of the largest angle between a plane and the photo's own: 80 degrees."""
 
 
-@numba.njit(cache=True, forceinline=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def scrambled(number):  # type: ignore[no-untyped-def]
     """Return a hash of 32 bits (Wellons' lowbias32): random numbers that depend on place and round only."""
     number &= 0xFFFFFFFF
@@ -66,7 +66,7 @@ def least(first, second):  # type: ignore[no-untyped-def]
     return first if first < second else second
 
 
-@numba.njit(cache=True, forceinline=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def within(index, size):  # type: ignore[no-untyped-def]
     """Return the nearest index of an axis."""
     if index < 0:
@@ -74,7 +74,7 @@ def within(index, size):  # type: ignore[no-untyped-def]
     return index if index < size else size - 1
 
 
-@numba.njit(cache=True, forceinline=True)
+@numba.njit(cache=True, fastmath=True, forceinline=True)
 def num_samples(search):  # type: ignore[no-untyped-def]
     """Return how many pixels of a window are compared."""
     return (2 * search.radius // STRIDE + 1) ** 2
