@@ -9,6 +9,7 @@ BUILT_IN = {
     "depth": f"{_HERE}.depth:DepthCell",
     "imu": f"{_HERE}.inertial:InertialUnit",
     "dvl": f"{_HERE}.dvl:DopplerLog",
+    "track": f"{_HERE}.track:Track",
     "sonar": f"{_HERE}.sonar:ImagingSonar",
 }
 """The sensors that come with aquanav: name, and the class as `module:Name`."""
