@@ -19,7 +19,7 @@ FOLDER = Path(__file__).parent / "sheets"
 
 
 def sheet_names(kind: str) -> list[str]:
-    """Return the names of the data sheets that come with aquanav for "depth", "imu", "dvl" or "sonar"."""
+    """Return the names of the data sheets that come with aquanav for "depth", "imu", "dvl", "track" or "sonar"."""
     names = [path.stem for path in FOLDER.glob("*.toml")]
     return sorted(name.removeprefix(f"{kind}-") for name in names if name.startswith(f"{kind}-"))
 

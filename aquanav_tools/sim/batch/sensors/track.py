@@ -86,9 +86,7 @@ class TrackMemory:
 def remember(i: int, memory: TrackMemory, state: BatchState, off: f64, scale: f64):
     """Bring a vehicle's track to the decision at hand; nothing changes where it is there.
 
-    Args:
-        off: By how much the reckoned heading is turned against the true one, rad.
-        scale: Of the device, in place of 1.
+    The reckoned heading is turned by `off`, rad, against the true one; ways are longer by a factor `scale`.
     """
     position, decision = state.positions[i], state.decisions[i]
     if decision == 0:

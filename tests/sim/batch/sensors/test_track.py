@@ -103,5 +103,5 @@ def test_a_senseless_sheet_is_refused() -> None:
         Track({"distances": []})
     with pytest.raises(InputError, match=r"distances = 0.1, which must be from 0.25 to 200"):
         Track({"distances": [0.1]})
-    with pytest.raises(InputError, match="no data sheet 'a5' for the sensor 'track'. Did you mean 'a50'"):
+    with pytest.raises(InputError, match=r"no data sheet 'a5' for the sensor 'track'. Did you mean 'a50'"):
         Track("a5")
