@@ -21,7 +21,7 @@ Readings = dict[str, npt.NDArray[Any]]
 
 
 def make_sensor(kind: str, **options: Any) -> Sensor:
-    """Return a sensor that comes with aquanav: "fan", "depth", "imu", "dvl", "track" or "sonar", with its class's arguments.
+    """Return a sensor that comes with aquanav, by its name in BUILT_IN, with its class's arguments.
 
     Raises:
         InputError: there is none of that name (the message has the nearest), or it does not take the options.
