@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from aquanav_tools.api.scores import replay as replay
     from aquanav_tools.api.training import train as train
 
+from aquanav_tools.compile_caches import ensure_compile_caches
+
 __version__ = "0.1.0"
 
 _MODULES = {
@@ -50,6 +52,7 @@ class _Package(ModuleType):
 
 
 sys.modules[__name__].__class__ = _Package
+ensure_compile_caches()  # before numba is imported, which looks for a place then
 
 
 def __getattr__(name: str) -> Any:

@@ -26,6 +26,21 @@ def num_cores() -> int:
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 
+def user_cache() -> Path | None:
+    """Return the folder in which programs of this user keep what they can make again; None where there is no home."""
+    if sys.platform == "win32":
+        given = os.environ.get("LOCALAPPDATA")
+    else:
+        given = os.environ.get("XDG_CACHE_HOME") if sys.platform != "darwin" else None
+    if given:
+        return Path(given)
+    try:
+        home = Path.home()
+    except RuntimeError:  # a user without a name, as in containers
+        return None
+    return home / {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
+
+
 def lower_priority(niceness: int) -> None:
     """Let other processes go first: by so many steps of 19, or on Windows before all of normal priority."""
     if niceness <= 0:

@@ -30,6 +30,8 @@ process where the disk is full, instead of raising an error."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
+NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+"""What systems answer where a folder cannot be made or written to."""
 LOCK_FILE = "lock"
 """In a folder that a build has begun to work in."""
 
@@ -99,11 +101,11 @@ def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
 
     Raises:
         InputError: another process holds it.
+        ResourceError: there is no right to write there.
     """
     path = folder / LOCK_FILE
     while True:
-        folder.mkdir(parents=True, exist_ok=True)
-        with path.open("a+b", buffering=0) as stream:
+        with _opened(path) as stream:
             with contextlib.ExitStack() as stack:
                 try:
                     stack.enter_context(exclusive(stream, waits=waits))
@@ -116,6 +118,21 @@ def locked(folder: Path, *, waits: bool = False) -> Iterator[None]:
                     _sign(stream)
                     yield
                     return
+
+
+def _opened(path: Path) -> IO[bytes]:
+    """Open a file to be locked, in a folder that is made when absent."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("a+b", buffering=0)
+    except OSError as error:
+        if error.errno not in NO_RIGHT:
+            raise
+        raise ResourceError(
+            f"{path.parent} cannot be written to: {error.strerror}. Its owner may be another user, or its disk mounted "
+            "to be read only. Name another folder: with -o, or, where that is the cache, with the variable "
+            "AQUANAV_CACHE."
+        ) from error
 
 
 def holds_path(stream: IO[Any], path: Path) -> bool:

@@ -275,3 +275,22 @@ def test_who_waited_for_a_lock_that_was_removed_waits_for_the_one_in_its_place(t
         assert not entered.wait(0.2)
     assert entered.wait(10.0)
     thread.join()
+
+
+def test_a_folder_without_the_right_to_write_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch()
+    with (
+        pytest.raises(ResourceError, match=r"file cannot be written to: .*variable AQUANAV_CACHE"),
+        locked(tmp_path / "file"),
+    ):
+        pass
+
+    def refused(*_: object, **__: object) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "mkdir", refused)
+    with (
+        pytest.raises(ResourceError, match=r"new cannot be written to: Permission denied\. Its owner"),
+        locked(tmp_path / "new"),
+    ):
+        pass

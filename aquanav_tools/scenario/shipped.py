@@ -18,7 +18,7 @@ from pathlib import Path
 
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
-from aquanav_tools.machine import num_cores
+from aquanav_tools.machine import num_cores, user_cache
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
@@ -43,10 +43,20 @@ DRAWN_LIMIT = 10_000_000_000
 
 
 def cache_dir() -> Path:
-    """Return the folder for scenarios built from their names: AQUANAV_CACHE, or aquanav in the user's cache."""
+    """Return the folder for scenarios built from their names: AQUANAV_CACHE, or aquanav in the user's cache.
+
+    Raises:
+        InputError: there is neither.
+    """
     given = os.environ.get(CACHE_VARIABLE)
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(given) if given else base / "aquanav"
+    if given:
+        return Path(given)
+    base = user_cache()
+    if base is None:
+        raise InputError(
+            f"There is no folder to keep built caves in: this user has no home. Set {CACHE_VARIABLE} to a folder."
+        )
+    return base / "aquanav"
 
 
 def slot_names() -> list[str]:
