@@ -1,7 +1,7 @@
 """Who solves contacts with a cave's walls: PyBullet, the reference, or our own solver, which is held to the same.
 
-PyBullet has wheels for Linux on x86-64 up to Python 3.11 only, so it may be missing. What takes its place is decided here alone. The
-contacts of boats are always our own.
+PyBullet has wheels for Linux on x86-64 up to Python 3.11 only, so it may be missing. What takes its place is decided
+here alone. The contacts of boats are always our own.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ Contacts = Literal["own", "bullet"]
 Backend = Literal["pybullet", "own", "batch"]
 """What runs episodes: one by one with PyBullet's contacts or with our own, or side by side with our own."""
 OTHERWISE = (
-    " (compiled from source but for Linux on x86-64 up to Python 3.11: 20 minutes, with a C++ compiler), or take our own contacts: "
-    "contacts='own', --backend own"
+    " (but for Linux on x86-64 up to Python 3.11 it is compiled from source: 20 minutes, with a C++ compiler), or take "
+    "our own contacts: contacts='own', --backend own"
 )
 """Follows the advice to install PyBullet."""
 
