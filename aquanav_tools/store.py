@@ -30,7 +30,7 @@ process where the disk is full, instead of raising an error."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
-NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOTDIR, errno.EEXIST)
+NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS)
 """What systems answer where a folder cannot be made or written to."""
 LOCK_FILE = "lock"
 """In a folder that a build has begun to work in."""
