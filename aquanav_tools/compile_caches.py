@@ -49,7 +49,8 @@ def can_write(place: Path | None) -> bool:
     """Return whether a folder can be written to, or made."""
     if place is None:
         return False
-    there = next(folder for folder in (place, *place.parents) if folder.exists())
+    # Not by Path.exists, which raises an error below a folder of others.
+    there = next(folder for folder in (place, *place.parents) if os.path.exists(folder))
     return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 

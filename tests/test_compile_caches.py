@@ -79,6 +79,12 @@ def test_a_folder_can_be_written_to_where_it_can_be_made(tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_a_folder_within_one_of_others_cannot(tmp_path: Path) -> None:
+    (tmp_path / "theirs").mkdir(mode=0o000)
+    assert not can_write(tmp_path / "theirs" / "new")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_of_others_cannot(tmp_path: Path) -> None:
     tmp_path.chmod(0o555)
     assert not can_write(tmp_path / "new")

@@ -127,7 +127,7 @@ class CaveRotation:
             batch.put(first + turn + half * len(batch.slices), scenario)
         self.numbers[:] = numbers
         self._steps, self._next, self._turn = state[COUNTS].tolist()
-        self._ended[:] = state[ENDED]
+        self._ended[:] = state.get(ENDED, 0)  # runs of earlier versions did not count them
         self._caves_before = np.array(state["cave_of"])
 
 

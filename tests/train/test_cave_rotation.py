@@ -45,7 +45,7 @@ class Places:
 
 def rotation(leaves: str) -> CaveRotation:
     """Return one with drawn caves 0, 1, 2 in places 1, 2, 3; after every fourth decision another comes in."""
-    supply: Any = SimpleNamespace(take=lambda number: f"cave {number}", expect=lambda _: None, waited=0.0)
+    supply: Any = SimpleNamespace(take=lambda number: f"cave {number}", expect=lambda _: None, at_once=list, waited=0.0)
     settings = TrainSettings(scenario=MIXED, num_envs=8, new_cave_every=32, cave_that_leaves=leaves)  # type: ignore[arg-type]
     return CaveRotation(supply, [0, 1, 2], settings)
 
@@ -105,6 +105,14 @@ def test_a_cave_of_which_nothing_is_known_stays() -> None:
         for vehicle in range(8):
             batch.move(vehicle)
     assert batch.came == [(1, "cave 3"), (2, "cave 4"), (3, "cave 5")]
+
+
+def test_a_run_of_an_earlier_version_goes_on() -> None:
+    turns, batch = rotation("easiest"), Places()
+    state = {**turns.state(), "cave_of": batch.cave_of}
+    del state["rotation/ended"]
+    turns.restore(state, batch)  # type: ignore[arg-type]  # it stands for one
+    assert not turns.state()["rotation/ended"].any()
 
 
 def test_a_stopped_run_ends_as_one_that_never_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
