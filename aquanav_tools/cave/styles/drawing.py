@@ -16,9 +16,13 @@ BLOCK_FACES = 9
 
 def axis_of(headings: Array, slopes: Array, start: Array | None = None) -> Array:
     """Return the (C, 3) axis of headings and slopes (rad) at stations STEP apart, from a (3,) start, m."""
-    steps = STEP * np.stack([np.cos(slopes) * np.cos(headings), np.cos(slopes) * np.sin(headings), np.sin(slopes)], 1)
-    axis = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)[:-1]])
+    axis = joined(np.stack([np.cos(slopes) * np.cos(headings), np.cos(slopes) * np.sin(headings), np.sin(slopes)], 1))
     return axis if start is None else axis + start
+
+
+def joined(ahead: Array) -> Array:
+    """Return the (C, 3) axis that leads along (C, 3) unit vectors, STEP each, from the origin, m."""
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(STEP * ahead, axis=0)[:-1]])
 
 
 def waves(stations: Array, period: float, rng: np.random.Generator) -> Array:

@@ -8,7 +8,7 @@ from aquanav_tools.errors import InputError, did_you_mean
 
 STYLE_NAMES = (
     "phreatic-tube", "vadose-canyon", "bedding-plane", "breakdown-chamber", "shaft-ramp", "maze", "sump-series",
-    "flooded-gallery", "mine-drift",
+    "flooded-gallery", "mine-drift", "fault-fissure",
 )  # fmt: skip
 MIXED = "mixed"
 """Stands for a style that the seed picks."""

@@ -1,4 +1,4 @@
-"""Styles of caves that water made: tube, canyon, bedding plane, shaft and ramp, sumps.
+"""Styles of caves that water made: tube, canyon, bedding plane, shaft and ramp, fault, sumps.
 
 The forms are those of textbooks (Palmer, Cave Geology, 2007; Ford and Williams, Karst Hydrogeology and Geomorphology,
 2007, chapter 7); sizes are chosen to span 2 to 20 widths of a BlueROV2.
@@ -10,7 +10,7 @@ import numpy as np
 
 from aquanav_tools.cave.styles import drawing as draw
 from aquanav_tools.cave.styles.plan import Passage, Plan, Relief
-from aquanav_tools.cave.styles.winding import laid
+from aquanav_tools.cave.styles.winding import laid, laid_in_fault
 
 Rng = np.random.Generator
 
@@ -102,6 +102,21 @@ def shaft_ramp(length: float, opening: float, rng: Rng) -> Plan:
     main = Passage(axis, headings, half * 1.15, half * (1.0 + low), half)
     blocks = draw.blocks_on_floor(main, int(length / 6.0), (0.2, 0.6), 0.7 * opening, rng, (0.1, 0.9))
     relief = Relief(swell=0.15, ledges=0.1, bed=0.8, joints=0.08, grain=0.05)
+    return Plan((main,), draw.extent_of(axis, s, length), opening, relief, blocks)
+
+
+def fault_fissure(length: float, opening: float, rng: Rng) -> Plan:
+    """Return a fissure along a steep fault that winds within it: limbs lie one above the other, joined by hairpins."""
+    s = draw.stations_of(length)
+    fade = draw.faded(s, length)
+    strike = fade * rng.uniform(0.1, 0.7) * draw.waves(s, rng.uniform(15.0, 40.0), rng)
+    roomy = draw.roomy(s, opening, rng.uniform(0.15, 0.5), rng)
+    half = 0.5 * opening * roomy
+    tall = half * (1.0 + fade * rng.uniform(0.0, 0.8))
+    axis = laid_in_fault(strike, rng.uniform(0.9, 1.45), s, length, float(tall.mean()), rng)
+    main = Passage(axis, strike, half, tall, tall, 2.3, 2.3)
+    blocks = draw.blocks_on_floor(main, int(length / 6.0), (0.2, 0.5), 0.7 * opening, rng, (0.1, 0.9))
+    relief = Relief(swell=0.1, ledges=0.06, bed=0.7, joints=0.08, grain=0.05)
     return Plan((main,), draw.extent_of(axis, s, length), opening, relief, blocks)
 
 

@@ -6,6 +6,8 @@ than 90 degrees off the straight line to its end. Who dives by the bearing of th
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from aquanav_tools.cave.styles import drawing as draw
@@ -15,10 +17,14 @@ CANDIDATES = 160
 """Windings that are drawn, of which one is taken."""
 DIRECT = (0.15, 0.9)
 """Distance between the portals as a share of the way between them: drawn from here, and met as nearly as may be."""
+FOLDED = (0.1, 0.6)
+"""As DIRECT, of ways within a fault."""
+FOLDING, TURNED = 0.7, 0.15
+"""Share of faults whose ways fold, and of folds that lead up where those before led down, or the other way round."""
 SHARPEST, MEANDER = 3.1, 2.2
 """By how much limbs and meanders turn off the way straight through at most, rad."""
-RUN, MEAN_RUN = 1.0, 6.0
-"""Limbs are straight for at least and on average about so many m."""
+RUN, MEAN_RUN, MEAN_FOLD = 1.0, 6.0, 3.0
+"""Limbs are straight for at least and on average about so many m; those of folds for the last."""
 STEEPEST = 1.5
 """rad: the way is never quite upright, so that ahead and sideways are told apart."""
 EVERY = 8
@@ -33,6 +39,8 @@ NEAR_END = (0.0, 0.6)
 """As DIRECT, of ways that end within."""
 SPARE = 0.4
 """Rock between a passage and the plane of a portal that it is not at, m."""
+Winding = Callable[[Array, float, float, float, np.random.Generator], Array]
+"""Returns (C,) angles, rad, for stations (C,), length (m), how much (0 to 1), least radius of bends (m) and a generator."""
 
 
 def laid(
@@ -49,17 +57,72 @@ def laid(
         rng: draws how it winds.
     """
     slopes = np.clip(slopes, -STEEPEST, STEEPEST)
-    wanted = rng.uniform(*DIRECT)
-    best, nearest = headings, _directness(draw.axis_of(headings, slopes), stations, length) - wanted
+
+    def axis_when(winding: Array) -> Array:
+        return draw.shifted(draw.axis_of(headings + winding, slopes), stations)
+
+    winding = _wound(axis_when, (_limbs, _meanders), stations, length, reach, DIRECT, rng)
+    return headings + winding, axis_when(winding)
+
+
+def laid_in_fault(
+    strike: Array, dip: float, stations: Array, length: float, reach: float, rng: np.random.Generator
+) -> Array:
+    """Return the (C, 3) axis of a passage that winds within a steep fault: limbs double back above and below others.
+
+    In mylna rura (Tatra) the way sinks by a metre and comes back below itself, where the bearing of its end turns from
+    behind to ahead; a passage that winds in plan has no such place.
+
+    Args:
+        strike: (C,) level direction of the fault, rad; 0 at both portals.
+        dip: of the fault, rad, from level.
+        stations: (C,) along the passage, m.
+        length: of the way between the portals, m.
+        reach: of its cross-sections within the fault, from the axis, m.
+        rng: draws how it winds.
+    """
+    level = np.stack([np.cos(strike), np.sin(strike), np.zeros(len(strike))], axis=1)
+    steep = np.stack([-np.sin(strike) * np.cos(dip), np.cos(strike) * np.cos(dip), np.full(len(strike), np.sin(dip))], 1)
+
+    def axis_when(winding: Array) -> Array:
+        ahead = np.cos(winding)[:, None] * level + np.sin(winding)[:, None] * steep
+        return draw.shifted(draw.joined(ahead), stations)
+
+    windings = (_folds,) if rng.random() < FOLDING else (_limbs, _meanders)
+    return axis_when(_wound(axis_when, windings, stations, length, reach, FOLDED, rng))
+
+
+def _wound(
+    axis_when: Callable[[Array], Array],
+    windings: tuple[Winding, ...],
+    stations: Array,
+    length: float,
+    reach: float,
+    direct: tuple[float, float],
+    rng: np.random.Generator,
+) -> Array:
+    """Return (C,) angles by which a passage turns off, rad: of many that are drawn, one whose ends are apart as wanted.
+
+    Args:
+        axis_when: returns the (C, 3) axis of such angles, m, station 0 at the origin.
+        windings: kinds that are drawn in turn.
+        stations: (C,) along the passage, m.
+        length: of the way between the portals, m.
+        reach: of its cross-sections, from the axis, m.
+        direct: least and most that may be wanted, as DIRECT.
+        rng: draws them.
+    """
+    wanted = rng.uniform(*direct)
+    best = np.zeros(len(stations))
+    nearest = _directness(axis_when(best), stations, length) - wanted
     fade = draw.faded(stations, length, 3.0)
     for number, share in enumerate(rng.uniform(0.0, 1.0, CANDIDATES)):
-        winding = (_limbs, _meanders)[number % 2]
-        wound = headings + fade * winding(stations, length, share, reach + 0.5, rng)
-        axis = draw.axis_of(wound, slopes)
+        winding = fade * windings[number % len(windings)](stations, length, share, reach + 0.5, rng)
+        axis = axis_when(winding)
         off = _directness(axis, stations, length) - wanted
-        if abs(off) < abs(nearest) and _is_clear(draw.shifted(axis, stations), stations, length, reach):
-            best, nearest = wound, off
-    return best, draw.shifted(draw.axis_of(best, slopes), stations)
+        if abs(off) < abs(nearest) and _is_clear(axis, stations, length, reach):
+            best, nearest = winding, off
+    return best
 
 
 def end_within(axis: Array, length: float, rng: np.random.Generator) -> Array | None:
@@ -100,6 +163,20 @@ def _limbs(stations: Array, length: float, share: float, radius: float, rng: np.
         heading = rng.choice([-1.0, 1.0]) * SHARPEST * share * rng.uniform(0.3, 1.0)
         arc = radius * abs(heading - headings[-1])
         run = RUN + rng.exponential(MEAN_RUN - RUN)
+        places += [places[-1] + arc, places[-1] + arc + run]
+        headings += [heading, heading]
+    return np.interp(stations, places, headings)
+
+
+def _folds(stations: Array, length: float, share: float, radius: float, rng: np.random.Generator) -> Array:
+    """Return (C,) headings of straight limbs joined by arcs of a radius (m), every second off by up to a share of pi."""
+    places, headings = [draw.STRAIGHT], [0.0]
+    side = rng.choice([-1.0, 1.0])
+    while places[-1] < length - 2.0 * draw.STRAIGHT:
+        side *= -1.0 if len(headings) % 4 == 1 and rng.random() < TURNED else 1.0
+        heading = side * (np.pi * rng.uniform(0.5 + 0.4 * share, 1.0) if len(headings) % 4 == 1 else rng.uniform(-0.4, 0.5))
+        arc = rng.uniform(1.1, 1.8) * radius * abs(heading - headings[-1])
+        run = RUN + rng.exponential(MEAN_FOLD - RUN)
         places += [places[-1] + arc, places[-1] + arc + run]
         headings += [heading, heading]
     return np.interp(stations, places, headings)
