@@ -6,12 +6,15 @@ import hashlib
 
 from aquanav_tools.errors import InputError, did_you_mean
 
-STYLE_NAMES = (
+FIRST_STYLES = (
     "phreatic-tube", "vadose-canyon", "bedding-plane", "breakdown-chamber", "shaft-ramp", "maze", "sump-series",
-    "flooded-gallery", "mine-drift", "fault-fissure",
+    "flooded-gallery", "mine-drift",
 )  # fmt: skip
+STYLE_NAMES = (*FIRST_STYLES, "fault-fissure")
+"""In the order in which they came."""
 MIXED = "mixed"
-"""Stands for a style that the seed picks."""
+"""Stands for a style that the seed picks, each as often as every other. A style that comes takes its part of the seeds
+of all before it; what they keep stays the cave that it was."""
 MAX_SEED = 2**31 - 1
 
 
@@ -26,7 +29,15 @@ def style_of(style: str, seed: int) -> str:
         raise InputError(f"There is no style '{style}'.{did_you_mean(style, known)} Styles: {', '.join(known)}.")
     if not 0 <= seed <= MAX_SEED:
         raise InputError(f"seed = {seed} is outside 0 to {MAX_SEED}.")
-    return style if style != MIXED else STYLE_NAMES[number_of(MIXED, seed) % len(STYLE_NAMES)]
+    return style if style != MIXED else _picked(seed)
+
+
+def _picked(seed: int) -> str:
+    """Return the style of a mixed seed."""
+    for count in range(len(STYLE_NAMES), len(FIRST_STYLES), -1):
+        if number_of(f"{MIXED}, {count} styles", seed) % count == 0:
+            return STYLE_NAMES[count - 1]
+    return FIRST_STYLES[number_of(MIXED, seed) % len(FIRST_STYLES)]
 
 
 def number_of(style: str, seed: int) -> int:
