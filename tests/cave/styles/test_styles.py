@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import numpy as np
 import pytest
 import trimesh
 
 from aquanav_tools.cave.styles.catalogue import MAX_CELLS, STYLES, VEHICLE_WIDTH, DrawnCave, draw_cave
-from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
+from aquanav_tools.cave.styles.names import FIRST_STYLES, MAX_SEED, MIXED, STYLE_NAMES, number_of, style_of
 from aquanav_tools.cave.styles.plan import NO_FLOOR, Passage, Plan, Relief
 from aquanav_tools.cave.styles.surface import water_surface
 from aquanav_tools.cave.synthetic.made_up import made_up_cavity
@@ -86,8 +88,17 @@ def test_the_same_seed_is_the_same_cave_to_the_byte_and_another_another() -> Non
     assert not np.array_equal(again.plan.passages[0].axis, draw_cave("phreatic-tube", 1).plan.passages[0].axis)
 
 
-def test_mixed_takes_every_style() -> None:
-    assert {style_of(MIXED, seed) for seed in range(100)} == set(STYLE_NAMES) == set(STYLES)
+def test_mixed_takes_every_style_as_often() -> None:
+    counts = Counter(style_of(MIXED, seed) for seed in range(5000))
+    assert set(counts) == set(STYLE_NAMES) == set(STYLES)
+    spread = np.sqrt(5000 * 0.1 * 0.9)
+    assert all(abs(count - 500) < 4.0 * spread for count in counts.values())
+
+
+def test_a_style_that_came_later_left_the_mixed_seeds_of_others_as_they_were() -> None:
+    styles = [style_of(MIXED, seed) for seed in range(1000)]
+    kept = [FIRST_STYLES[number_of(MIXED, seed) % 9] for seed in range(1000)]
+    assert all(now in (before, "fault-fissure") for now, before in zip(styles, kept, strict=True))
 
 
 def test_an_unknown_style_is_told_the_nearest_name() -> None:

@@ -9,7 +9,7 @@ from aquanav_tools.build.generated import generate
 from aquanav_tools.cave.styles import drawing as draw
 from aquanav_tools.cave.styles.catalogue import draw_cave
 from aquanav_tools.cave.styles.names import STYLE_NAMES
-from aquanav_tools.cave.styles.winding import end_within, laid
+from aquanav_tools.cave.styles.winding import end_within, laid, laid_in_fault
 from aquanav_tools.types import Array
 
 REACH = 0.8
@@ -38,6 +38,40 @@ def test_a_passage_keeps_off_itself_and_off_the_planes_of_its_portals(length: fl
         assert points[middle, 0].max() < points[-1, 0] - REACH
         ends = slice(None, None, len(axis) - 1), slice(None, None, len(points) - 1)
         np.testing.assert_allclose(axis[ends[0], 1:], points[ends[1], 1:], atol=1e-9)  # straight in, straight out
+
+
+def in_fault(seed: int, dip: float, length: float = 80.0) -> tuple[Array, Array]:
+    """Return stations and axis of a passage in a plane."""
+    stations = draw.stations_of(length)
+    strike = np.zeros(len(stations))
+    return stations, laid_in_fault(strike, dip, stations, length, REACH, np.random.default_rng(seed))
+
+
+def test_a_passage_in_a_plane_fault_stays_in_it_and_keeps_off_itself() -> None:
+    for seed in range(8):
+        dip = 0.9 + 0.07 * seed
+        stations, axis = in_fault(seed, dip)
+        np.testing.assert_allclose(axis @ [0.0, -np.sin(dip), np.cos(dip)], 0.0, atol=1e-9)
+        np.testing.assert_allclose(np.linalg.norm(np.diff(axis, axis=0), axis=1), draw.STEP, rtol=1e-9)
+        outside = (stations < 2.0) | (stations > 78.0)
+        for ahead in np.diff(axis, axis=0)[outside[:-1]]:
+            np.testing.assert_allclose(ahead, [draw.STEP, 0.0, 0.0], atol=1e-9)
+        inside = (stations >= 0.0) & (stations <= 80.0)
+        places, points = stations[inside], axis[inside]
+        far = np.abs(places[:, None] - places) > 3.2 * REACH + 2.0
+        assert np.linalg.norm(points[:, None] - points, axis=2)[far].min() > 2.0 * REACH
+
+
+def test_in_half_of_the_faults_or_more_a_limb_leads_back_above_or_below_another() -> None:
+    """In plan no limb of a level passage does that, as it keeps off itself."""
+
+    def is_folded(axis: Array) -> bool:
+        points, ahead = axis[::5], np.diff(axis[::5], axis=0, append=axis[-1:])
+        plan = np.linalg.norm(points[:, None, :2] - points[:, :2], axis=2)
+        return bool(((plan < REACH) & (ahead[:, None, :2] @ ahead[:, :2].T[None] < -0.1)[:, 0]).any())
+
+    assert sum(is_folded(in_fault(seed, 1.4)[1]) for seed in range(20)) >= 10
+    assert not any(is_folded(wound(seed, 80.0)[1]) for seed in range(20))
 
 
 def test_ways_are_from_almost_straight_to_four_times_as_long_as_the_distance_of_their_ends() -> None:
