@@ -40,7 +40,7 @@ NEAR_END = (0.0, 0.6)
 SPARE = 0.4
 """Rock between a passage and the plane of a portal that it is not at, m."""
 Winding = Callable[[Array, float, float, float, np.random.Generator], Array]
-"""Returns (C,) angles, rad, for stations (C,), length (m), how much (0 to 1), least radius of bends (m) and a generator."""
+"""Returns (C,) angles (rad) from (C,) stations, length (m), how much (0 to 1), least radius of bends (m), generator."""
 
 
 def laid(
@@ -82,7 +82,9 @@ def laid_in_fault(
         rng: draws how it winds.
     """
     level = np.stack([np.cos(strike), np.sin(strike), np.zeros(len(strike))], axis=1)
-    steep = np.stack([-np.sin(strike) * np.cos(dip), np.cos(strike) * np.cos(dip), np.full(len(strike), np.sin(dip))], 1)
+    steep = np.stack(
+        [-np.sin(strike) * np.cos(dip), np.cos(strike) * np.cos(dip), np.full(len(strike), np.sin(dip))], 1
+    )
 
     def axis_when(winding: Array) -> Array:
         ahead = np.cos(winding)[:, None] * level + np.sin(winding)[:, None] * steep
@@ -173,8 +175,10 @@ def _folds(stations: Array, length: float, share: float, radius: float, rng: np.
     places, headings = [draw.STRAIGHT], [0.0]
     side = rng.choice([-1.0, 1.0])
     while places[-1] < length - 2.0 * draw.STRAIGHT:
-        side *= -1.0 if len(headings) % 4 == 1 and rng.random() < TURNED else 1.0
-        heading = side * (np.pi * rng.uniform(0.5 + 0.4 * share, 1.0) if len(headings) % 4 == 1 else rng.uniform(-0.4, 0.5))
+        is_back = len(headings) % 4 == 1
+        side *= -1.0 if is_back and rng.random() < TURNED else 1.0
+        least, most = (np.pi * (0.5 + 0.4 * share), np.pi) if is_back else (-0.4, 0.5)
+        heading = side * rng.uniform(least, most)
         arc = rng.uniform(1.1, 1.8) * radius * abs(heading - headings[-1])
         run = RUN + rng.exponential(MEAN_FOLD - RUN)
         places += [places[-1] + arc, places[-1] + arc + run]
