@@ -171,7 +171,7 @@ def _limbs(stations: Array, length: float, share: float, radius: float, rng: np.
 
 
 def _folds(stations: Array, length: float, share: float, radius: float, rng: np.random.Generator) -> Array:
-    """Return (C,) headings of straight limbs joined by arcs of a radius (m), every second off by up to a share of pi."""
+    """Return (C,) headings of straight limbs joined by arcs of a radius (m), every second off by a share of pi."""
     places, headings = [draw.STRAIGHT], [0.0]
     side = rng.choice([-1.0, 1.0])
     while places[-1] < length - 2.0 * draw.STRAIGHT:
