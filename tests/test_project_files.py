@@ -55,3 +55,8 @@ def test_users_see_our_types() -> None:
     """PEP 561: without this file checkers take all of the package for Any."""
     code = "import importlib.resources as r; print(r.files('aquanav_tools').joinpath('py.typed').is_file())"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True).stdout == "True\n"
+
+
+def test_the_paper_cites_what_its_bibliography_has_and_nothing_else() -> None:
+    cited = set(re.findall(r"\[-?@([a-z0-9]+)\]", text_of("paper/paper.md")))
+    assert cited == set(re.findall(r"^@\w+\{([a-z0-9]+),", text_of("paper/paper.bib"), re.M))
