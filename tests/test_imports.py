@@ -26,6 +26,7 @@ ROOMS_BELOW = {
     "envs": {"cave", "photograph", "scenario", "sea", "sim", "report"},
     "policy": set(),
     "report": {"cave", "scenario", "sea"},
+    "deploy": {"sim", "policy"},
     "workers": set(),
     "train": {"build", "cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
     "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
@@ -54,7 +55,7 @@ ROOMS_BELOW = {
 
 IMPORTERS = {
     "onnx": {"evaluate/onnx_file.py", "evaluate/onnx_run.py", "train/export.py"},
-    "onnxruntime": {"evaluate/onnx_run.py"},
+    "onnxruntime": {"deploy/policy.py", "evaluate/onnx_run.py"},
     "open3d": {"libraries.py"},
     "pycolmap": {"reconstruct/"},
     "pybullet": {"sim/bullet.py"},

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,24 +11,9 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.command import DIVING, NUM_CHOICES, Command, command_of
 
-
-class Command(NamedTuple):
-    """What the actuators are told for one decision."""
-
-    ballast: float
-    """-1 heavier to 1 lighter; 0 keeps the trim."""
-    steer: float
-    """-1 right to 1 left."""
-    thrust: float
-    """-1 reverse to 1 ahead."""
-
-
-IDLE = Command(0.0, 0.0, 0.0)
 ACTIONS = ("multidiscrete", "discrete", "continuous")
-NUM_CHOICES = 3
-DIVING, AFLOAT = Command._fields, Command._fields[1:]
-"""What vehicles under water are told, and boats."""
 
 
 class ActionModel:
@@ -47,7 +32,7 @@ class ActionModel:
         check_choice("action form", name, ACTIONS)
         self._num, self._form = len(parts), name
         self._choices = (NUM_CHOICES,) * len(parts)
-        self._commands = {choices: _command_of(parts, choices) for choices in np.ndindex(self._choices)}
+        self._commands = {choices: command_of(parts, choices) for choices in np.ndindex(self._choices)}
         self._table = np.array(list(self._commands.values()), dtype=np.float32)
         self._numbered: dict[float, Command] = dict(enumerate(self._commands.values()))
         """By the number of the action; making a new one each time takes longer than all of the choices' checks."""
@@ -120,11 +105,3 @@ class ActionModel:
         if levels.shape != (self._num,) or not np.isfinite(levels).all():
             raise InputError(f"An action must be {self._num} finite numbers, got {action!r}. Did the policy diverge?")
         return Command(*self._absent, *np.clip(levels, -1.0, 1.0).tolist())
-
-
-def _command_of(parts: Sequence[str], choices: tuple[int, ...]) -> Command:
-    """Return the command of choices from 0 to 2: the first is up, left and reverse."""
-    levels = {
-        part: choice - 1.0 if part == "thrust" else 1.0 - choice for part, choice in zip(parts, choices, strict=True)
-    }
-    return Command(levels.get("ballast", 0.0), levels["steer"], levels["thrust"])

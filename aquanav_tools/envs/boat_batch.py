@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import AFLOAT, ActionModel
+from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.dict_observation import parts_of
 from aquanav_tools.envs.extended_batch import ExtendedBatch
@@ -21,6 +21,7 @@ from aquanav_tools.envs.surface_observation import surface_space
 from aquanav_tools.envs.surface_task import Bay, SurfaceTask, refuse_in_bays, split_options
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
 from aquanav_tools.sim.batch.random import NEXT, draw_many
+from aquanav_tools.sim.command import AFLOAT
 from aquanav_tools.task import task_options
 from aquanav_tools.types import Array
 

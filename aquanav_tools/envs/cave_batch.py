@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import DIVING, ActionModel
+from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts, parts_of
@@ -26,6 +26,7 @@ from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, Starts, check_sta
 from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.command import DIVING
 from aquanav_tools.sim.contacts import Contacts, load_bullet
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern

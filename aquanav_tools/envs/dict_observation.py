@@ -12,9 +12,9 @@ from gymnasium import spaces
 
 from aquanav_tools.envs.definitions import OwnCode, check_reading, common_box
 from aquanav_tools.envs.extensions import Extensions, VehicleArrays
-from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.errors import InputError
 from aquanav_tools.registry import is_own
+from aquanav_tools.sim.scales import PRESETS
 
 if TYPE_CHECKING:
     from aquanav_tools.sim.batch.sensors.base import Sensor, SensorBatch

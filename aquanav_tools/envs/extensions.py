@@ -24,10 +24,10 @@ from aquanav_tools.envs.definitions import (
     find_sensor,
 )
 from aquanav_tools.envs.episode import OUTCOMES
-from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.envs.reward import NOTHING, REWARDS, TERMS
 from aquanav_tools.errors import InputError
 from aquanav_tools.registry import Registry, is_own
+from aquanav_tools.sim.scales import PRESETS
 from aquanav_tools.task import TaskOptions
 
 if TYPE_CHECKING:

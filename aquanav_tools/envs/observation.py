@@ -30,19 +30,11 @@ y up: its x, y, z are our y, z, -x):
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from gymnasium import spaces
 
 from aquanav_tools.envs.choices import check_choice
-
-NUM_RAYS = 28
-
-_ROWS = {"rays": NUM_RAYS, "goal": 3, "velocity": 3, "rates": 3, "depth": 1, "tilt": 2, "trim": 1, "command": 3}
-_ORIGINAL_ROWS = {"sensors": 4 * NUM_RAYS, "angles": 2, "motion": 6}
-PRESETS = {"paper": ("rays", "goal"), "full": tuple(_ROWS), "original": tuple(_ORIGINAL_ROWS)}
-"""Names of the slices in each preset; "paper" is the beginning of "full"."""
+from aquanav_tools.sim.scales import NUM_RAYS, ORIGINAL_ROWS, PRESETS, ROWS, slices_of
 
 
 def layout(preset: str) -> dict[str, slice]:
@@ -52,23 +44,7 @@ def layout(preset: str) -> dict[str, slice]:
         InputError: there is no such preset.
     """
     check_choice("observation preset", preset, PRESETS)
-    return slices_of({name: (_ROWS | _ORIGINAL_ROWS)[name] for name in PRESETS[preset]})
-
-
-def slices_of(rows: dict[str, int]) -> dict[str, slice]:
-    """Return where rows of so many values stand when they follow each other."""
-    ends = np.cumsum(list(rows.values())).tolist()
-    return {name: slice(end - size, end) for (name, size), end in zip(rows.items(), ends, strict=True)}
-
-
-def soft(value: Any, scale: float) -> Any:
-    """Return value / (|value| + scale), in (-1, 1)."""
-    return value / (abs(value) + scale)
-
-
-def unsoft(share: Any, scale: float) -> Any:
-    """Return the value that `soft` makes a share of."""
-    return scale * share / (1.0 - abs(share))
+    return slices_of({name: (ROWS | ORIGINAL_ROWS)[name] for name in PRESETS[preset]})
 
 
 def observation_space(preset: str) -> spaces.Box:

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import AFLOAT, ActionModel
+from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import raise_failures, row_of
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.choices import check_choice
@@ -18,6 +18,7 @@ from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, episode_task
 from aquanav_tools.envs.surface_task import DT, SUBSTEPS, Bay
 from aquanav_tools.sea.sea_map import SeaMap, ShortestPath
 from aquanav_tools.sim.batch.boat_state import BoatEpisode
+from aquanav_tools.sim.command import AFLOAT
 from aquanav_tools.sim.sea_water import SeaWater
 from aquanav_tools.types import Array
 

@@ -23,7 +23,8 @@ import numpy as np
 from gymnasium import spaces
 
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.observation import original_space, slices_of
+from aquanav_tools.envs.observation import original_space
+from aquanav_tools.sim.scales import slices_of
 
 DISTANCE_SCALE = 50.0
 """Distance that reads 0.5, m; chosen for bays of 100 to 200 m."""

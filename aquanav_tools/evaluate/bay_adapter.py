@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
 
-from aquanav_tools.envs.action import AFLOAT
 from aquanav_tools.envs.bays import Bays
 from aquanav_tools.envs.factory import make_env
 from aquanav_tools.envs.pictures.sea_camera import SeaCamera
@@ -30,6 +29,7 @@ from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
 from aquanav_tools.sim.boat import footprint_of
 from aquanav_tools.sim.boat_trial import boat_speed
+from aquanav_tools.sim.command import AFLOAT
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.task import TaskOptions

@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
-from aquanav_tools.envs.action import NUM_CHOICES, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.sim.batch.prediction import Predictor
+from aquanav_tools.sim.command import NUM_CHOICES, Command
 from aquanav_tools.types import IntArray
 
 CHOICES = tuple(

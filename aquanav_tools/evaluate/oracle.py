@@ -23,11 +23,11 @@ import numpy.typing as npt
 
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
-from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
 from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
+from aquanav_tools.sim.command import IDLE, Command
 from aquanav_tools.types import Array
 
 NUM_NODES = (60_000, 300_000)

@@ -8,10 +8,10 @@ from typing import Any
 
 from aquanav_tools.envs.action import ACTIONS
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.envs.observation import PRESETS
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.observed import DICTIONARY
 from aquanav_tools.registry import import_own, module_file
+from aquanav_tools.sim.scales import PRESETS
 
 
 class CallablePolicy:

@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import DIVING, NUM_CHOICES
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
@@ -35,6 +34,7 @@ from aquanav_tools.policy.spaces import describe_parts, describe_space, shapes_o
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.registry import is_own
 from aquanav_tools.shipped import shipped_names, shipped_path
+from aquanav_tools.sim.command import DIVING, NUM_CHOICES
 from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import IntArray
 

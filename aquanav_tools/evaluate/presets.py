@@ -6,11 +6,12 @@ from typing import Any, NamedTuple
 
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import ACTIONS, AFLOAT, DIVING, ActionModel
+from aquanav_tools.envs.action import ACTIONS, ActionModel
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.envs.surface_observation import surface_layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.spaces import describe_space, is_same_space
+from aquanav_tools.sim.command import AFLOAT, DIVING
 
 CAVE, SURFACE = "cave", "surface"
 """The tasks."""

@@ -13,8 +13,8 @@ from math import cos
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.observation import layout, unsoft
-from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE
+from aquanav_tools.envs.observation import layout
+from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE, unsoft
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, BoolArray
 

@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import ActionModel, Command
+from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.cave_env import CaveEnv
-from aquanav_tools.envs.observation import layout, unsoft
+from aquanav_tools.envs.observation import layout
 from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
 from aquanav_tools.sim.batch.stopping import Stopping
-from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE
+from aquanav_tools.sim.command import Command
+from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE, unsoft
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, BoolArray, Pose, rotation_matrix, yaw_quaternion
 

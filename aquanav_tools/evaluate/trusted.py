@@ -15,10 +15,11 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from aquanav_tools.envs.action import NUM_CHOICES, ActionModel
+from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.presets import OBSERVATION_SIZES, PARTS
 from aquanav_tools.libraries import require
+from aquanav_tools.sim.command import NUM_CHOICES
 
 MAX_FILE_BYTES = 1 << 30
 """Far above any policy; a larger file is something else."""

@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.action import ACTIONS, AFLOAT, DIVING, ActionModel, Command
+from aquanav_tools.envs.action import ACTIONS, ActionModel
 from aquanav_tools.errors import InputError
+from aquanav_tools.sim.command import AFLOAT, DIVING, Command
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.envs.action import IDLE, Command
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import oracle
@@ -12,6 +11,7 @@ from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
+from aquanav_tools.sim.command import IDLE, Command
 from aquanav_tools.sim.vehicle import known_vehicles
 from tests.bullet import ENGINES
 from tests.caves import TUBE_RADIUS
