@@ -22,6 +22,8 @@ class Library(NamedTuple):
     """As pip calls it."""
     extra: str
     """Of aquanav, in pyproject.toml."""
+    entry: str = ""
+    """What is loaded instead of a module that is a mere folder (PEP 420)."""
 
 
 OPTIONAL = {
@@ -36,6 +38,7 @@ OPTIONAL = {
     "pycolmap": Library("pycolmap", "photos"),
     "ray": Library("ray", "cluster"),
     "rerun": Library("rerun-sdk", "record"),
+    "rosbags": Library("rosbags", "ros", "rosbags.rosbag2"),
     "sb3_contrib": Library("sb3-contrib", "recurrent"),
     "stable_baselines3": Library("stable-baselines3", "train"),
     "tensorboardX": Library("tensorboardx", "train"),
@@ -65,7 +68,8 @@ def require(purpose: str, *modules: str, otherwise: str = "") -> None:
 
 def _load(module: str, purpose: str, otherwise: str) -> None:
     try:
-        library = importlib.import_module(module)
+        entry = OPTIONAL[module].entry if module in OPTIONAL else ""
+        library = importlib.import_module(entry or module)
     except ModuleNotFoundError as cause:
         raise _error_of(cause, module, purpose, otherwise) from cause
     except Exception as cause:  # whatever half of a library, or one for another machine, raises

@@ -264,5 +264,8 @@ class ReplayOptions:
     film: Path | None = None
     """Also write this film of the episode: .mp4 for players, .webm for browsers, .gif or .webp for pages that show no
     video. It takes a tenth of a second of one core per decision."""
+    bag: Path | None = None
+    """Also write this folder, a bag of ROS 2 (MCAP) with standard messages, for Foxglove, RViz and ros2 bag. Needs
+    pip install 'aquanav[ros]'."""
     view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""

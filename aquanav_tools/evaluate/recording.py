@@ -9,14 +9,27 @@ import numpy as np
 from aquanav_tools.envs.factory import AnyScenario
 from aquanav_tools.envs.pictures.film import SHOWN_FOR, Frame, film, film_size
 from aquanav_tools.evaluate.task_adapter import adapter_of
+from aquanav_tools.report.recording.bag import write_bag
 from aquanav_tools.report.recording.episode import record_episode
 from aquanav_tools.report.trajectory import Trajectory
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Progress, ignore_progress
 
 
 def record_trajectory(scenario: AnyScenario, trajectory: Trajectory, path: Path) -> None:
     """Write the rerun recording of a trajectory."""
     record_episode(adapter_of(scenario).scene(trajectory), trajectory, path)
+
+
+def bag_trajectory(scenario: AnyScenario, trajectory: Trajectory, path: Path) -> None:
+    """Write the bag of a trajectory, for ROS 2.
+
+    Raises:
+        LibraryError: rosbags is not installed.
+        InputError: there is something at its path.
+    """
+    directions = adapter_of(scenario).scene(trajectory).ray_directions
+    write_bag(path, trajectory, directions, scenario if isinstance(scenario, Scenario) else None)
 
 
 def film_trajectory(

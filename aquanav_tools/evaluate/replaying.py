@@ -19,9 +19,10 @@ from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
 from aquanav_tools.evaluate.own_files import check_own_files, own_files
 from aquanav_tools.evaluate.policies import LoadedPolicy, code_of, policy_loader, recorded_spec
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
-from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
+from aquanav_tools.evaluate.recording import bag_trajectory, film_trajectory, record_trajectory
 from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.registry import refuse_recorded
+from aquanav_tools.report.recording.bag import check_bag
 from aquanav_tools.report.recording.stream import require_recorder
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.sim.contacts import Backend
@@ -43,6 +44,8 @@ class Replayed:
     recording: Path
     film: Path | None
     """None where none was asked for."""
+    bag: Path | None
+    """Likewise."""
 
 
 def replay(
@@ -50,7 +53,7 @@ def replay(
     progress: Progress = ignore_progress,
     load: Callable[[str], LoadedPolicy] | None = None,
 ) -> Replayed:
-    """Run an episode again; write its recording, and its film where asked for.
+    """Run an episode again; write its recording, and its film and bag where asked for.
 
     Args:
         options: Which episode.
@@ -60,13 +63,15 @@ def replay(
     Raises:
         InputError: no such results or episode, the policy, the scenario or code of the user's own is missing or another
             one, or no film of that name or view can be made.
-        LibraryError: there can be no recording, as rerun is not installed.
+        LibraryError: there can be no recording, as rerun is not installed, or no bag, as rosbags is not.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
     require_recorder()
     if options.film is not None:  # before the episode, which takes long
         film_size(options.film)
         check_choice("view", options.view, get_args(View))
+    if options.bag is not None:
+        check_bag(options.bag)
     path = options.results / "results.json" if options.results.is_dir() else options.results
     table = read_results(path)
     episode = _find(episodes_of(table), options.episode, path)
@@ -86,11 +91,13 @@ def replay(
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
     trajectory, metrics = _run(policy, spec, rules, table["protocol"].get("backend", "pybullet"))
     record_trajectory(scenario, trajectory, output)
+    if options.bag is not None:
+        bag_trajectory(scenario, trajectory, options.bag)
     if options.film is not None:
         film_trajectory(scenario, trajectory, options.film, options.view, progress)
     if metrics.digest != episode.digest:
         raise ReplayError(_difference(episode, metrics, table["versions"], output))
-    return Replayed(metrics, output, options.film)
+    return Replayed(metrics, output, options.film, options.bag)
 
 
 def _check_own_files(table: dict[str, Any], rules: ProtocolOptions, policy: str, *, is_recorded: bool) -> None:
