@@ -3,7 +3,8 @@
     .venv/bin/python .ci/make_constraints.py python3.10 python3.11 python3.13 > pins.txt
 
 takes interpreters that have pip, asks each for all that aquanav and its extras need, and installs nothing. Below the
-head of constraints.txt, pins.txt takes the place of what is there.
+head of constraints.txt, pins.txt takes the place of what is there. Where the index does not serve the metadata of
+packages by themselves, pip downloads them whole, 3 GB with CUDA's libraries for torch: its progress is on stderr.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -36,10 +38,12 @@ def newest(python: str) -> tuple[str, dict[str, str]]:
     project: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     extras = sorted(set(project["project"]["optional-dependencies"]) - COMPILED)
     asked = [f".[{','.join(extras)}]", *project["build-system"]["requires"], "editables"]
-    command = [python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--quiet", "--report", "-", *asked]
     unpinned = {**os.environ, "PIP_CONSTRAINT": ""}
-    done = subprocess.run(command, cwd=ROOT, env=unpinned, stdout=subprocess.PIPE, text=True, check=True)
-    report = json.loads(done.stdout)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "report.json")
+        command = [python, "-m", "pip", "install", "--dry-run", "--ignore-installed", "--report", str(path), *asked]
+        subprocess.run(command, cwd=ROOT, env=unpinned, stdout=sys.stderr, check=True)
+        report = json.loads(path.read_text(encoding="utf-8"))
     found: dict[str, str] = {
         canonicalize_name(item["metadata"]["name"]): item["metadata"]["version"] for item in report["install"]
     }

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from aquanav_tools.api.training import train as train
 
 from aquanav_tools.compile_caches import ensure_compile_caches
+from aquanav_tools.first_compilation import watch_numba
 
 __version__ = "0.1.0"
 
@@ -53,6 +54,7 @@ class _Package(ModuleType):
 
 sys.modules[__name__].__class__ = _Package
 ensure_compile_caches()  # before numba is imported, which looks for a place then
+watch_numba()
 
 
 def __getattr__(name: str) -> Any:

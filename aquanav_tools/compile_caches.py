@@ -15,6 +15,9 @@ from pathlib import Path
 from aquanav_tools.machine import user_cache
 
 NUMBA_VARIABLE, WARP_VARIABLE = "NUMBA_CACHE_DIR", "WARP_CACHE_PATH"
+MARK_VARIABLE = "AQUANAV_COMPILING_MARK"
+"""Names the file whose presence says that a first compilation was told of, by this process or others of its command;
+empty where there is nothing to tell. See `first_compilation`."""
 
 
 def ensure_compile_caches() -> None:
@@ -37,6 +40,7 @@ def ensure_compile_caches() -> None:
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for variable in lacking:
         os.environ[variable] = str(folder / variable.partition("_")[0].lower())
+    os.environ[MARK_VARIABLE] = ""  # what follows says more
     print(
         f"Compiled code is kept in {folder} and deleted at the end, as neither the package's folder nor the user's "
         "cache can be written to: every run compiles anew, for a minute or two. Set "

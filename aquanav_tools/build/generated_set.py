@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from aquanav_tools.build.generated import build_generated, is_built
-from aquanav_tools.errors import AquanavError
+from aquanav_tools.errors import AquanavError, ResourceError
 from aquanav_tools.machine import lower_priority, num_cores
 from aquanav_tools.provenance import code_digest
 from aquanav_tools.scenario.shipped import GENERATOR, cache_dir
@@ -50,11 +50,17 @@ class CaveBuilder:
     """What a worker builds caves with."""
 
     def build(self, task: CaveTask) -> BuiltCave:
-        """Return where the cave of a task lies, built unless it lay there."""
+        """Return where the cave of a task lies, built unless it lay there.
+
+        Raises:
+            ResourceError: the cache cannot be written to, which no other cave would mend.
+        """
         if task.fault:
             return BuiltCave(None, task.fault, is_lost=True)
         try:
             return BuiltCave(build_generated(task.style, task.seed))
+        except ResourceError:
+            raise
         except AquanavError as error:
             return BuiltCave(None, str(error))
 
@@ -86,7 +92,7 @@ def built_by(pool: WorkerPool, tasks: Iterator[CaveTask | None]) -> Iterator[tup
     """Yield each task as it ends, with what came of it. A task whose worker ends is done once more, as in the pool.
 
     Raises:
-        ResourceError: workers end again and again, or none starts.
+        ResourceError: workers end again and again, none starts, or the cache cannot be written to.
         WorkerError: building raised what is no error of aquanav's.
     """
     yield from pool.results(tasks, "build", lambda task, why: replace(task, fault=why))

@@ -41,7 +41,7 @@ def run_generate(options: Generate) -> None:
     Raises:
         InputError: there is no such style, or a number is out of range.
         MeshError: caves could not be built; the message says which, and why.
-        ResourceError: workers end again and again, or the cluster does not answer.
+        ResourceError: workers end again and again, the cluster does not answer, or the cache cannot be written to.
     """
     from aquanav_tools.build.generated_set import CaveTask, build_set
     from aquanav_tools.cave.styles.names import style_of

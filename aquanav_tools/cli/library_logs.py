@@ -33,8 +33,9 @@ def library_logs(*, shown: bool) -> Iterator[None]:
     """
     ours, every = logging.getLogger("aquanav_tools"), logging.getLogger()
     level, show = ours.level, warnings.showwarning
-    stream = logging.StreamHandler(sys.stderr)
-    stream.setFormatter(logging.Formatter("%(name)s: %(message)s" if shown else "warning: %(message)s"))
+    stream = _AboveBars(sys.stderr)
+    layout = "%(name)s: %(message)s" if shown else "%(prefix)s%(message)s"
+    stream.setFormatter(logging.Formatter(layout, defaults={"prefix": "warning: "}))
     # Where the root has no handler, Python prints libraries' warnings by itself (logging.lastResort).
     handlers = [(every, stream)] if shown else [(ours, stream), (every, logging.NullHandler())]
     added = {} if shown else {name: value for name, value in NATIVE_SETTINGS.items() if name not in os.environ}
@@ -54,6 +55,15 @@ def library_logs(*, shown: bool) -> Iterator[None]:
             logger.removeHandler(handler)
         for name in added:
             os.environ.pop(name, None)
+
+
+class _AboveBars(logging.StreamHandler):  # type: ignore[type-arg]  # Python 3.10 takes no argument here
+    """Writes each line above the progress bars that there are."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        from tqdm import tqdm
+
+        tqdm.write(self.format(record), file=self.stream)
 
 
 def _without_libraries(show: Callable[..., None]) -> Callable[..., None]:

@@ -29,6 +29,7 @@ from aquanav_tools.evaluate.recording import film_trajectory, record_trajectory
 from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.report.trajectory import Trajectory
+from aquanav_tools.sim.batch.ahead import compiling_kernels
 from aquanav_tools.workers.pipe import is_wanted
 
 RECORDING, FILM_SUFFIX = "episode-{index:05d}.rrd", ".webm"
@@ -96,9 +97,10 @@ def make_plan(spec: EvaluationSpec) -> Plan:
     options = spec.options
     policy = spec.load(spec.policy)
     check_named(policy)
-    scenarios = spec.scenarios or tuple(
-        with_vehicle(read_any_scenario(path), options.vehicle) for path in options.scenario
-    )
+    with compiling_kernels(options.scenario if options.ray is None else ()):  # nodes of a cluster have others
+        scenarios = spec.scenarios or tuple(
+            with_vehicle(read_any_scenario(path), options.vehicle) for path in options.scenario
+        )
     _check_task(policy, scenarios)
     conditions = conditions_of(options.grid)
     episodes = [

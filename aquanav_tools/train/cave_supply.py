@@ -90,7 +90,7 @@ class CaveSupply:
             progress: Called with how many are ready, and of how many.
 
         Raises:
-            ResourceError: a worker ended twice over one cave.
+            ResourceError: a worker ended twice over one cave, or the cache cannot be written to.
             InputError: MAX_ATTEMPTS caves in a row could not be built, or do not fit the vehicle.
         """
         found: dict[int, Scenario] = {}

@@ -19,6 +19,7 @@ from aquanav_tools.errors import InputError, OwnCodeError
 from aquanav_tools.scenario.bay import Bay
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.split import check_training_scenario
+from aquanav_tools.sim.batch.ahead import compiling_kernels
 from aquanav_tools.sim.contacts import contacts_of, load_bullet
 from aquanav_tools.store import locked, told_when_full
 from aquanav_tools.train.batched import BatchedEnvs
@@ -105,18 +106,20 @@ def train(
     vehicle = pipeline.run.vehicle
     check_names(pipeline)
     drawn: list[DrawnCaves | None] = [None] * len(pipeline.lessons) if scenario else drawn_caves(pipeline, seed)
-    scenarios = [
-        [
-            with_vehicle(scenario or read_any_scenario(name), vehicle)
-            for name in ([""] if scenario else fixed_names(lesson))
+    named = [name for lesson in pipeline.lessons for name in lesson.all_scenarios] if scenario is None else []
+    with compiling_kernels(named):
+        scenarios = [
+            [
+                with_vehicle(scenario or read_any_scenario(name), vehicle)
+                for name in ([""] if scenario else fixed_names(lesson))
+            ]
+            for lesson in pipeline.lessons
         ]
-        for lesson in pipeline.lessons
-    ]
-    validation = [with_vehicle(read_any_scenario(name), vehicle) for name in pipeline.run.validation]
-    # Drawn caves are represented by the first: it changes when what draws them does.
-    all_scenarios = [
-        one for group, lesson in zip(scenarios, drawn, strict=True) for one in (*group, *first_cave(lesson))
-    ]
+        validation = [with_vehicle(read_any_scenario(name), vehicle) for name in pipeline.run.validation]
+        # Drawn caves are represented by the first: it changes when what draws them does.
+        all_scenarios = [
+            one for group, lesson in zip(scenarios, drawn, strict=True) for one in (*group, *first_cave(lesson))
+        ]
     _check_task(pipeline, [*all_scenarios, *validation])
     say_left_out([*all_scenarios, *validation])
     initial = _initial(pipeline, all_scenarios[0])

@@ -13,7 +13,7 @@ import pytest
 from aquanav_tools.build import generated_set
 from aquanav_tools.build.generated_set import BuiltCave, CaveBuilder, CaveTask, build_set, built_by
 from aquanav_tools.cli.generate import Generate, run_generate
-from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.errors import InputError, MeshError, ResourceError
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
 from aquanav_tools.workers.worker import WorkerSpec
@@ -69,6 +69,19 @@ def test_caves_that_cannot_be_built_are_told_and_the_others_stay(
     told = capsys.readouterr()
     assert told.out.split() == [str(tmp_path / "maze-4"), str(tmp_path / "maze-6")]
     assert "generated/maze/6 is built (3 of 3)." in told.err
+
+
+def test_a_cache_without_rights_is_told_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    seeds = []
+
+    def build(_style: str, seed: int) -> Path:
+        seeds.append(seed)
+        raise ResourceError("The cache cannot be written to.")
+
+    monkeypatch.setattr(generated_set, "build_generated", build)
+    with pytest.raises(ResourceError, match=r"^The cache cannot be written to\.$"):
+        run_generate(Generate("maze", 4, count=3, workers=1))
+    assert seeds == [4]
 
 
 @pytest.mark.parametrize(

@@ -187,6 +187,15 @@ def test_caves_that_cannot_be_learned_in_end_the_run_with_a_sentence(
         CaveSupply(CaveSequence(("maze",), 1), 1).at_once([0])
 
 
+def test_what_is_no_fault_of_a_cave_is_told_without_trying_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    def build(_style: str, _seed: int) -> Path:
+        raise ResourceError("The cache cannot be written to.")
+
+    monkeypatch.setattr("aquanav_tools.build.generated_set.build_generated", build)
+    with pytest.raises(ResourceError, match=r"^The cache cannot be written to\.$"):
+        CaveSupply(CaveSequence(("maze",), 1), 1).at_once([0])
+
+
 def test_a_damaged_cave_is_built_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stub(monkeypatch, tmp_path / "caves")
     supply = CaveSupply(CaveSequence(("maze",), 1), 1)

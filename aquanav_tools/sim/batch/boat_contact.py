@@ -18,7 +18,7 @@ import warp as wp
 from aquanav_tools.sea.outlines import outlines_of
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.batch.motion import State, angular, linear, rotation_of, six, vec6
-from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.boat import Footprint
 from aquanav_tools.types import Array
 
@@ -345,5 +345,5 @@ def clearances_of(sea: SeaMap, hulls: Array, radius: float) -> Array:
     found = wp.zeros(len(hulls), dtype=wp.float64, device=device)
     placed = wp.array(np.ascontiguousarray(hulls), dtype=wp.vec2d, ndim=2, device=device)
     inputs = [make_bay(sea, -np.inf, device), placed, radius, found]
-    wp.launch(probe_clearances, dim=len(hulls), inputs=inputs, device=device)
+    launch_kernel(probe_clearances, dim=len(hulls), inputs=inputs, device=device)
     return found.numpy()

@@ -36,7 +36,7 @@ from aquanav_tools.sim.batch.motion import (
     vec6,
 )
 from aquanav_tools.sim.batch.original import DraggedBody, drag_along, make_dragged_body
-from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.boat import NO_SKIN, Boat
 from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.original import OriginalVehicle
@@ -256,7 +256,7 @@ class OpenWater:
             wp.array(np.ascontiguousarray(part), dtype=kind, device=self._device) for part, kind in parts
         ]  # fmt: skip
         around = [wp.vec3d(*self.current), wp.vec2d(*self.wind), self._sea, self._body, self._work, self._dt]
-        wp.launch(sail_alone, dim=1, inputs=[wp.vec2d(steer, thrust), *around, *arrays], device=self._device)
+        launch_kernel(sail_alone, dim=1, inputs=[wp.vec2d(steer, thrust), *around, *arrays], device=self._device)
         return np.concatenate([array.numpy() for array in arrays], axis=1)
 
     def loads(self, state: Array, steer: float = 0.0, thrust: float = 0.0) -> Array:
@@ -264,5 +264,5 @@ class OpenWater:
         found = wp.zeros(3, dtype=vec6, device=self._device)
         where = [wp.vec3d(*state[:3]), wp.vec4d(*state[3:7]), vec6(*state[7:13]), wp.vec2d(steer, thrust)]
         around = [wp.vec3d(*self.current), wp.vec2d(*self.wind), self._sea, self._body, self._work]
-        wp.launch(probe_loads, dim=1, inputs=[*where, *around, found], device=self._device)
+        launch_kernel(probe_loads, dim=1, inputs=[*where, *around, found], device=self._device)
         return found.numpy()

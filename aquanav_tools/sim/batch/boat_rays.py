@@ -16,7 +16,7 @@ import warp as wp
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim import sensors
 from aquanav_tools.sim.batch.boat_contact import FAR, Bay, make_bay, to_outline, to_segment
-from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.sensors import RayPattern
 from aquanav_tools.types import Array
 
@@ -150,5 +150,5 @@ def cast_discs(sea: SeaMap, places: Array, directions: Array, length: float, rad
     found = wp.zeros(len(places), dtype=wp.float64, device=device)
     at, along = (wp.array(np.ascontiguousarray(part), dtype=wp.vec2d, device=device) for part in (places, directions))
     inputs = [make_bay(sea, -np.inf, device), at, along, length, radius, found]
-    wp.launch(probe_discs, dim=len(places), inputs=inputs, device=device)
+    launch_kernel(probe_discs, dim=len(places), inputs=inputs, device=device)
     return found.numpy()

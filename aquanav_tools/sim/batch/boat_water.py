@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import warp as wp
 
-from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.waves import DEEP
 from aquanav_tools.types import Array
 
@@ -261,5 +261,5 @@ def probe(waves: Array, phases: Array, places: Array) -> tuple[Array, Array]:
     velocities = wp.zeros(count, dtype=wp.vec3d, device=device)
     at = wp.array(np.ascontiguousarray(places, dtype=np.float64), dtype=wp.vec3d, device=device)
     turns, sums = (wp.zeros(shape, dtype=vec8, device=device) for shape in ((2, blocks), 3))
-    wp.launch(probe_sea, dim=1, inputs=[sea, at, turns, sums, rises, velocities], device=device)
+    launch_kernel(probe_sea, dim=1, inputs=[sea, at, turns, sums, rises, velocities], device=device)
     return rises.numpy(), velocities.numpy()

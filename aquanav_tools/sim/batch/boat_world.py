@@ -35,7 +35,7 @@ from aquanav_tools.sim.batch.boat_state import (
     write_row,
 )
 from aquanav_tools.sim.batch.boat_water import NUM_ROWS, num_blocks, pack_sea, vec8
-from aquanav_tools.sim.batch.runtime import find_device, run_slices, sequence
+from aquanav_tools.sim.batch.runtime import find_device, launch_kernel, run_slices, sequence
 from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.randomisation import Randomisation
@@ -287,7 +287,7 @@ class BoatWorld:
         for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True):
 
             def launch_of(kernel: Any, *inputs: Any, num: int = last - first) -> Any:
-                return wp.launch(kernel, dim=num, inputs=list(inputs), device=self.device, record_cmd=True)
+                return launch_kernel(kernel, dim=num, inputs=list(inputs), device=self.device, record_cmd=True)
 
             begin = launch_of(kernels.begin, first, boats, around)
             move = launch_of(kernels.move, first, boats, around, model, rules)

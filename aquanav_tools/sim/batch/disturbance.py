@@ -9,7 +9,7 @@ import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.sim.batch.random import RAYS, normal_pair, share_of_one, words
-from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, launch_kernel
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -131,7 +131,7 @@ class RayErrors:
         dropped = wp.zeros(shape, dtype=wp.bool, device=device)
         reach = wp.array(lengths.astype(np.float32), dtype=wp.float32, device=device)
         seeds, decisions = (wp.zeros(num, dtype=wp.int32, device=device) for _ in range(2))
-        self._launch = wp.launch(
+        self._launch = launch_kernel(
             disturb, dim=shape, inputs=[rays, dropped, reach, noise, dropout, seeds, decisions], device=device,
             record_cmd=True,
         )  # fmt: skip
@@ -185,4 +185,4 @@ def delay(values: Any, waiting: Any, turns: Any, chosen: Any) -> None:
         wp.array(np.asarray(turns, dtype=np.int32), dtype=wp.int32, device=device),
         wp.array(np.asarray(chosen), dtype=wp.bool, device=device),
     ]
-    wp.launch(delay_rows, dim=len(values), inputs=arrays, device=device)
+    launch_kernel(delay_rows, dim=len(values), inputs=arrays, device=device)

@@ -17,7 +17,7 @@ import warp as wp
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.sim.batch.blocks import cell_of, corner
 from aquanav_tools.sim.batch.field import Grid
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -66,7 +66,9 @@ def _mean_speed(waves: Array, field: DistanceField, grid: Grid, device: Any) -> 
     squares = wp.zeros(len(points), dtype=f64, device=device)
     places = wp.array(points, dtype=wp.vec3d, device=device)
     on_device = wp.array(waves, dtype=f64, ndim=2, device=device)
-    wp.launch(_expected_squares, dim=len(points), inputs=[grid, on_device, places], outputs=[squares], device=device)
+    launch_kernel(
+        _expected_squares, dim=len(points), inputs=[grid, on_device, places], outputs=[squares], device=device
+    )
     return float(np.sqrt(squares.numpy().mean()))
 
 

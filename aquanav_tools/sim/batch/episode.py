@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import warp as wp
 
-from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, launch_kernel
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -97,5 +97,5 @@ class Decision:
         settings = wp.vec4i(self.steps, self.decisions, self.max_decisions, int(self.ends_on_collision))
         lengths = [self.remaining, self.tolerance, self.gained, self.cut_off]
         inputs = [self.num_touched, settings, *lengths, outcome, amounts]
-        wp.launch(probe_decision, dim=1, inputs=inputs, device=device)
+        launch_kernel(probe_decision, dim=1, inputs=inputs, device=device)
         return int(outcome.numpy()[0]), amounts.numpy()

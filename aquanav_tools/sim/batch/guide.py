@@ -21,7 +21,7 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -72,7 +72,7 @@ def _arcs_of(guide: Guide, panels: Panels, device: Any) -> Array:
     points = np.concatenate([guide.centreline[first : last + 1] for first, last in pairwise(stations)])
     found = wp.zeros(len(gates), dtype=f64, device=device)
     inputs = [wp.array(points, dtype=wp.vec3d, device=device), wp.array(gates, dtype=wp.int32, device=device), panels]
-    wp.launch(_write_shares, dim=len(gates), inputs=inputs, outputs=[found], device=device)
+    launch_kernel(_write_shares, dim=len(gates), inputs=inputs, outputs=[found], device=device)
     shares, rows, even = found.numpy(), [], np.linspace(0.0, 1.0, ARC_SAMPLES + 1)
     for gate, (begin, end) in enumerate(pairwise(guide.arc_lengths)):
         line = points[gates == gate]

@@ -19,7 +19,7 @@ from aquanav_tools.sim.batch.contact_points import Hull
 from aquanav_tools.sim.batch.field import Grid, make_grid
 from aquanav_tools.sim.batch.motion import Body, BodyRows, State, body_rows, swim, thrust, vec6
 from aquanav_tools.sim.batch.original import DraggedBody, DraggedRows, drag_along, dragged_rows
-from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
+from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.body_parameters import DraggedBodyParameters, MotionParameters
 from aquanav_tools.sim.randomisation import Draws, control_factors, varied_body
 from aquanav_tools.sim.vehicle_base import STATE_SIZE, Vehicle
@@ -223,7 +223,7 @@ class Predictor:
     def trim_at(self, level: float) -> float:
         """Return the state of the ballast in [-1, 1] at a level as the batch has it."""
         trims = self.zeros((1,))
-        wp.launch(read_trim, dim=1, inputs=[wp.float64(level), self.controls, trims], device=self.device)
+        launch_kernel(read_trim, dim=1, inputs=[wp.float64(level), self.controls, trims], device=self.device)
         return float(trims.numpy()[0])
 
     def _record(self, rows: int, decisions: int, size: int) -> _Launch:
@@ -234,7 +234,7 @@ class Predictor:
         extra = self.zeros((rows, size - STATE_SIZE))
         inputs = [self.motion, self.controls, self.substeps, commands, currents, self.hull, self.grid]
         inputs += [extra, states, trims, clearances]
-        command = wp.launch(hold, dim=rows, inputs=inputs, device=self.device, record_cmd=True)
+        command = launch_kernel(hold, dim=rows, inputs=inputs, device=self.device, record_cmd=True)
         arrays = (commands, currents, states, trims, clearances)
         return _Launch(command, *(array.numpy() for array in arrays), (*arrays, extra))
 
@@ -266,7 +266,7 @@ def advance(
     pushes = wp.array(np.broadcast_to(wrenches, (num, steps, 6)), dtype=vec6, device=device)
     water = wp.array(np.broadcast_to(currents, (num, 3)), dtype=wp.vec3d, device=device)
     extra = wp.zeros((num, size - STATE_SIZE), dtype=wp.float64, device=device)
-    wp.launch(push, dim=num, inputs=[motion, pushes, water, extra, moved], device=device)
+    launch_kernel(push, dim=num, inputs=[motion, pushes, water, extra, moved], device=device)
     del rows  # lives until here: the bodies point into it
     result: Array = np.array(moved.numpy())
     return result

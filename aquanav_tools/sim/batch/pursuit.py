@@ -17,7 +17,7 @@ from aquanav_tools.sim.batch.contact_points import Hull
 from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
 from aquanav_tools.sim.batch.water import Water, WaterNow, water_at
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
 from aquanav_tools.types import Array
@@ -231,6 +231,6 @@ class Pursuit:
         extra = given.zeros((num, size - STATE_SIZE))
         inputs = [given.motion, given.controls, given.substeps, self._horizon, int(has_command), self._path]
         inputs += [given.hull, given.grid, *self._water, currents, extra, states, trims, paces, commands, *found]
-        launch = wp.launch(pursue, dim=num, inputs=inputs, device=given.device, record_cmd=True)
+        launch = launch_kernel(pursue, dim=num, inputs=inputs, device=given.device, record_cmd=True)
         arrays = [currents, states, trims, paces, commands, *found]
         return launch, [*arrays, extra], [array.numpy() for array in arrays]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.errors import InputError
+from aquanav_tools.first_compilation import say_compiling
 from aquanav_tools.libraries import stderr_silenced
 
 OPTIONS = {
@@ -56,6 +58,24 @@ def find_device(name: str) -> Any:
             f"There is no device '{name}' for the batched simulation; at hand are: {known}. "
             "For a GPU, is its driver installed, and new enough for this build of warp-lang?"
         ) from cause
+
+
+def launch_kernel(kernel: Any, *, device: Any, **arguments: Any) -> Any:
+    """Do what `wp.launch` does, and say so where the kernel's module is compiled first."""
+    _tell_of_compiling(kernel.module, device.is_cpu)
+    return wp.launch(kernel, device=device, **arguments)
+
+
+@cache
+def _tell_of_compiling(module: Any, is_cpu: bool) -> None:
+    if not is_compiled(module, is_cpu):
+        say_compiling()
+
+
+def is_compiled(module: Any, is_cpu: bool) -> bool:
+    """Return whether the kernels of a module of Warp's, as they are now, lie compiled in the cache."""
+    name = module.get_module_identifier(1 if is_cpu else None)  # it rests on the size of a block too
+    return Path(wp.config.kernel_cache_dir, name).is_dir()
 
 
 _capturing = threading.Lock()

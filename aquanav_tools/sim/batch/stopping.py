@@ -10,7 +10,7 @@ from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, trim
 from aquanav_tools.sim.batch.contact_points import Hull, nose_of
 from aquanav_tools.sim.batch.motion import State, linear, rotation_of
 from aquanav_tools.sim.batch.prediction import Motion, Predictor, moved_freely, read_state
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
 from aquanav_tools.sim.vehicle_base import STATE_SIZE
 from aquanav_tools.types import Array
 
@@ -129,6 +129,6 @@ class Stopping:
         extra = given.zeros((num, size - STATE_SIZE))
         inputs = [given.motion, given.controls, given.substeps, self._most, self._still, given.hull]
         inputs += [self._walls, self._num_walls, wp.vec3d(), extra, states, trims, commands, *found]
-        launch = wp.launch(stop, dim=num, inputs=inputs, device=given.device, record_cmd=True)
+        launch = launch_kernel(stop, dim=num, inputs=inputs, device=given.device, record_cmd=True)
         arrays = [states, trims, commands, *found]
         return launch, [*arrays, extra], [array.numpy() for array in arrays]

@@ -20,7 +20,7 @@ from aquanav_tools.sim.batch.engine import ContactEngine, EngineLink
 from aquanav_tools.sim.batch.episode import NUM_TERMS
 from aquanav_tools.sim.batch.observation import ORIGINAL, PRESETS, make_fan
 from aquanav_tools.sim.batch.random import NEXT, draw_many
-from aquanav_tools.sim.batch.runtime import find_device, run_slices, sequence
+from aquanav_tools.sim.batch.runtime import find_device, launch_kernel, run_slices, sequence
 from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS
 from aquanav_tools.sim.batch.setup import CaveSetup, WorldOptions
 from aquanav_tools.sim.batch.starts import CaveStarts, UnlistedStarts
@@ -373,7 +373,7 @@ class BatchWorld:
             self._beginning.append(sequence([anew, *seen, score], self.device))
 
     def _launch_of(self, kernel: Any, dim: Any, inputs: list[Any]) -> Any:
-        return wp.launch(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
+        return launch_kernel(kernel, dim=dim, inputs=inputs, device=self.device, record_cmd=True)
 
 
 def _num_slices(num: int, num_threads: int | None) -> int:

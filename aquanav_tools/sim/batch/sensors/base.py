@@ -15,6 +15,7 @@ from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.random import RAYS
+from aquanav_tools.sim.batch.runtime import launch_kernel
 from aquanav_tools.sim.batch.sensors.noise import draw_normals
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.batch.table import StructTable
@@ -79,7 +80,7 @@ class SensorBatch:
         """Return (N, count) standard normal numbers that depend on seed, sensor and decision alone."""
         out = wp.zeros((self.num, count), dtype=wp.float32, device=self.device)
         inputs = [self.state.seeds, self.state.decisions, self.stream, out]
-        wp.launch(draw_normals, dim=(self.num, (count + 3) // 4), inputs=inputs, device=self.device)
+        launch_kernel(draw_normals, dim=(self.num, (count + 3) // 4), inputs=inputs, device=self.device)
         drawn: Reading = out.numpy()
         return drawn
 
@@ -152,7 +153,7 @@ class KernelSensor:
         bounds = np.linspace(0, count, max(1, min(batch.num_threads, count // self._min_slice)) + 1).astype(int)
         self._passed = (int(batch.only_restarted), batch.stream)
         self._launches = [
-            wp.launch(
+            launch_kernel(
                 self._kernel,
                 dim=last - first,
                 inputs=[first, *self._passed, batch.state, batch.caves, *own, self._out],

@@ -1,0 +1,100 @@
+"""Saying once that numba or Warp compile for the first time here, which takes a minute in which nothing else shows.
+
+Both compile when a function is first called, deep within the work, and keep what they made; so who waits is told then,
+and nothing is said where all comes from the cache. Processes that one command starts speak for it only once.
+"""
+
+from __future__ import annotations
+
+import atexit
+import importlib.abc
+import importlib.util
+import logging
+import os
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from aquanav_tools.compile_caches import MARK_VARIABLE
+
+SENTENCE = "Compiling for the first time on this machine: a minute or two in all, and only once."
+NO_PREFIX = {"prefix": ""}
+"""Of a log record that is no warning, for the command line; see `cli.library_logs`."""
+_OURS = __package__ + "."
+logger = logging.getLogger(__name__)
+
+
+def watch_numba() -> None:
+    """Have numba tell when it compiles a function of ours that it keeps, once it is imported."""
+    if MARK_VARIABLE not in os.environ:
+        mark = Path(tempfile.gettempdir(), f"aquanav-compiling-{os.getpid()}-{time.time_ns()}")
+        os.environ[MARK_VARIABLE] = str(mark)
+        atexit.register(_remove, mark, os.getpid())
+    if "numba" in sys.modules:
+        _listen()
+    else:
+        sys.meta_path.insert(0, _NumbaFinder())
+
+
+def say_compiling() -> None:
+    """Log the sentence, once for this process and all that it was started by or starts."""
+    mark = os.environ.get(MARK_VARIABLE)
+    if mark and _is_first(Path(mark)):
+        logger.warning(SENTENCE, extra=NO_PREFIX)
+
+
+def _is_first(mark: Path) -> bool:
+    try:
+        mark.touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    except OSError:  # no place for temporary files: better twice than never
+        return True
+    return True
+
+
+def _remove(mark: Path, owner: int) -> None:
+    if os.getpid() == owner:  # not in a forked child
+        mark.unlink(missing_ok=True)
+
+
+class _NumbaFinder(importlib.abc.MetaPathFinder):
+    """Starts to listen once numba is imported: importing it for that would take half a second from each command."""
+
+    def find_spec(
+        self, fullname: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if fullname != "numba":
+            return None
+        others = (finder for finder in sys.meta_path if finder is not self and hasattr(finder, "find_spec"))
+        spec = next(filter(None, (finder.find_spec(fullname, path, target) for finder in others)), None)
+        if spec is not None and spec.loader is not None:
+            run = spec.loader.exec_module
+
+            def run_and_listen(module: ModuleType) -> None:
+                run(module)
+                _listen()
+
+            spec.loader.exec_module = run_and_listen  # type: ignore[method-assign]
+        return spec
+
+
+def _listen() -> None:
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: Any) -> None:
+            function = event.data["dispatcher"]
+            # One without a place in the cache is compiled in every process, which takes no time worth a word.
+            if function.py_func.__module__.startswith(_OURS) and function.stats.cache_path is not None:
+                say_compiling()
+
+        def on_end(self, event: Any) -> None:
+            """Do nothing."""
+
+    event.register("numba:compile", Listener())
