@@ -36,11 +36,20 @@ def ensure_compile_caches() -> None:
     ]
     if not lacking:
         return
-    folder = Path(tempfile.mkdtemp(prefix="aquanav-compiled-"))
+    os.environ[MARK_VARIABLE] = ""  # what follows says more
+    try:
+        folder = Path(tempfile.mkdtemp(prefix="aquanav-compiled-"))
+    except OSError as error:  # no temporary folder either; libraries that need none still work
+        print(
+            f"There is no place for compiled code: neither the package's folder, the user's cache nor a temporary "
+            f"folder can be written to ({error.strerror}). What numba or Warp compile will fail. Set "
+            f"{' and '.join(lacking)}, and TMPDIR, to folders that can.",
+            file=sys.stderr,
+        )
+        return
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     for variable in lacking:
         os.environ[variable] = str(folder / variable.partition("_")[0].lower())
-    os.environ[MARK_VARIABLE] = ""  # what follows says more
     print(
         f"Compiled code is kept in {folder} and deleted at the end, as neither the package's folder nor the user's "
         "cache can be written to: every run compiles anew, for a minute or two. Set "

@@ -7,6 +7,7 @@ and nothing is said where all comes from the cache. Processes that one command s
 from __future__ import annotations
 
 import atexit
+import contextlib
 import importlib.abc
 import importlib.util
 import logging
@@ -32,7 +33,7 @@ logger = logging.getLogger(__name__)
 def watch_numba() -> None:
     """Have numba tell when it compiles a function of ours that it keeps, once it is imported."""
     if MARK_VARIABLE not in os.environ:
-        mark = Path(tempfile.gettempdir(), f"aquanav-compiling-{os.getpid()}-{time.time_ns()}")
+        mark = Path(_temporary_folder(), f"aquanav-compiling-{os.getpid()}-{time.time_ns()}")
         os.environ[MARK_VARIABLE] = str(mark)
         atexit.register(_remove, mark, os.getpid())
     if "numba" in sys.modules:
@@ -48,6 +49,13 @@ def say_compiling() -> None:
         logger.warning(SENTENCE, extra=NO_PREFIX)
 
 
+def _temporary_folder() -> str:
+    try:
+        return tempfile.gettempdir()
+    except FileNotFoundError:  # there is none that can be written to
+        return os.devnull
+
+
 def _is_first(mark: Path) -> bool:
     try:
         mark.touch(exist_ok=False)
@@ -60,7 +68,8 @@ def _is_first(mark: Path) -> bool:
 
 def _remove(mark: Path, owner: int) -> None:
     if os.getpid() == owner:  # not in a forked child
-        mark.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            mark.unlink()
 
 
 class _NumbaFinder(importlib.abc.MetaPathFinder):

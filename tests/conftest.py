@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aquanav_tools.compile_caches import MARK_VARIABLE
 from aquanav_tools.scenario.schema import Scenario
 from tests.caves import tube_scenario
 
 REPOSITORY = Path(__file__).parent.parent
+os.environ[MARK_VARIABLE] = ""  # what commands say in tests does not depend on what was compiled before
 
 
 @pytest.fixture

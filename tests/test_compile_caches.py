@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools import compile_caches
-from aquanav_tools.compile_caches import NUMBA_VARIABLE, WARP_VARIABLE, can_write, ensure_compile_caches
+from aquanav_tools.compile_caches import MARK_VARIABLE, NUMBA_VARIABLE, WARP_VARIABLE, can_write, ensure_compile_caches
 from aquanav_tools.errors import InputError
 from aquanav_tools.machine import user_cache
 from aquanav_tools.scenario.shipped import CACHE_VARIABLE, cache_dir
@@ -33,7 +33,7 @@ print(kept, any(name.endswith(".nbc") for _, _, names in os.walk(kept) for name 
 @pytest.fixture
 def unnamed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Take away what the variables say, and put it back at the end."""
-    for variable in (NUMBA_VARIABLE, WARP_VARIABLE):
+    for variable in (NUMBA_VARIABLE, WARP_VARIABLE, MARK_VARIABLE):
         monkeypatch.setenv(variable, "")
 
 
@@ -57,6 +57,19 @@ def test_nobody_else_can_put_code_there(
     assert folder.stat().st_mode & 0o777 == 0o700
     assert os.environ[WARP_VARIABLE] == str(folder / "warp")
     assert "every run compiles anew" in capsys.readouterr().err
+
+
+def test_where_there_is_not_even_a_temporary_folder_a_sentence_says_what_will_fail(
+    unnamed: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(compile_caches, "can_write", lambda _: False)
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "file"))  # nobody may write below a file, root included
+    ensure_compile_caches()
+    assert not os.environ[WARP_VARIABLE]
+    told = capsys.readouterr().err
+    assert told.startswith("There is no place for compiled code") and "(Not a directory)" in told
+    assert f"Set {NUMBA_VARIABLE} and {WARP_VARIABLE}, and TMPDIR, to folders that can." in told
 
 
 def test_a_place_that_the_user_names_stays(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import platform
+import re
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -120,6 +121,16 @@ class Options:
 COMMANDS = {"build": "build_cave", "train": "train", "eval": "evaluate"}
 """Subcommands that are commands of their own as well, and the modules of these, which read the rest of the line."""
 VERSION_FLAG = "--version"
+CANNOT_WRITE = re.compile(r"read-only|writ(e|able)|permission denied", re.IGNORECASE)
+"""In what a library says that finds no folder to write to."""
+NO_PLACE = (
+    "They find no folder that they can write to. Set HOME or TMPDIR to one, or, where only some lack a place, "
+    "NUMBA_CACHE_DIR, WARP_CACHE_PATH and MPLCONFIGDIR."
+)
+REINSTALL = (
+    "Likely a version that aquanav was not tested with, or an installation that broke off. Install aquanav again with "
+    "its pins: pip install --force-reinstall -c constraints.txt ."
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -209,16 +220,14 @@ def _shipped() -> list[tuple[str, str]]:
 def _examine_libraries() -> None:
     from aquanav_tools.cli.doctor import TRIALS, examine
 
-    ailing = []
+    ailing, reasons = [], []
     for library in TRIALS:
         finding = examine(library)
         word = {True: "OK", False: "FAILED", None: "absent"}[finding.is_well]
         print(f"{library:<18} {word:<6}  {finding.detail}", flush=True)
         if finding.is_well is False:
             ailing.append(library)
+            reasons.append(finding.detail)
     if ailing:
-        raise ResourceError(
-            f"{len(ailing)} of {len(TRIALS)} libraries do not work here: {', '.join(ailing)}. Likely a version that "
-            "aquanav was not tested with, or an installation that broke off. Install aquanav again with its pins: "
-            "pip install --force-reinstall -c constraints.txt ."
-        )
+        advice = NO_PLACE if all(map(CANNOT_WRITE.search, reasons)) else REINSTALL
+        raise ResourceError(f"{len(ailing)} of {len(TRIALS)} libraries do not work here: {', '.join(ailing)}. {advice}")

@@ -111,6 +111,22 @@ def test_doctor_exits_with_6_and_says_what_to_do_when_a_library_fails(
     assert "pip install" in printed.err
 
 
+def test_doctor_tells_machines_without_a_place_to_write_to_from_broken_libraries(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    details = {  # as Warp and matplotlib say it
+        "warp": "OSError: [Errno 30] Read-only file system: '/home/me/.cache'",
+        "matplotlib": "OSError: Matplotlib requires access to a writable cache directory, but there was an issue",
+    }
+    monkeypatch.setattr(doctor, "TRIALS", dict.fromkeys(details, fail))
+    monkeypatch.setattr(doctor, "examine", lambda library: doctor.Finding(library, False, details[library]))
+    with pytest.raises(SystemExit) as exit_info:
+        info.main(["doctor"])
+    assert exit_info.value.code == 6
+    told = capsys.readouterr().err
+    assert "They find no folder that they can write to. Set HOME or TMPDIR" in told and "pip install" not in told
+
+
 def test_a_misspelt_subcommand_ends_with_code_2_and_no_traceback() -> None:
     command = Path(sys.executable).with_name("aquanav")
     done = subprocess.run([command, "docter"], capture_output=True, text=True, check=False)
