@@ -11,8 +11,8 @@ from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.water import mean_velocities
 from aquanav_tools.types import Array
 
-MAX_SAMPLES = 300_000
-"""Of the box around a cave: 20 MB of text."""
+MAX_SAMPLES = 60_000
+"""Of the box around a cave: 3 MB of text."""
 UNIT_STRENGTH = 1.0
 """Mean speed through the narrowest section for which the way of the water is written where it stands still, m/s."""
 

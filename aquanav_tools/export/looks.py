@@ -87,6 +87,6 @@ def _check_box(shown: Mesh, cavity: Mesh, path: Path) -> None:
     )
     if apart > NEAR:
         raise InputError(
-            f"{path} shows another cave: its box is {apart:.2f} m off the scenario's. Likely an earlier build's file. "
+            f"{path} shows another cave: its box is {apart:.2f} m off the scenario's. "
             "Delete it, or build the scenario again."
         )
