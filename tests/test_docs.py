@@ -40,6 +40,7 @@ SUBCOMMANDS = {
             "generate",
             "leaderboard",
             "card",
+            "export",
         )
     ),
 }

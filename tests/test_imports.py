@@ -29,6 +29,7 @@ ROOMS_BELOW = {
     "deploy": {"sim", "policy"},
     "workers": set(),
     "train": {"build", "cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
+    "export": {"cave", "photograph", "report", "scenario", "sim"},
     "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
     "build": {"cave", "reconstruct", "scenario", "sim", "report", "workers"},
     "benchmark": {"scenario", "sim", "envs", "evaluate", "policy", "report", "workers", "build"},
@@ -49,6 +50,7 @@ ROOMS_BELOW = {
         "evaluate",
         "workers",
         "build",
+        "export",
     },
 }
 """Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""

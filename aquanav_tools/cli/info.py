@@ -17,6 +17,7 @@ from aquanav_tools import __version__
 from aquanav_tools.cli.card import Card, run_card
 from aquanav_tools.cli.cave_facts import cave_facts, is_built_cave
 from aquanav_tools.cli.command import DEBUG_FLAG, run_command
+from aquanav_tools.cli.export import Export, run_export
 from aquanav_tools.cli.generate import Generate, run_generate
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.leaderboard import Leaderboard, run_leaderboard
@@ -114,6 +115,7 @@ class Options:
         | Annotated[Generate, tyro.conf.subcommand("generate")]
         | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
         | Annotated[Card, tyro.conf.subcommand("card")]
+        | Annotated[Export, tyro.conf.subcommand("export")]
     )
     """What to do."""
 
@@ -179,6 +181,8 @@ def _run(options: Options) -> None:
             run_leaderboard(leaderboard)
         case Card() as card:
             run_card(card)
+        case Export() as scene:
+            run_export(scene)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:
