@@ -35,7 +35,7 @@ class CurrentGrid:
     @property
     def points(self) -> Array:
         """(X, Y, Z, 3) places of the samples, m."""
-        places = np.stack(np.indices(self.clearance.shape), axis=-1)
+        places = np.moveaxis(np.indices(self.clearance.shape), 0, -1)
         return np.asarray(self.origin + self.spacing * places, dtype=np.float64)
 
 
@@ -46,7 +46,7 @@ def sample_current(scenario: Scenario) -> CurrentGrid | None:
     finest = scenario.field.spacing if scenario.flow is None else scenario.flow.spacing
     spacing = max(finest, float(np.prod(size) / MAX_SAMPLES) ** (1 / 3))
     counts = np.ceil(size / spacing).astype(int) + 1
-    points = low + spacing * np.stack(np.indices(counts), axis=-1).reshape(-1, 3)
+    points = low + spacing * np.moveaxis(np.indices(counts), 0, -1).reshape(-1, 3)
     clearance = scenario.field.clearance(points)
     velocity = np.array(mean_velocities(scenario, None, points))
     is_unit = not velocity.any()

@@ -42,8 +42,8 @@ def write_mjcf(scene: Scene, folder: Path) -> tuple[str, ...]:
     SubElement(asset, "mesh", name="vehicle", file="vehicle.obj", inertia="shell")
     world = SubElement(root, "worldbody")
     ghost = {"contype": "0", "conaffinity": "0", "type": "mesh"}
-    SubElement(world, "geom", name="cave", mesh="cave", material="palette", group=SEEN, **ghost)
-    SubElement(world, "geom", name="wall", mesh="collision", group=TOUCHED, **ghost)
+    SubElement(world, "geom", ghost, name="cave", mesh="cave", material="palette", group=SEEN)
+    SubElement(world, "geom", ghost, name="wall", mesh="collision", group=TOUCHED)
     _add_sites(world, scene)
     _add_vehicle(world, scene)
     _add_flex(root, scene)
@@ -73,14 +73,14 @@ def _add_vehicle(world: Element, scene: Scene) -> None:
     craft, start = scene.craft, scene.starts[0]
     place = {"pos": row(start.position), "quat": row(start.orientation)}
     # In aquanav weights trim a vehicle until it floats; MuJoCo's water has drag, but no lift.
-    body = SubElement(world, "body", name="vehicle", gravcomp="1", **place)
+    body = SubElement(world, "body", place, name="vehicle", gravcomp="1")
     SubElement(body, "freejoint", name="vehicle")
     SubElement(body, "inertial", pos=row(craft.centre_of_mass), mass=row(craft.mass), diaginertia=row(craft.inertia))
     half = max(0.5 * craft.capsule.axis_length, 1e-4)  # a capsule of no length is refused
     ends = f"{row([-half, 0.0, 0.0])} {row([half, 0.0, 0.0])}"
     SubElement(body, "geom", name="hull", type="capsule", size=row(craft.capsule.radius), fromto=ends, group=TOUCHED)
     ghost = {"contype": "0", "conaffinity": "0", "type": "mesh"}
-    SubElement(body, "geom", name="vehicle", mesh="vehicle", material="palette", group=DRAWN, **ghost)
+    SubElement(body, "geom", ghost, name="vehicle", mesh="vehicle", material="palette", group=DRAWN)
     SubElement(body, "light", name="lamp", pos=row(craft.lamp), dir="1 0 0", diffuse="1 1 1")
     for n, (position, push) in enumerate(craft.thrusters):
         SubElement(body, "site", name=f"thruster-{n}", pos=row(position), quat=row(rotation_to(push)), size="0.02")

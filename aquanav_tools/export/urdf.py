@@ -74,7 +74,7 @@ def _add_inertia(link: Element, mass: float, inertia: Array, centre: Array) -> N
     _add_origin(inertial, centre, np.array([1.0, 0.0, 0.0, 0.0]))
     SubElement(inertial, "mass", value=row(mass))
     moments = {name: row(value) for name, value in zip(("ixx", "iyy", "izz"), inertia, strict=True)}
-    SubElement(inertial, "inertia", ixy="0", ixz="0", iyz="0", **moments)
+    SubElement(inertial, "inertia", moments, ixy="0", ixz="0", iyz="0")
 
 
 def _add_origin(parent: Element, place: Array, turn: Array) -> None:
