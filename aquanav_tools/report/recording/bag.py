@@ -28,6 +28,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.libraries import require
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Array
 
 MAP, BODY = "map", "base_link"
@@ -86,7 +87,7 @@ def write_bag(path: Path, trajectory: Trajectory, ray_directions: Array, cave: S
 def _rename(part: Path, before: str, now: str) -> None:
     """Let a part of a bag be called after its folder."""
     if part.suffix == ".yaml":
-        part.write_text(part.read_text(encoding="utf-8").replace(f"{before}.mcap", f"{now}.mcap"), encoding="utf-8")
+        part.write_text(read_text(part).replace(f"{before}.mcap", f"{now}.mcap"), encoding="utf-8")
     else:
         part.rename(part.with_name(f"{now}.mcap"))
 

@@ -61,8 +61,8 @@ def find_device(name: str) -> Any:
 
 
 def launch_kernel(kernel: Any, *, device: Any, **arguments: Any) -> Any:
-    """Do what `wp.launch` does, and say so where the kernel's module is compiled first."""
-    _tell_of_compiling(kernel.module, device.is_cpu)
+    """Do what `wp.launch` does, on a device or one of that name, and say so where the module is compiled first."""
+    _tell_of_compiling(kernel.module, wp.get_device(device).is_cpu)
     return wp.launch(kernel, device=device, **arguments)
 
 
