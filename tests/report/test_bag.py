@@ -15,9 +15,6 @@ from aquanav_tools.report.trajectory import Trajectory
 from tests.caves import tube_scenario
 
 pytest.importorskip("rosbags", reason="rosbags is not installed: pip install 'aquanav[ros]'")
-reader = pytest.importorskip(
-    "mcap_ros2.reader", reason="mcap-ros2-support, which reads the bags back, is not installed"
-)
 DIRECTIONS = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]])
 
 
@@ -51,6 +48,7 @@ def dive(num: int = 4) -> Trajectory:
 
 def read(folder: Path) -> dict[str, list[Any]]:
     """Return (seconds, message) of each topic."""
+    reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed: pip install '.[dev]'")
     reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed: pip install '.[dev]'")
     found: dict[str, list[Any]] = {}
     for item in reader.read_ros2_messages(str(folder / f"{folder.name}.mcap")):
