@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.water import mean_velocities
+from aquanav_tools.sim.batch.water import mean_velocities
 from aquanav_tools.types import Array
 
 MAX_SAMPLES = 60_000

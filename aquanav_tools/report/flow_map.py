@@ -18,7 +18,6 @@ from aquanav_tools.types import Array
 WIDTH_IN, MARGIN_IN, HEAD_IN, FOOT_IN, MAX_HEIGHT_IN = 11.0, 0.7, 0.65, 0.9, 7.5
 ARROWS_ACROSS = 90
 """Arrows along the longer side of the drawing, at most."""
-MAX_SAMPLES = 400_000
 SHORTEST = 0.02
 """Slower water than this share of the fastest gets no arrow: it would be a dot."""
 
@@ -75,9 +74,9 @@ def draw_flow(cave: CaveMap, flow: Flow, field: DistanceField, path: Path) -> No
 
 def column_means(flow: Flow, field: DistanceField, plan: View, spacing: float) -> tuple[Array, Array]:
     """Return (N, 2) places of a plan, about `spacing` m apart, and the (N, 2) mean velocity of the water there."""
-    indices, _ = field.water()
-    points = field.positions(indices[:: max(1, len(indices) // MAX_SAMPLES)])
-    flat, velocities = plan.project(points), plan.project(flow.velocity(points))
+    points, velocities = flow.nodes()
+    is_water = field.clearance(points) > 0.0
+    flat, velocities = plan.project(points[is_water]), plan.project(velocities[is_water])
     _, column = np.unique(np.floor(flat / spacing).astype(int), axis=0, return_inverse=True)
     column = column.reshape(-1)
     counts = np.bincount(column)

@@ -13,9 +13,9 @@ import numpy as np
 
 from aquanav_tools.scenario.limits import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.scenario.schema import Current, Scenario
+from aquanav_tools.sim.batch.water import mean_velocities
 from aquanav_tools.sim.trial import top_speed
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.sim.water import mean_velocities
 from aquanav_tools.types import Array
 
 AMPLE = 2.0

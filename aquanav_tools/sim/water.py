@@ -64,7 +64,7 @@ def water_of(scenario: Scenario, current: Current | None = None) -> WaterParts:
     settings = scenario.settings.water
     chosen = settings.current if current is None else current
     check_current(chosen)
-    strength, has_flow = _strength(chosen), scenario.flow is not None
+    strength, has_flow = strength_of(chosen), scenario.flow is not None
     if strength and not has_flow and len(scenario.cavity.portals) > 1:
         raise ScenarioError(
             f"The scenario {scenario.name} has no flow between its {len(scenario.cavity.portals)} portals: it was "
@@ -84,29 +84,15 @@ def water_of(scenario: Scenario, current: Current | None = None) -> WaterParts:
     )
 
 
-def mean_velocities(scenario: Scenario, current: Current | None, points: Array) -> Array:
-    """Return the (N, 3) velocity of the water at (N, 3) places without gusts, eddies and waves, world frame, m/s.
-
-    Args:
-        scenario: the cave and its flow; without a flow only one velocity everywhere moves it.
-        current: as `Water` takes it; None takes the scenario's.
-        points: world, m.
-    """
-    chosen = scenario.settings.water.current if current is None else current
-    if np.ndim(chosen) == 0:
-        still = np.zeros_like(points)
-        return still if scenario.flow is None else _strength(chosen) * scenario.flow.velocity(points)
-    return np.broadcast_to(np.array(chosen, dtype=np.float64), points.shape)
-
-
 def is_constant(scenario: Scenario, current: Current | None = None) -> bool:
     """Return whether the water of a scenario, or another current in it, has one velocity at all places and times."""
     settings = scenario.settings.water
     has_waves = settings.surface is not None and settings.waves.height > 0.0
-    return not _strength(settings.current if current is None else current) and not has_waves
+    return not strength_of(settings.current if current is None else current) and not has_waves
 
 
-def _strength(current: Current) -> float:
+def strength_of(current: Current) -> float:
+    """Return the mean speed through the narrowest section that a current asks for, m/s; 0 where it is one velocity."""
     if isinstance(current, str):
         return PRESETS[current]
     return float(current) if np.ndim(current) == 0 else 0.0  # type: ignore[arg-type]

@@ -11,6 +11,7 @@ import pytest
 from aquanav_tools.cave.water.flow import find_flow
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario.schema import PRESETS, Scenario, WaterSettings, WaveSettings
+from aquanav_tools.sim.batch.water import flow_velocities
 from aquanav_tools.sim.water import CLOSED_SHARE, GUST_SIZE, GUST_TIME, water_of
 from aquanav_tools.sim.water_properties import water_density, water_viscosity
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
@@ -63,7 +64,9 @@ def test_without_gusts_and_eddies_the_water_is_the_scenarios_flow(rng: np.random
     scenario = with_water(flowing(), turbulence=0.0)
     water, points = Episodes(scenario, "full"), some_water(scenario, rng, 200)
     assert scenario.flow is not None
-    expected = PRESETS["full"] * (1.0 + GUST_SIZE * water.coefficients.numpy()[0, 0]) * scenario.flow.velocity(points)
+    expected = (
+        PRESETS["full"] * (1.0 + GUST_SIZE * water.coefficients.numpy()[0, 0]) * flow_velocities(scenario.flow, points)
+    )
     np.testing.assert_allclose(water.velocities(points)[0], expected, atol=1e-7)  # the samples are float32
 
 

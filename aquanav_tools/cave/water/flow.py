@@ -10,12 +10,11 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import APRON, BRICK, BRICK_BITS, ROCK, DistanceField, fill_aprons, number_bricks
+from aquanav_tools.cave.water.field import APRON, BRICK, ROCK, DistanceField, fill_aprons, number_bricks
 from aquanav_tools.cave.water.flow_cells import FlowCells, cut_cells, find_lids
 from aquanav_tools.cave.water.potential import narrowest_section, solve_potential
 from aquanav_tools.cave.water.velocity import cell_velocities
@@ -36,8 +35,9 @@ FEW_CELLS, MANY_CELLS = 200_000, 2_000_000
 class Flow:
     """Velocity of the water where the mean through the narrowest section is 1 m/s, trilinear between samples.
 
-    Samples are kept in bricks as in a DistanceField; where there is no brick the water stands still. They go on into
-    the rock by one cell, so that the flow follows the wall and does not stop before it.
+    `sim/batch/water.py` has the law that reads it. Samples are kept in bricks as in a DistanceField; where there is no
+    brick the water stands still. They go on into the rock by one cell, so that the flow follows the wall and does not
+    stop before it.
     """
 
     origin: Array
@@ -53,17 +53,13 @@ class Flow:
     shares: Shares
     """Labels of the portals that water passes, and the share of it that enters there; negative where it leaves."""
 
-    @property
-    def grid(self) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.float32], Array, float]:
-        """Bricks, samples, origin and spacing: what `add_velocity` reads."""
-        return self.bricks, self.samples, self.origin, self.spacing
-
-    def velocity(self, points: Array) -> Array:
-        """Return the (N, 3) velocity at (N, 3) world points, m/s."""
-        points = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
-        velocities = np.zeros_like(points)
-        _add_velocities(*self.grid, points, velocities)
-        return velocities
+    def nodes(self) -> tuple[Array, Array]:
+        """Return the (N, 3) places of all samples in bricks, m, and the (N, 3) velocities there, m/s."""
+        bricks = np.argwhere(self.bricks != ROCK)
+        inside = np.indices((BRICK, BRICK, BRICK)).reshape(3, -1).T
+        indices = (BRICK * bricks[:, None] + inside).reshape(-1, 3)
+        cores = self.samples[self.bricks[tuple(bricks.T)], :BRICK, :BRICK, :BRICK]
+        return self.origin + self.spacing * indices, cores.reshape(-1, 3).astype(np.float64)
 
 
 def find_flow(
@@ -171,33 +167,3 @@ def flow_from_bricks(
     samples[1:, :BRICK, :BRICK, :BRICK] = cores[1:]
     fill_aprons(bricks, samples)
     return Flow(np.asarray(origin, dtype=np.float64), float(spacing), bricks, samples, narrowest, shares)
-
-
-@numba.njit(cache=True)
-def add_velocity(bricks, samples, origin, spacing, x, y, z, scale, velocity):  # type: ignore[no-untyped-def]
-    """Add `scale` times the velocity at one world point to a (3,) velocity, m/s, for compiled callers."""
-    gx, gy, gz = (x - origin[0]) / spacing, (y - origin[1]) / spacing, (z - origin[2]) / spacing
-    if gx < 0.0 or gy < 0.0 or gz < 0.0:
-        return
-    i, j, k = int(gx), int(gy), int(gz)
-    bx, by, bz = i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS
-    if bx >= bricks.shape[0] or by >= bricks.shape[1] or bz >= bricks.shape[2] or bricks[bx, by, bz] == ROCK:
-        return
-    brick = samples[bricks[bx, by, bz]]
-    fx, fy, fz = gx - i, gy - j, gz - k
-    i, j, k = i & (BRICK - 1), j & (BRICK - 1), k & (BRICK - 1)
-    for axis in range(3):
-        low = (brick[i, j, k, axis] * (1 - fz) + brick[i, j, k + 1, axis] * fz) * (1 - fy) + (
-            brick[i, j + 1, k, axis] * (1 - fz) + brick[i, j + 1, k + 1, axis] * fz
-        ) * fy
-        high = (brick[i + 1, j, k, axis] * (1 - fz) + brick[i + 1, j, k + 1, axis] * fz) * (1 - fy) + (
-            brick[i + 1, j + 1, k, axis] * (1 - fz) + brick[i + 1, j + 1, k + 1, axis] * fz
-        ) * fy
-        velocity[axis] += scale * (low * (1 - fx) + high * fx)
-
-
-@numba.njit(cache=True)
-def _add_velocities(bricks, samples, origin, spacing, points, velocities):  # type: ignore[no-untyped-def]
-    for n in range(len(points)):
-        x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        add_velocity(bricks, samples, origin, spacing, x, y, z, 1.0, velocities[n])

@@ -24,10 +24,10 @@ from aquanav_tools.sim.batch.boat_water import (
     orbital_velocity,
     turn_by_shift,
     turn_waves,
-    vec8,
 )
 from aquanav_tools.sim.batch.motion import angular, linear, six, vec6
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
+from aquanav_tools.sim.batch.waves import vec8
 from aquanav_tools.sim.boat import Skin
 from aquanav_tools.sim.vehicle_base import GRAVITY
 

@@ -18,12 +18,12 @@ from aquanav_tools.sim.batch.boat_motion import BoatBody, drive_wrench, sail
 from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion
 from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
 from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
-from aquanav_tools.sim.batch.boat_water import RATE
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
 from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
+from aquanav_tools.sim.batch.waves import RATE
 
 wp.set_module_options(BOAT_OPTIONS)
 

@@ -22,7 +22,7 @@ import warp as wp
 
 from aquanav_tools.sim.batch.actuators import Controls, actuated, make_controls
 from aquanav_tools.sim.batch.boat_hull import G, HullSurface, HullWork, make_hull_surface, make_hull_work, water_wrench
-from aquanav_tools.sim.batch.boat_water import Sea, num_blocks, pack_sea, vec8
+from aquanav_tools.sim.batch.boat_water import Sea, pack_sea
 from aquanav_tools.sim.batch.motion import (
     Body,
     State,
@@ -37,6 +37,7 @@ from aquanav_tools.sim.batch.motion import (
 )
 from aquanav_tools.sim.batch.original import DraggedBody, drag_along, make_dragged_body
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
+from aquanav_tools.sim.batch.waves import num_blocks, vec8
 from aquanav_tools.sim.boat import NO_SKIN, Boat
 from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.original import OriginalVehicle

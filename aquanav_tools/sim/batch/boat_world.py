@@ -34,8 +34,9 @@ from aquanav_tools.sim.batch.boat_state import (
     make_boat_state,
     write_row,
 )
-from aquanav_tools.sim.batch.boat_water import NUM_ROWS, num_blocks, pack_sea, vec8
+from aquanav_tools.sim.batch.boat_water import pack_sea
 from aquanav_tools.sim.batch.runtime import find_device, launch_kernel, run_slices, sequence
+from aquanav_tools.sim.batch.waves import NUM_ROWS, num_blocks, vec8
 from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
 from aquanav_tools.sim.original import OriginalVehicle
 from aquanav_tools.sim.randomisation import Randomisation

@@ -109,7 +109,16 @@ def _own_edges(faces: npt.NDArray[np.integer]) -> npt.NDArray[np.int64]:
     return is_first.reshape(-1, 3) @ np.array([1, 2, 4])
 
 
-# The next two are in C++, whose loops over the lanes compilers turn into vectors.
+# What follows is in C++, whose loops over the lanes compilers turn into vectors.
+TRIANGLE = """
+const float ax = corners[n], ay = corners[n + 8], az = corners[n + 16];
+const float abx = corners[n + 24] - ax, aby = corners[n + 32] - ay, abz = corners[n + 40] - az;
+const float acx = corners[n + 48] - ax, acy = corners[n + 56] - ay, acz = corners[n + 64] - az;
+const float bb = abx * abx + aby * aby + abz * abz, cc = acx * acx + acy * acy + acz * acz;
+"""
+"""The triangle of column n: its first corner a, its edges ab and ac from there, and their products."""
+
+
 @wp.func_native(
     f"""
     wp::vec_t<{FOUND + 1}, int> found;
@@ -172,10 +181,7 @@ def leaves_near(
         const float x = end ? tail[0] : nose[0], y = end ? tail[1] : nose[1], z = end ? tail[2] : nose[2];
         float squares[8];
         for (int n = 0; n < 8; ++n) {
-            const float ax = corners[n], ay = corners[n + 8], az = corners[n + 16];
-            const float abx = corners[n + 24] - ax, aby = corners[n + 32] - ay, abz = corners[n + 40] - az;
-            const float acx = corners[n + 48] - ax, acy = corners[n + 56] - ay, acz = corners[n + 64] - az;
-            const float bb = abx * abx + aby * aby + abz * abz, cc = acx * acx + acy * acy + acz * acz;
+            TRIANGLE
             const float bc = abx * acx + aby * acy + abz * acz;
             const float px = x - ax, py = y - ay, pz = z - az;
             const float d1 = abx * px + aby * py + abz * pz, d2 = acx * px + acy * py + acz * pz;
@@ -216,10 +222,7 @@ def leaves_near(
     const float length = ux * ux + uy * uy + uz * uz, inverse = length > 0.0f ? 1.0f / length : 0.0f;
     float beside[8];
     for (int n = 0; n < 8; ++n) {
-        const float ax = corners[n], ay = corners[n + 8], az = corners[n + 16];
-        const float abx = corners[n + 24] - ax, aby = corners[n + 32] - ay, abz = corners[n + 40] - az;
-        const float acx = corners[n + 48] - ax, acy = corners[n + 56] - ay, acz = corners[n + 64] - az;
-        const float bb = abx * abx + aby * aby + abz * abz, cc = acx * acx + acy * acy + acz * acz;
+        TRIANGLE
         const float tx = ax - tail[0], ty = ay - tail[1], tz = az - tail[2];
         const float a = tx * ux + ty * uy + tz * uz, b = a + abx * ux + aby * uy + abz * uz;
         const float c = a + acx * ux + acy * uy + acz * uz;
@@ -233,7 +236,7 @@ def leaves_near(
     for (int n = 0; n < 8; ++n) mask += beside[n] * (float)(1 << n);
     result[4] = mask;
     return result;
-"""
+""".replace("TRIANGLE", TRIANGLE)
 )
 def nearest_in_leaf(leaves: wp.array(dtype=Leaf), leaf: int, nose: wp.vec3, tail: wp.vec3, reach: float) -> vec5:
     """Return what of a leaf is nearest to both ends of an axis, and what may be near to what lies between them.

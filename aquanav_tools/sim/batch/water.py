@@ -15,14 +15,27 @@ import warp as wp
 from aquanav_tools.cave.water import field as water_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow as CaveFlow
-from aquanav_tools.sim import waves
+from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.batch.eddies import draw_waves, eddies_at
 from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.random import EDDIES, SHARE, SWELL, normal_pair, share_of_one, words
-from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, launch_kernel
 from aquanav_tools.sim.batch.state import BatchState
+from aquanav_tools.sim.batch.waves import (
+    EAST,
+    KX,
+    KY,
+    NORTH,
+    UP,
+    cosine_and_sine,
+    lanes,
+    pack_waves,
+    shares_below,
+    total,
+    vec8,
+)  # fmt: skip
 from aquanav_tools.sim.water import GUST_SIZE as GUSTINESS
-from aquanav_tools.sim.water import GUST_TIME, WaterParts
+from aquanav_tools.sim.water import GUST_TIME, WaterParts, strength_of
 from aquanav_tools.types import Array
 
 wp.set_module_options(OPTIONS)
@@ -36,7 +49,6 @@ PLANE = wp.constant(water_field.APRON**2)
 VOLUME = wp.constant(water_field.APRON**3)
 SHORTEST, LONGEST = 0.5, 60.0
 """Bounds on the correlation times of eddies, s."""
-DEEP = wp.constant(wp.float64(waves.DEEP))
 GUST_SIZE = wp.constant(wp.float64(GUSTINESS))
 
 
@@ -56,14 +68,14 @@ class Flow:
 
 @wp.struct
 class Swell:
-    """Waves on the surface, as `waves.wave_parameters` has them; with no amplitude there are none."""
+    """The wave on the surface, which is alone in its vectors; with no amplitude there is none."""
 
-    along: wp.vec2d
-    number: f64
+    table: wp.array2d(dtype=vec8)
+    """(9, 1) rows of `waves`."""
     rate: f64
     amplitude: f64
     surface: f64
-    depth: f64
+    """z of still water, m."""
 
 
 @wp.struct
@@ -109,7 +121,7 @@ def make_water(parts: WaterParts, field: DistanceField, grid: Grid, duration: fl
     """
     water = Water()
     water.uniform, water.is_constant = wp.vec3d(*parts.uniform), int(parts.is_constant)
-    water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell)
+    water.flow, water.swell = _make_flow(parts.flow, device), _make_swell(parts.swell, device)
     water.phase_step = water.swell.rate * duration
     water.flow_scale, water.eddy_scale = parts.flow_scale, parts.eddy_scale
     waves, times = np.zeros((0, 8)), np.zeros(0)
@@ -133,17 +145,17 @@ def _make_flow(source: CaveFlow | None, device: Any) -> Flow:
     flow = Flow()
     if source is None:
         return flow
-    bricks, samples, origin, flow.spacing = source.grid
-    flow.origin, flow.num = wp.vec3d(*origin), wp.vec3i(*bricks.shape)
-    flow.bricks = wp.array(bricks.ravel(), dtype=wp.int32, device=device)
-    flow.samples = wp.array(samples.reshape(-1, 3), dtype=wp.vec3, device=device)
+    flow.origin, flow.spacing, flow.num = wp.vec3d(*source.origin), source.spacing, wp.vec3i(*source.bricks.shape)
+    flow.bricks = wp.array(source.bricks.ravel(), dtype=wp.int32, device=device)
+    flow.samples = wp.array(source.samples.reshape(-1, 3), dtype=wp.vec3, device=device)
     return flow
 
 
-def _make_swell(parameters: Array) -> Swell:
+def _make_swell(parameters: Array, device: Any) -> Swell:
     swell = Swell()
-    swell.along = wp.vec2d(*parameters[:2])
-    swell.number, swell.rate, swell.amplitude, swell.surface, swell.depth = parameters[2:].tolist()
+    swell.rate, swell.amplitude, swell.surface = parameters[3:6].tolist()
+    if swell.amplitude:
+        swell.table = wp.array(pack_waves(parameters[None], 1), dtype=vec8, ndim=2, device=device)
     return swell
 
 
@@ -209,20 +221,50 @@ def flow_at(flow: Flow, position: wp.vec3d):
     return wp.lerp(wp.lerp(a, b, fy), wp.lerp(c, d, fy), fx)
 
 
+@wp.kernel
+def probe_flow(flow: Flow, places: wp.array(dtype=wp.vec3d), velocities: wp.array(dtype=wp.vec3d)):
+    """Write the flow's velocity at places."""
+    i = wp.tid()
+    velocities[i] = flow_at(flow, places[i])
+
+
+def flow_velocities(source: CaveFlow, points: Array) -> Array:
+    """Return the (N, 3) velocity of a flow at (N, 3) points of the world, m/s, before it is scaled."""
+    device = find_device("cpu")
+    places = np.ascontiguousarray(np.atleast_2d(points), dtype=np.float64)
+    velocities = wp.zeros(len(places), dtype=wp.vec3d, device=device)
+    inputs = [_make_flow(source, device), wp.array(places, dtype=wp.vec3d, device=device), velocities]
+    launch_kernel(probe_flow, dim=len(places), inputs=inputs, device=device)
+    found: Array = velocities.numpy()
+    return found
+
+
+def mean_velocities(scenario: Scenario, current: Current | None, points: Array) -> Array:
+    """Return the (N, 3) velocity of the water at (N, 3) places without gusts, eddies and waves, world frame, m/s.
+
+    Args:
+        scenario: the cave and its flow; without a flow only one velocity everywhere moves it.
+        current: as `water_of` takes it; None takes the scenario's.
+        points: world, m.
+    """
+    chosen = scenario.settings.water.current if current is None else current
+    if np.ndim(chosen) == 0:
+        still = np.zeros_like(points)
+        return still if scenario.flow is None else strength_of(chosen) * flow_velocities(scenario.flow, points)
+    return np.broadcast_to(np.array(chosen, dtype=np.float64), points.shape)
+
+
 @wp.func
 def swell_at(swell: Swell, phase: f64, position: wp.vec3d):
     """Return the velocity of the water under waves, m/s; a place in the air has that of the surface."""
-    k, zero = swell.number, f64(0.0)
-    below = wp.max(swell.surface - position[2], zero)
-    size = swell.rate * swell.amplitude
-    level, upright = size * wp.exp(-k * below), size * wp.exp(-k * below)
-    if k * swell.depth < DEEP:
-        above = wp.max(swell.depth - below, zero)
-        level = size * wp.cosh(k * above) / wp.sinh(k * swell.depth)
-        upright = size * wp.sinh(k * above) / wp.sinh(k * swell.depth)
-    angle = swell.along[0] * position[0] + swell.along[1] * position[1] - phase
-    towards = level * wp.cos(angle) / k
-    return wp.vec3d(towards * swell.along[0], towards * swell.along[1], upright * wp.sin(angle))
+    level, upright = shares_below(swell.table, 0, wp.max(swell.surface - position[2], f64(0.0)))
+    cosine, sine = cosine_and_sine(swell.table[KX, 0] * position[0] + swell.table[KY, 0] * position[1] - lanes(phase))
+    towards = wp.cw_mul(level, cosine)
+    return wp.vec3d(
+        total(wp.cw_mul(towards, swell.table[EAST, 0])),
+        total(wp.cw_mul(towards, swell.table[NORTH, 0])),
+        total(wp.cw_mul(wp.cw_mul(upright, sine), swell.table[UP, 0])),
+    )
 
 
 @wp.func
