@@ -20,9 +20,16 @@ from aquanav_tools.cli.evaluate_options import (
     ReplayCommand,
     SequentialCommand,
     StressCommand,
+    WorstCommand,
 )
 from aquanav_tools.errors import PolicyError
-from aquanav_tools.evaluate.options import EvaluateOptions, ReplayOptions, SequentialOptions, StressOptions
+from aquanav_tools.evaluate.options import (
+    EvaluateOptions,
+    ReplayOptions,
+    SequentialOptions,
+    StressOptions,
+    WorstOptions,
+)
 
 if TYPE_CHECKING:
     from aquanav_tools.evaluate.evaluation import Evaluation
@@ -53,7 +60,16 @@ STRESS = (
     "save the worst as a protocol for aquanav-eval."
 )
 CORRECT = "Correct it and run again."
-REPLAY = "Fly an episode of an evaluation again, check that it repeats to the bit, and record it."
+REPLAY = (
+    "Fly an episode of an evaluation again, check that it repeats to the bit, and record it.\n\n"
+    "To see why a policy fails: aquanav-eval replay out/eval --worst 10 (with --help: its options)."
+)
+WORST_FLAG = "--worst"
+WORST = (
+    "Fly the worst episodes of each condition again, in a benchmark of each tier, and show the seconds before their "
+    "first contact: a page with stills and films.\n\n"
+    "Example: aquanav-eval replay out/benchmark --worst 10"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -72,6 +88,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
     elif arguments[:1] == ["compare"]:
         run_command(CompareCommand, _compare, "aquanav-eval compare", COMPARE, arguments=arguments[1:])
+    elif arguments[:1] == ["replay"] and any(word.split("=")[0] == WORST_FLAG for word in arguments):
+        run_command(WorstCommand, _show_worst, f"aquanav-eval replay {WORST_FLAG}", WORST, arguments=arguments[1:])
     elif arguments[:1] == ["replay"]:
         run_command(ReplayCommand, _replay, "aquanav-eval replay", REPLAY, arguments=arguments[1:])
     elif arguments[:1] == ["stress"]:
@@ -238,6 +256,19 @@ def _replay(command: ReplayCommand) -> None:
         f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\n"
         f"Look at it with: rerun {found.recording}{filmed}"
     )
+
+
+def _show_worst(command: WorstCommand) -> None:
+    from aquanav_tools.evaluate.worst import show_worst
+
+    with _episode_bar() as show:
+        found = show_worst(_plain(WorstOptions, command), show)
+    shown = [one for rows in found.shown.values() for one in rows]
+    print(f"\n{len(shown)} episodes, {sum(not one.difference for one in shown)} of them the same to the bit as before.")
+    print(f"Page: {found.page}")
+    for one in shown:
+        if one.difference:
+            print(f"warning: {one.difference}", file=sys.stderr)
 
 
 def _table(options: EvaluateOptions, policy: str, evaluation: Evaluation) -> str:

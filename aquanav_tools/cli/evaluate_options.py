@@ -8,7 +8,14 @@ from typing import Annotated, Literal
 
 import tyro
 
-from aquanav_tools.evaluate.options import Case, EvaluateOptions, ReplayOptions, SequentialOptions, StressOptions
+from aquanav_tools.evaluate.options import (
+    Case,
+    EvaluateOptions,
+    ReplayOptions,
+    SequentialOptions,
+    StressOptions,
+    WorstOptions,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,3 +90,13 @@ class ReplayCommand(ReplayOptions):
     """results.json of an evaluation, or its folder."""
     output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """The recording; without it, replay-00017.rrd beside the results."""
+
+
+@dataclass(frozen=True)
+class WorstCommand(WorstOptions):
+    """Which episodes are looked at."""
+
+    results: Annotated[Path, tyro.conf.Positional]
+    """results.json of an evaluation or a benchmark, or its folder."""
+    output: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder for the page, the stills and the films; without it, `worst` beside the results."""

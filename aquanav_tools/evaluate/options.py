@@ -269,3 +269,36 @@ class ReplayOptions:
     pip install 'aquanav[ros]'."""
     view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""
+
+
+@dataclass(frozen=True)
+class WorstOptions:
+    """Which episodes are looked at. Each field is an option of aquanav-eval replay --worst."""
+
+    results: Path
+    """results.json of an evaluation or a benchmark, or its folder."""
+    worst: int = 10
+    """How many under each condition, which in a benchmark is a tier: failures first, then those with most collisions,
+    then those with the least clearance. Episodes without a failure or a collision are left out."""
+    output: Path | None = None
+    """Folder for the page, the stills and the films; without it, `worst` beside the results."""
+    films: bool = True
+    """Whether to make films, which take a tenth of a second of one core per picture."""
+    seconds: float = 8.0
+    """Before the first contact, or before the end where there is none, at which stills and films begin."""
+    policy: str | None = None
+    """The policy, where it is no longer at its path."""
+    trust: bool = False
+    """Let the policy's file run code, and run the code that the results name; see aquanav-eval --help."""
+    scenario: Path | None = None
+    """The scenario's folder, where it is no longer at its path; of results in one scenario."""
+    vehicle: str | None = None
+    """The vehicle's file, where another than the scenario's was evaluated and it is no longer at its path."""
+    view: View = "chase"
+    """Of stills and films: chase, from behind the vehicle, or onboard, from its nose."""
+
+    def __post_init__(self) -> None:
+        if self.worst < 1:
+            raise InputError(f"--worst is {self.worst}; choose 1 or more.")
+        if not 0.5 <= self.seconds < math.inf:
+            raise InputError(f"--seconds is {self.seconds}; choose half a second or more.")

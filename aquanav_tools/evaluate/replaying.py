@@ -15,7 +15,7 @@ from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.observed import named_observation
-from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View
+from aquanav_tools.evaluate.options import ProtocolOptions, ReplayOptions, View, WorstOptions
 from aquanav_tools.evaluate.own_files import check_own_files, own_files
 from aquanav_tools.evaluate.policies import LoadedPolicy, code_of, policy_loader, recorded_spec
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
@@ -72,32 +72,74 @@ def replay(
         check_choice("view", options.view, get_args(View))
     if options.bag is not None:
         check_bag(options.bag)
-    path = options.results / "results.json" if options.results.is_dir() else options.results
-    table = read_results(path)
-    episode = _find(episodes_of(table), options.episode, path)
-    rules = _rules(table["protocol"])
-    recorded = code_of(table["policy"]["path"])
-    is_recorded = load is None and options.policy is None
-    if not options.trust:
-        changed = [name for item in table["protocol"]["conditions"] for name in named_code(item["changes"])]
-        names = [*named_code(choices_of(rules)), *changed, rules.observation, recorded if is_recorded else None]
-        refuse_recorded(names, str(path), "If you trust it, add --trust.")
-    _check_own_files(table, rules, recorded, is_recorded=is_recorded)
-    policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))
-    scenario = _scenario(table, episode.scenario, options)
-    condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
-    start = None if episode.start == NOWHERE_LISTED else episode.start
-    spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
-    output = options.output or path.with_name(RECORDING.format(index=episode.index))
-    trajectory, metrics = _run(policy, spec, rules, table["protocol"].get("backend", "pybullet"))
-    record_trajectory(scenario, trajectory, output)
+    repeater = Repeater(options, load)
+    once = repeater.run(options.episode)
+    output = options.output or repeater.path.with_name(RECORDING.format(index=once.episode.index))
+    record_trajectory(once.scenario, once.trajectory, output)
     if options.bag is not None:
-        bag_trajectory(scenario, trajectory, options.bag)
+        bag_trajectory(once.scenario, once.trajectory, options.bag)
     if options.film is not None:
-        film_trajectory(scenario, trajectory, options.film, options.view, progress)
-    if metrics.digest != episode.digest:
-        raise ReplayError(_difference(episode, metrics, table["versions"], output))
-    return Replayed(metrics, output, options.film, options.bag)
+        film_trajectory(once.scenario, once.trajectory, options.film, options.view, progress)
+    if once.difference:
+        raise ReplayError(f"{once.difference} What happened now is in {output}.")
+    return Replayed(once.episode, output, options.film, options.bag)
+
+
+@dataclass(frozen=True, eq=False)
+class Repeated:
+    """An episode that was run again."""
+
+    scenario: AnyScenario
+    trajectory: Trajectory
+    episode: EpisodeMetrics
+    """As it came out now."""
+    difference: str
+    """How it came out differently, and why that may be; empty where it is the same to the bit."""
+
+
+class Repeater:
+    """Runs episodes of an evaluation again."""
+
+    def __init__(
+        self, options: ReplayOptions | WorstOptions, load: Callable[[str], LoadedPolicy] | None = None
+    ) -> None:
+        """Read the results, and load the policy; `load` does that by its name, and None takes `load_policy`.
+
+        Raises:
+            InputError: no such results, or the policy or code of the user's own is missing or another one.
+        """
+        self.path = options.results / "results.json" if options.results.is_dir() else options.results
+        self._table, self._options = read_results(self.path), options
+        self.episodes = episodes_of(self._table)
+        self._rules = _rules(self._table["protocol"])
+        recorded = code_of(self._table["policy"]["path"])
+        is_recorded = load is None and options.policy is None
+        if not options.trust:
+            changed = [name for item in self._table["protocol"]["conditions"] for name in named_code(item["changes"])]
+            own = recorded if is_recorded else None
+            names = [*named_code(choices_of(self._rules)), *changed, self._rules.observation, own]
+            refuse_recorded(names, str(self.path), "If you trust it, add --trust.")
+        _check_own_files(self._table, self._rules, recorded, is_recorded=is_recorded)
+        self._policy = _policy(self._table, options, load or policy_loader(self._rules, is_trusted=options.trust))
+        self._scenario: AnyScenario | None = None
+
+    def run(self, index: int) -> Repeated:
+        """Return an episode, run again.
+
+        Raises:
+            InputError: no such episode, or its scenario is missing or another one.
+        """
+        before = _find(self.episodes, index, self.path)
+        if self._scenario is None or self._scenario.name != before.scenario:
+            self._scenario = _scenario(self._table, before.scenario, self._options)
+        protocol = self._table["protocol"]
+        condition = next(Condition(**item) for item in protocol["conditions"] if item["name"] == before.condition)
+        start = None if before.start == NOWHERE_LISTED else before.start
+        spec = EpisodeSpec(index, self._scenario, condition, EpisodePlan(before.seed, start))
+        trajectory, now = _run(self._policy, spec, self._rules, protocol.get("backend", "pybullet"))
+        is_same = now.digest == before.digest
+        difference = "" if is_same else _difference(before, now, self._table["versions"])
+        return Repeated(self._scenario, trajectory, now, difference)
 
 
 def _check_own_files(table: dict[str, Any], rules: ProtocolOptions, policy: str, *, is_recorded: bool) -> None:
@@ -137,7 +179,9 @@ def _find(episodes: list[EpisodeMetrics], index: int, path: Path) -> EpisodeMetr
     return episodes[index]
 
 
-def _policy(table: dict[str, Any], options: ReplayOptions, load: Callable[[str], LoadedPolicy]) -> LoadedPolicy:
+def _policy(
+    table: dict[str, Any], options: ReplayOptions | WorstOptions, load: Callable[[str], LoadedPolicy]
+) -> LoadedPolicy:
     expected = table["policy"]
     policy = load(options.policy or recorded_spec(expected["path"], expected["sha256"]))
     if policy.sha256 != expected["sha256"]:
@@ -148,7 +192,7 @@ def _policy(table: dict[str, Any], options: ReplayOptions, load: Callable[[str],
     return policy
 
 
-def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> AnyScenario:
+def _scenario(table: dict[str, Any], name: str, options: ReplayOptions | WorstOptions) -> AnyScenario:
     expected = next(item for item in table["scenarios"] if item["name"] == name)
     vehicle = expected.get("vehicle")
     path = options.vehicle or (vehicle and vehicle["path"])
@@ -181,7 +225,7 @@ def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     )
 
 
-def _difference(before: EpisodeMetrics, now: EpisodeMetrics, made_with: dict[str, str], output: Path) -> str:
+def _difference(before: EpisodeMetrics, now: EpisodeMetrics, made_with: dict[str, str]) -> str:
     here = versions()
     other = [
         f"{name} {made_with.get(name)} then, {here[name]} now" for name in here if made_with.get(name) != here[name]
@@ -195,5 +239,4 @@ def _difference(before: EpisodeMetrics, now: EpisodeMetrics, made_with: dict[str
         f"Episode {before.index} did not repeat to the bit: {before.outcome} after {before.time:.2f} s with "
         f"{before.collisions} collisions then, {now.outcome} after {now.time:.2f} s with {now.collisions} now "
         f"({cause})."
-        f" What happened now is in {output}."
     )

@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from aquanav_tools.benchmark import definition
 from aquanav_tools.benchmark.definition import read_benchmark
@@ -16,8 +17,9 @@ from aquanav_tools.benchmark.run import BenchmarkRun, run_benchmark
 from aquanav_tools.benchmark.submission import check_can_submit, read_submission, submission_of, write_submission
 from aquanav_tools.benchmark.verify import VerificationError, verify
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.options import ReplayOptions
+from aquanav_tools.evaluate.options import ReplayOptions, WorstOptions
 from aquanav_tools.evaluate.replaying import replay
+from aquanav_tools.evaluate.worst import show_worst
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.types import ignore_progress
@@ -102,6 +104,25 @@ def test_results_do_not_depend_on_workers_nor_on_a_stop(finished: BenchmarkRun, 
 def test_an_episode_of_a_benchmark_is_replayed_alone(finished: BenchmarkRun, tmp_path: Path) -> None:
     found = replay(ReplayOptions(finished.numbers.parent, 5, tmp_path / "five.rrd"))
     assert found.episode.condition == "hard" and found.recording.stat().st_size > 1000
+
+
+def test_the_worst_of_each_tier_are_shown(tmp_path: Path) -> None:
+    finished = run(tmp_path / "random", policy="baseline:random")
+    failed = {one.index for one in finished.episodes if not one.is_collision_free_success}
+    found = show_worst(WorstOptions(tmp_path / "random", 1, seconds=0.5))
+    shown = [one for rows in found.shown.values() for one in rows]
+    assert {one.episode.condition for one in shown} == {"easy", "hard"}
+    assert all(one.episode.index in failed and not one.difference for one in shown)
+    for one in shown:
+        assert one.film is not None and one.film.stat().st_size > 1000
+        assert Image.open(one.still).size == (1600, 300)
+    assert found.page.parent == tmp_path / "random" / "worst" and found.page.is_file()
+
+
+def test_where_nothing_failed_there_is_nothing_to_look_at(finished: BenchmarkRun, tmp_path: Path) -> None:
+    assert all(one.is_collision_free_success for one in finished.episodes)
+    with pytest.raises(InputError, match="nothing to look at"):
+        show_worst(WorstOptions(finished.numbers.parent, 1, tmp_path))
 
 
 def test_other_policies_cannot_go_on_with_a_run(finished: BenchmarkRun) -> None:
