@@ -30,8 +30,8 @@ process where the disk is full, instead of raising an error."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
-NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS)
-"""What systems answer where a folder cannot be made or written to."""
+CANNOT_WRITE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EEXIST)
+"""What systems answer where a folder cannot be made or written to: no right, no place for it, or a file there."""
 LOCK_FILE = "lock"
 """In a folder that a build has begun to work in."""
 
@@ -126,12 +126,12 @@ def _opened(path: Path) -> IO[bytes]:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("a+b", buffering=0)
     except OSError as error:
-        if error.errno not in NO_RIGHT:
+        if error.errno not in CANNOT_WRITE:
             raise
         raise ResourceError(
-            f"{path.parent} cannot be written to: {error.strerror}. Its owner may be another user, or its disk mounted "
-            "to be read only. Name another folder: with -o, or, where that is the cache, with the variable "
-            "AQUANAV_CACHE."
+            f"{path.parent} cannot be written to: {error.strerror}. Its owner may be another user, its disk mounted to "
+            "be read only, or a file lie where a folder must. Name another folder: with -o, or, where that is the "
+            "cache, with the variable AQUANAV_CACHE."
         ) from error
 
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 T = TypeVar("T")
 _TEXT = "values"
@@ -81,7 +82,7 @@ def _unpacked(hint: Any, packed: Any, arrays: dict[str, np.ndarray[Any, Any]]) -
         if packed is None:
             return None
         return _unpacked(next(one for one in arguments if one is not type(None)), packed, arrays)
-    if hint is np.ndarray or origin is np.ndarray:
+    if hint is np.ndarray or origin in (np.ndarray, npt.NDArray):  # NDArray is an alias of its own since NumPy 2.5
         return arrays[str(packed)]
     if dataclasses.is_dataclass(hint):
         hints = typing.get_type_hints(hint)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 from aquanav_tools.envs.sb3_env import BatchedVecEnv
@@ -65,6 +66,7 @@ def main() -> None:
     batch = BatchedVecEnv(options.scenario, options.num_envs, observation=observation())
     env = VecNormalize(batch, norm_reward=True, gamma=0.99)
     model = PPO("MultiInputPolicy", env, n_steps=64, batch_size=1024, ent_coef=0.005, seed=0, device="cpu")
+    model.set_logger(Logger(None, []))  # SB3's default makes a folder under /tmp for each call of learn
     for _ in range(10):
         model.learn(max(options.steps // 10, 1), reset_num_timesteps=False)
         episodes = list(model.ep_info_buffer or [])

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import VecNormalize
 
 import aquanav
@@ -84,6 +85,7 @@ def learn(args: argparse.Namespace) -> PPO:
         seed=args.seed,
         device="cpu",
     )
+    model.set_logger(Logger(None, []))  # SB3's default makes a folder under /tmp
     model.learn(args.steps, callback=Progress())
     envs.close()
     return model

@@ -16,6 +16,12 @@ REPOSITORY = Path(__file__).parent.parent
 os.environ[MARK_VARIABLE] = ""  # what commands say in tests does not depend on what was compiled before
 
 
+@pytest.fixture(scope="session", autouse=True)
+def sb3_logs(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """Let Stable-Baselines3's own loggers, which some tests use, make their empty folders where pytest removes them."""
+    os.environ["SB3_LOGDIR"] = str(tmp_path_factory.mktemp("sb3"))
+
+
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:
     """A generator seeded by AQUANAV_TEST_SEED (default 0); the seed is printed with a failure."""

@@ -34,7 +34,7 @@ def test_the_changes_name_the_version_and_count_what_there_is() -> None:
 
 def test_hosted_runs_call_scripts_that_are_there() -> None:
     called = re.findall(r"run: (\.ci/[a-z-]+)", text_of(".github/workflows/ci.yml"))
-    assert set(called) == {".ci/run", ".ci/extras", ".ci/newest"}
+    assert set(called) == {".ci/run", ".ci/extras", ".ci/newest", ".ci/lowest"}
     assert all((REPOSITORY / script).stat().st_mode & 0o100 for script in called)
     versions = re.findall(r'"(3\.\d+)"', text_of(".github/workflows/ci.yml"))
     assert {"3.10", "3.11", "3.12", "3.13", "3.14"} <= set(versions)

@@ -40,12 +40,16 @@ class BatchVectorEnv(VectorEnv[Floats, Any, Any]):
     environment with one vehicle. Each vehicle has a seed of its own, so that its episodes do not depend on the others'.
     """
 
+    closed = True
+    """Until there is something to close: Gymnasium below 1.3 closes what failed to begin, too."""
+
     def __init__(self, num_envs: int, mode: AutoresetMode | str, make: Callable[..., Batch]) -> None:
         """Wrap the batch that `make` returns of a number of vehicles and `next_step`."""
         mode = AutoresetMode(mode)
         if mode is AutoresetMode.DISABLED:
             raise InputError("A batch begins the next episodes itself. Choose NEXT_STEP or SAME_STEP.")
         self.batch = make(num_envs, next_step=mode is AutoresetMode.NEXT_STEP)
+        self.closed = False
         self._is_same_step = mode is AutoresetMode.SAME_STEP
         self.num_envs = num_envs
         self.single_action_space = self.batch.action_space

@@ -126,6 +126,15 @@ def test_same_seed_gives_the_same_policy_and_another_seed_another(tube_folder: P
 
 
 @pytest.mark.usefixtures("no_reports")
+def test_a_training_leaves_no_log_folder_of_stable_baselines_behind(
+    tube_folder: Path, tmp_path: Path, no_reports: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SB3_LOGDIR", str(tmp_path / "logs"))  # where SB3's own loggers make it
+    train(tiny_pipeline(tube_folder, steps=128), 0, tmp_path / "run")
+    assert (tmp_path / "run" / "policy.zip").is_file()
+    assert not (tmp_path / "logs").exists()
+
+
 def test_fresh_optimiser_leaves_the_moments_behind(tube_folder: Path, tmp_path: Path) -> None:
     for optimiser in ("carried", "fresh"):
         train(tiny_pipeline(tube_folder, 2, steps=128, optimiser=optimiser), 0, tmp_path / optimiser)
