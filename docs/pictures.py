@@ -2,8 +2,8 @@
 
     python docs/pictures.py [NAME ...] [--out docs/pictures] [--work out/pictures]
 
-What commands leave in the folder for work is kept, and used again. All together take half an hour on two cores: most of it
-is the cave from photos and the policy that learns.
+What commands leave in the folder for work is kept, and used again. All together take half an hour on two cores: most of
+it is the cave from photos and the policy that learns.
 """
 
 from __future__ import annotations
@@ -128,7 +128,9 @@ def scan(path: Path) -> Path:
         page = (ROOT / "docs/tutorial-scan.md").read_text(encoding="utf-8")
         Path("scan_of_the_tutorial.py").write_text(page.split("```python\n")[1].split("```")[0], encoding="utf-8")
         runpy.run_path("scan_of_the_tutorial.py")
-    built = cave_of(command("build_cave", "scan.ply", "-o", "caves/scan", "--unit", "cm", leaves="caves/scan").resolve())
+    built = cave_of(
+        command("build_cave", "scan.ply", "-o", "caves/scan", "--unit", "cm", leaves="caves/scan").resolve()
+    )
     raw = trimesh.load_mesh("scan.ply")
     mesh = Mesh(np.array(raw.vertices) / 100.0, np.array(raw.faces, dtype=np.int64))
     view = view_of(mesh.vertices, built.guide.centreline, WIDTH // 2, 300)
@@ -143,9 +145,9 @@ def photos(path: Path) -> Path:
     command("build_cave", *words, leaves="caves/photos/scenario.toml")
     files = sorted(Path("photos").glob("*.jpg"))
     taken = [Image.open(files[int(place)]).resize((WIDTH // 4, 3 * WIDTH // 16)) for place in PHOTOS]
-    below = Image.open("caves/photos/cave.png").convert("RGB")
-    below = below.resize((WIDTH, round(WIDTH * below.height / below.width)), Image.Resampling.LANCZOS)
-    return save(_grid([_grid(taken, 4), below], 1), path)
+    built = cave_of(Path("caves/photos").resolve())
+    view = view_of(built.cavity.mesh.vertices, built.guide.centreline, WIDTH, WIDTH // 2)
+    return save(_grid([_grid(taken, 4), cut_open(built, view)], 1), path)
 
 
 def survey(path: Path) -> Path:
@@ -210,7 +212,9 @@ def bays(path: Path) -> Path:
     env.close()
     chart = Image.open("bay.png").convert("RGB")
     height = round(WIDTH * chart.height / chart.width)
-    return save(_grid([chart.resize((WIDTH, height)), boat.resize((WIDTH, 3 * WIDTH // 4)).crop((0, 150, WIDTH, 600))], 1), path)
+    return save(
+        _grid([chart.resize((WIDTH, height)), boat.resize((WIDTH, 3 * WIDTH // 4)).crop((0, 150, WIDTH, 600))], 1), path
+    )
 
 
 def _titled(image: Image.Image, title: str) -> Image.Image:

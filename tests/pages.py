@@ -20,7 +20,9 @@ PAGES = sorted(
 )
 USERS_PAGES = [name for name in PAGES if name.startswith(("docs/", "examples/", "README")) and name != "docs/design.md"]
 """Those whose blocks are to be copied and run; the others are about the project."""
-BLOCK = re.compile(r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.M | re.S)
+BLOCK = re.compile(
+    r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.M | re.S
+)
 NAME = re.compile(r"[#;] ([\w-]+\.\w+)\b.*\n")
 """The first line of a block that is a file."""
 
@@ -74,4 +76,6 @@ def whole(page: Path) -> str:
         "shipped": builder("site_files").shipped,
         "programs": builder("site_files").programs,
     }
-    return re.sub(r"^<!-- insert: ([a-z]+) -->$", lambda mark: made[mark[1]](), page.read_text(encoding="utf-8"), flags=re.M)
+    return re.sub(
+        r"^<!-- insert: ([a-z]+) -->$", lambda mark: made[mark[1]](), page.read_text(encoding="utf-8"), flags=re.M
+    )

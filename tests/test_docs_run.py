@@ -52,7 +52,6 @@ IN_PLACE_OF = {
     "cave-test-3": "caves/mine",
     "--episode 17": "--episode 1",
     "--benchmark SET": "--benchmark set.toml",
-    "--submissions eval/leaderboard": "--submissions out/benchmark",
 }
 """What is built in a minute, or is the reader's own, and what stands for it here."""
 READERS: dict[str, Callable[[Any], Any]] = {

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -85,7 +85,7 @@ def replay(
     _check_own_files(table, rules, recorded, is_recorded=is_recorded)
     policy = _policy(table, options, load or policy_loader(rules, is_trusted=options.trust))
     scenario = _scenario(table, episode.scenario, options)
-    condition = next(Condition(**item) for item in table["protocol"]["conditions"] if item["name"] == episode.condition)
+    condition = _condition(table["protocol"]["conditions"], episode.condition)
     start = None if episode.start == NOWHERE_LISTED else episode.start
     spec = EpisodeSpec(episode.index, scenario, condition, EpisodePlan(episode.seed, start))
     output = options.output or path.with_name(RECORDING.format(index=episode.index))
@@ -168,10 +168,19 @@ def _scenario(table: dict[str, Any], name: str, options: ReplayOptions) -> AnySc
     return scenario
 
 
+def _condition(conditions: Sequence[dict[str, Any]], name: str) -> Condition:
+    item = next(item for item in conditions if item["name"] == name)
+    return Condition(**{**item, "changes": _with_tuples(item["changes"])})
+
+
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """Return options as they were: JSON has no tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+
+
 def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     task = {name: protocol.get(name, usual) for name, usual in choices_of(TaskOptions()).items()}
-    for name, value in task.items():
-        task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
+    task = _with_tuples(task)
     return ProtocolOptions(
         observation=named_observation(protocol["observation"], task["sensors"], task["history"]),
         episodes=protocol["episodes"],
