@@ -6,12 +6,13 @@ if (location.protocol === "file:") {
       this.frame = document.createElement("iframe");
       this.frame.hidden = true;
       document.documentElement.append(this.frame);
-      const loads = (names) => names.map((name) => `<script src="${new URL(name, url)}"><\/script>`).join("");
+      const from = new URL(url, location.href); // the worker's own address, from which it names what it imports
+      const loads = (names) => names.map((name) => `<script src="${new URL(name, from)}"><\/script>`).join("");
       const inside = this.frame.contentWindow;
       inside.document.open();
       inside.postMessage = (data) => this.answer(data);
       inside.importScripts = (...names) => (inside.document.write(loads(names)), Promise.resolve());
-      inside.document.write(loads([url]));
+      inside.document.write(loads([from]));
       inside.document.close();
       this.ready = new Promise((resolve) => inside.addEventListener("load", resolve, { once: true }));
     }
