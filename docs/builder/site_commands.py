@@ -19,7 +19,7 @@ else:
     import tomli as tomllib
 
 ROOT = Path(__file__).resolve().parents[2]
-WIDTH = "100"
+WIDTH = "88"
 """Columns of a help text: what fits beside the navigation."""
 MODES = {
     "aquanav-eval": (["compare"], ["compare", "--sequential"], ["replay"], ["stress"], ["--benchmark=quick"]),
