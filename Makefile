@@ -1,7 +1,7 @@
 # What a newcomer types. Everything runs inside .venv, which is made on first use and remade when the pins change.
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow check clean
+.PHONY: help demo test test-slow check docs clean
 
 BIN := .venv/bin
 DEMO := out/demo
@@ -43,9 +43,13 @@ check: .venv/installed ## Check style (ruff) and types (mypy)
 	@$(BIN)/ruff format --check
 	@$(BIN)/mypy
 
-clean: ## Delete what make made: .venv, out, build and caches
-	@echo "Deleting .venv, out, build, dist and caches."
-	@rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache
+docs: .venv/installed ## Build the documentation site into site/, warnings being errors (half a minute; Python 3.11 or newer)
+	@echo "Building the site; its first page is site/index.html."
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+
+clean: ## Delete what make made: .venv, out, build, dist, site and caches
+	@echo "Deleting .venv, out, build, dist, site and caches."
+	@rm -rf .venv out build dist site .pytest_cache .mypy_cache .ruff_cache
 	@find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 .venv/installed: pyproject.toml constraints.txt

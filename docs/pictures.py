@@ -1,121 +1,248 @@
-"""Make the README's pictures: a cave cut open, and a moving picture of a dive through it.
+"""Make the pictures of README and docs from what ships, by the commands that the pages show.
 
-    python docs/pictures.py [--scenario cave-test-1] [--policy baseline:reference] [--start 0] [--out docs/pictures]
+    python docs/pictures.py [NAME ...] [--out docs/pictures] [--work out/pictures]
 
-writes cave.png (1200 px wide) and dive.webp (10 frames a second, below 1.5 MB) and prints their sizes.
+What commands leave in the folder for work is kept, and used again. All together take half an hour on two cores: most of
+it is the cave from photos and the policy that learns.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
+import json
+import os
+import runpy
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
-from PIL import Image
+import trimesh
+from cut_open import PAPER, cut_open, from_outside, view_of
+from PIL import Image, ImageDraw, ImageFont
 
+from aquanav_tools.cave.styles.names import STYLE_NAMES
 from aquanav_tools.envs.factory import read_any_scenario
 from aquanav_tools.envs.pictures.film import film
-from aquanav_tools.envs.pictures.lamp_light import vertex_normals
-from aquanav_tools.envs.pictures.triangles import Eye, see
+from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.options import Grid, ProtocolOptions
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import EpisodePlan, conditions_of
 from aquanav_tools.evaluate.recording import frames_of
 from aquanav_tools.evaluate.task_adapter import adapter_of
-from aquanav_tools.report.relief import plan_and_section
-from aquanav_tools.report.scene_model import PORTAL_COLOUR, ROUTE, by_height
+from aquanav_tools.report.picture import draw_cave
+from aquanav_tools.report.sea_chart import draw_chart
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.types import Array
+from aquanav_tools.sea.generate import MapSettings, generate_map
+from aquanav_tools.types import Mesh
 
-WIDTH, SAMPLES = 1200, 3
-"""Of the cave's picture, px, and samples per pixel along each side."""
-PAPER = (11, 31, 42)
-TAN = 0.30
-"""Half the width of the picture at 1 m."""
-FILM_SIZE = (400, 300)
-MAX_BYTES = 1_500_000
+ROOT = Path(__file__).resolve().parent.parent
+CAVE, HARD_CAVE = "cave-test-1", "cave-test-3"
+WIDTH, TILE = 1000, (500, 240)
+"""Of a picture, and of one of several in it, px."""
+MAX_BYTES, MAX_FILM_BYTES = 100_000, 600_000
+FILM_SIZE, FILM_SECONDS = (320, 240), (2.0, 12.0)
+ROCK = (196.0, 186.0, 170.0)
+PHOTOS = ("0", "20", "40", "60")
+"""Of those that are rendered, by their places in the list."""
 
 
 def main() -> None:
-    """Write both pictures."""
+    """Write the pictures that are named, or all."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenario", default="cave-test-1")
-    parser.add_argument("--policy", default="baseline:reference")
-    parser.add_argument("--start", type=int, default=0)
-    parser.add_argument("--seconds", type=float, nargs=2, default=(2.0, 12.0), help="of the dive that are shown")
-    parser.add_argument("--out", type=Path, default=Path("docs/pictures"))
+    parser.add_argument("names", nargs="*", default=list(PICTURES), help="without their suffix")
+    parser.add_argument("--out", type=Path, default=ROOT / "docs/pictures")
+    parser.add_argument("--work", type=Path, default=ROOT / "out/pictures")
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
-    cave = read_any_scenario(options.scenario)
-    assert isinstance(cave, Scenario), "a bay has no walls to cut open"
-    draw_cave(cave, options.out / "cave.png")
-    film_dive(cave, options, options.out / "dive.webp")
-    for path in (options.out / "cave.png", options.out / "dive.webp"):
-        print(f"{path}: {path.stat().st_size / 1e3:.0f} kB")
+    out = options.out.resolve()
+    options.work.mkdir(parents=True, exist_ok=True)
+    os.chdir(options.work)
+    for name in options.names:
+        path = PICTURES[name](out / name)
+        size, most = path.stat().st_size, MAX_FILM_BYTES if name == "dive" else MAX_BYTES
+        print(f"{path.name}: {size / 1e3:.0f} kB")
+        if size > most:
+            sys.exit(f"That is over {most / 1e3:.0f} kB.")
 
 
-def draw_cave(cave: Scenario, path: Path) -> None:
-    """Write the cave seen through its near wall, pale where it is high and blue where it is low, with its route."""
-    mesh = cave.cavity.mesh
-    eye = _eye(cave, mesh.vertices)
-    inside = mesh.faces[:, ::-1]  # only wall that faces the viewer from within is seen
-    seen, _ = see(eye, mesh.vertices, inside)
-    normals = vertex_normals(mesh)
-    towards = eye.centre - mesh.vertices
-    towards /= np.linalg.norm(towards, axis=1, keepdims=True)
-    light = 0.45 + 0.65 * np.abs(np.einsum("ij,ij->i", normals, towards)) + 0.25 * np.clip(-normals[:, 2], 0.0, 1.0)
-    colours = by_height(mesh.vertices).astype(float)
-    shades = np.clip(colours * light[:, None], 0.0, 255.0)[inside].mean(axis=1)
-    shades[cave.cavity.labels != 0] = PORTAL_COLOUR
-    picture = np.where((seen >= 0)[..., None], shades[seen], PAPER).astype(np.uint8)
-    for line, colour in ((cave.guide.centreline, ROUTE), (_ring(cave), PORTAL_COLOUR)):
-        points = np.round(8.0 * eye.project(line)).astype(np.int32)
-        cv2.polylines(picture, [points], False, colour, 3 * SAMPLES, cv2.LINE_AA, 3)
-    image = Image.fromarray(picture).resize((WIDTH, eye.height // SAMPLES), Image.Resampling.BOX)
-    image.quantize(128).save(path, optimize=True)
+def command(module: str, *words: str, leaves: str) -> Path:
+    """Run a command of aquanav's where what it leaves is not there yet, and return that."""
+    if not Path(leaves).exists():
+        importlib.import_module(f"aquanav_tools.cli.{module}").main(list(words))
+    return Path(leaves)
 
 
-def _ring(cave: Scenario) -> Array:
-    goal = cave.guide.panels[-1].polygon
-    return np.vstack([goal, goal[:1]])
+def cave_of(name: str | Path) -> Scenario:
+    """Return a cave by its name or folder."""
+    cave = read_any_scenario(name)
+    assert isinstance(cave, Scenario), f"{name} is a bay"
+    return cave
 
 
-def _eye(cave: Scenario, vertices: Array) -> Eye:
-    """Return a camera that sees the cave's long side from above, as near as all of it fits."""
-    _, section = plan_and_section(cave.guide.centreline)
-    back = section.towards + np.array([0.0, 0.0, 0.9])
-    back /= np.linalg.norm(back)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    axes = np.stack([right, np.cross(-back, right), -back])
-    flat = vertices @ axes.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    distance = 0.55 * (high[0] - low[0]) / TAN + 0.5 * (high[2] - low[2])
-    middle = 0.5 * (low + high) @ axes
-    height = round(WIDTH * 1.25 * (high[1] - low[1]) / (high[0] - low[0])) // 2 * 2
-    focal = 0.5 * WIDTH * SAMPLES / TAN
-    return Eye(WIDTH * SAMPLES, height * SAMPLES, focal, middle + distance * back, axes, 10.0 * distance)
+def save(image: Image.Image, path: Path) -> Path:
+    """Write a picture, no wider than a page, as WebP."""
+    image = image.convert("RGB")
+    image.thumbnail((WIDTH, 4 * WIDTH), Image.Resampling.LANCZOS)
+    path = path.with_suffix(".webp")
+    image.save(path, quality=80, method=6)
+    return path
 
 
-def film_dive(cave: Scenario, options: argparse.Namespace, path: Path) -> None:
-    """Write some seconds of a dive, fewer frames where they take too much room."""
+def cave(path: Path) -> Path:
+    """Write the README's cave, cut open."""
+    shown = cave_of(CAVE)
+    view = view_of(shown.cavity.mesh.vertices, shown.guide.centreline, 1200)
+    cut_open(shown, view).quantize(128).save(path.with_suffix(".png"), optimize=True)
+    return path.with_suffix(".png")
+
+
+def dive(path: Path) -> Path:
+    """Write ten seconds of a dive as a film; fewer where they take too much room."""
+    path = path.with_suffix(".webp")
+    shown = cave_of(CAVE)
     (condition,) = conditions_of(Grid())
-    rules = ProtocolOptions(episodes=1)
-    with open_env_cache(load_policy(options.policy), rules) as env_cache:
-        trajectory, metrics = env_cache.run(EpisodeSpec(0, cave, condition, EpisodePlan(0, options.start)))
-    print(f"The dive from start {options.start}: {metrics.outcome} after {metrics.time:.1f} s")
-    camera = adapter_of(cave).camera(trajectory, "chase", FILM_SIZE)
-    frames = frames_of(trajectory)
-    low, high = options.seconds
-    shown = [frame for frame in frames if low <= frame.time <= high]
-    while True:
-        film(camera, shown, path, 10.0)
-        if path.stat().st_size <= MAX_BYTES or len(shown) < 20:
-            return
-        shown = shown[: int(0.9 * len(shown) * MAX_BYTES / path.stat().st_size)]
+    with open_env_cache(load_policy("baseline:reference"), ProtocolOptions(episodes=1)) as env_cache:
+        trajectory, _ = env_cache.run(EpisodeSpec(0, shown, condition, EpisodePlan(0, 0)))
+    camera = adapter_of(shown).camera(trajectory, "chase", FILM_SIZE)
+    low, high = FILM_SECONDS
+    frames = [frame for frame in frames_of(trajectory) if low <= frame.time <= high]
+    film(camera, frames, path, 10.0)
+    while path.stat().st_size > MAX_FILM_BYTES:
+        frames = frames[: int(0.95 * len(frames) * MAX_FILM_BYTES / path.stat().st_size)]
+        film(camera, frames, path, 10.0)
+    return path
 
+
+def guide(path: Path) -> Path:
+    """Write plan and long section with route, panels and starts."""
+    drawn = Path("guide.png")
+    draw_cave(cave_of(CAVE), drawn)
+    return save(Image.open(drawn), path)
+
+
+def scan(path: Path) -> Path:
+    """Write the tutorial's scan beside the cave that is built from it."""
+    if not Path("scan.ply").exists():
+        page = (ROOT / "docs/tutorial-scan.md").read_text(encoding="utf-8")
+        Path("scan_of_the_tutorial.py").write_text(page.split("```python\n")[1].split("```")[0], encoding="utf-8")
+        runpy.run_path("scan_of_the_tutorial.py")
+    built = cave_of(
+        command("build_cave", "scan.ply", "-o", "caves/scan", "--unit", "cm", leaves="caves/scan").resolve()
+    )
+    raw = trimesh.load_mesh("scan.ply")
+    mesh = Mesh(np.array(raw.vertices) / 100.0, np.array(raw.faces, dtype=np.int64))
+    view = view_of(mesh.vertices, built.guide.centreline, WIDTH // 2, 300)
+    pale = np.tile(ROCK, (len(mesh.faces), 1))
+    return save(_grid([from_outside(mesh, view, pale), cut_open(built, view)], 2), path)
+
+
+def photos(path: Path) -> Path:
+    """Write some of the tutorial's photos above the cave that is built from them."""
+    command("info", "render", "--out", "photos", leaves="photos/positions.csv")
+    words = ("photos", "-o", "caves/photos", "--positions", "photos/positions.csv")
+    command("build_cave", *words, leaves="caves/photos/scenario.toml")
+    files = sorted(Path("photos").glob("*.jpg"))
+    taken = [Image.open(files[int(place)]).resize((WIDTH // 4, 3 * WIDTH // 16)) for place in PHOTOS]
+    built = cave_of(Path("caves/photos").resolve())
+    view = view_of(built.cavity.mesh.vertices, built.guide.centreline, WIDTH, WIDTH // 2)
+    return save(_grid([_grid(taken, 4), cut_open(built, view)], 1), path)
+
+
+def survey(path: Path) -> Path:
+    """Write the plan of the tutorial's survey."""
+    page = (ROOT / "docs/tutorial-survey.md").read_text(encoding="utf-8")
+    Path("survey.svx").write_text(page.split("```text\n")[1].split("```")[0], encoding="utf-8")
+    command("build_cave", "survey.svx", "-o", "caves/survey", leaves="caves/survey/scenario.toml")
+    return save(Image.open("caves/survey/drawings/plan.png"), path)
+
+
+def training(path: Path) -> Path:
+    """Write the curves of the tutorial's training."""
+    command("train", "--scenario", CAVE, "--steps", "300000", "-o", "out/train", leaves="out/train/report.html")
+    return save(Image.open("out/train/pictures/learning.png"), path)
+
+
+def trails(path: Path) -> Path:
+    """Write the trails of dives that touch the wall."""
+    leaves = f"out/hard/pictures/{HARD_CAVE}-trails.png"
+    words = ("baseline:reactive", "--scenario", HARD_CAVE, "--current", "half", "--record", "none", "-o", "out/hard")
+    return save(Image.open(command("evaluate", *words, leaves=leaves)), path)
+
+
+def stress(path: Path) -> Path:
+    """Write the cases of a search for failures."""
+    words = ("stress", "baseline:reference", "--scenario", HARD_CAVE, "--current", "half", "--budget", "200")
+    leaves = "out/stress/pictures/cases.png"
+    return save(Image.open(command("evaluate", *words, "-o", "out/stress", leaves=leaves)), path)
+
+
+def export(path: Path) -> Path:
+    """Write what trimesh reads of an exported cave: its wall from within, and its route."""
+    scene = command("info", "export", CAVE, "--to", "gltf", "-o", "out/gltf", leaves="out/gltf/cave.glb")
+    read = trimesh.load(scene, force="mesh")
+    up = np.column_stack([read.vertices[:, 0], -read.vertices[:, 2], read.vertices[:, 1]])  # glTF has y up
+    mesh = Mesh(up, np.array(read.faces, dtype=np.int64))
+    places = json.loads(scene.with_name("scene.json").read_text(encoding="utf-8"))
+    lines = [np.array(places["route"])]
+    view = view_of(mesh.vertices, cave_of(CAVE).guide.centreline, WIDTH)
+    return save(from_outside(mesh, view, np.tile(ROCK, (len(mesh.faces), 1)), lines, is_cut=True), path)
+
+
+def styles(path: Path) -> Path:
+    """Write a drawn cave of every style, cut open."""
+    tiles = []
+    for style in STYLE_NAMES:
+        shown = cave_of(f"generated/{style}/0")
+        view = view_of(shown.cavity.mesh.vertices, shown.guide.centreline, *TILE)
+        tiles.append(_titled(cut_open(shown, view), f"{style}, {shown.guide.length:.0f} m"))
+    return save(_grid(tiles, 2), path)
+
+
+def bays(path: Path) -> Path:
+    """Write the chart of a bay beside a boat in it."""
+    bay = generate_map(seed=7, settings=MapSettings())
+    draw_chart(bay, Path("bay.png"), boat_width=3.09)
+    env = SurfaceEnv(bay, sea="breeze", render_mode="rgb_array", render_size=(640, 480), action="continuous")
+    env.reset(seed=1)
+    for _ in range(60):
+        env.step(np.array([0.0, 1.0]))
+    boat = Image.fromarray(env.render())
+    env.close()
+    chart = Image.open("bay.png").convert("RGB")
+    height = round(WIDTH * chart.height / chart.width)
+    return save(
+        _grid([chart.resize((WIDTH, height)), boat.resize((WIDTH, 3 * WIDTH // 4)).crop((0, 150, WIDTH, 600))], 1), path
+    )
+
+
+def _titled(image: Image.Image, title: str) -> Image.Image:
+    font = ImageFont.load_default(size=18)
+    ImageDraw.Draw(image).text((12, image.height - 30), title, fill=(225, 235, 238), font=font)
+    return image
+
+
+def _grid(images: list[Image.Image], columns: int) -> Image.Image:
+    """Return pictures of one size per row beside and below each other."""
+    rows = [images[first : first + columns] for first in range(0, len(images), columns)]
+    width = max(sum(image.width for image in row) for row in rows)
+    page = Image.new("RGB", (width, sum(row[0].height for row in rows)), PAPER)
+    top = 0
+    for row in rows:
+        left = 0
+        for image in row:
+            page.paste(image, (left, top))
+            left += image.width
+        top += row[0].height
+    return page
+
+
+PICTURES: dict[str, Callable[[Path], Path]] = {
+    function.__name__: function
+    for function in (cave, dive, guide, scan, survey, photos, training, trails, stress, export, styles, bays)
+}
+"""By their names; docs/pictures/sonar.png is made by examples/sonar_ping.py."""
 
 if __name__ == "__main__":
     main()

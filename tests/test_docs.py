@@ -1,27 +1,18 @@
-"""README and docs keep their word: snippets run, links lead somewhere, commands and make targets exist."""
+"""README and docs keep their word: links lead somewhere, commands, options and make targets exist."""
 
 from __future__ import annotations
 
 import functools
 import importlib
 import re
-import sys
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
-from aquanav_tools.scenario.folder import write_scenario
-from tests.caves import tube_scenario
 from tests.commands import run_here
 from tests.conftest import REPOSITORY
+from tests.pages import PAGES, USERS_PAGES, text, whole
 from tests.project import commands
 
-PAGES = sorted(
-    path.relative_to(REPOSITORY).as_posix()
-    for folder in (".", "docs", "examples")
-    for path in REPOSITORY.glob(f"{folder}/*.md")
-)
 MAX_README_LINES = 110
 """The README is for the first five minutes; everything else has a page by task."""
 
@@ -47,40 +38,6 @@ SUBCOMMANDS = {
 """Words that choose what a command does."""
 
 
-def text(page: str) -> str:
-    """Return a page."""
-    return (REPOSITORY / page).read_text(encoding="utf-8")
-
-
-def snippets() -> list[tuple[str, str]]:
-    """Return (page, code) of every Python block."""
-    return [(page, code) for page in PAGES for code in re.findall(r"^```python\n(.*?)^```", text(page), re.M | re.S)]
-
-
-def modules(page: str) -> dict[str, str]:
-    """Return the Python blocks of a page that begin with the name of a file, by that name."""
-    found = [re.match(r"# (\w+\.py)\n", code) for name, code in snippets() if name == page]
-    return {match[1]: match.string for match in found if match}
-
-
-@pytest.fixture
-def working_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """An empty one with a cave, from which modules are imported and forgotten again."""
-    write_scenario(tube_scenario(), tmp_path / "caves" / "mine")
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
-    yield tmp_path
-    for path in tmp_path.glob("*.py"):
-        sys.modules.pop(path.stem, None)
-
-
-@pytest.mark.parametrize(("page", "code"), snippets())
-def test_every_python_snippet_runs(page: str, code: str, working_directory: Path) -> None:
-    for name, text in modules(page).items():
-        (working_directory / name).write_text(text)
-    exec(compile(code, page, "exec"), {"__name__": "__main__"})
-
-
 @pytest.mark.parametrize("page", PAGES)
 def test_every_path_a_page_links_to_exists(page: str) -> None:
     links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text(page))
@@ -91,7 +48,7 @@ def test_every_path_a_page_links_to_exists(page: str) -> None:
 def test_every_heading_a_page_links_to_exists(page: str) -> None:
     for target, heading in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", text(page)):
         linked = (REPOSITORY / page).parent / target if target else REPOSITORY / page
-        titles = re.findall(r"^#+ (.+)$", linked.read_text(encoding="utf-8"), re.M)
+        titles = re.findall(r"^#+ (.+)$", whole(linked), re.M)
         assert heading in [re.sub(r"[^\w\- ]", "", title).strip().lower().replace(" ", "-") for title in titles]
 
 
@@ -121,6 +78,12 @@ def help_text(command: str, *modes: str) -> str:
     module, function = commands()[command].split(":")
     words = [*filter(None, modes), "--help"]
     return run_here(getattr(importlib.import_module(module), function), *words).stdout
+
+
+@pytest.mark.parametrize("page", USERS_PAGES)
+def test_no_page_sends_a_reader_to_source_files(page: str) -> None:
+    """Docstrings and files that ship have pages of their own in the site; example programs are there whole."""
+    assert re.findall(r"aquanav_tools/[\w/.]*", text(page)) == []
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
@@ -133,7 +133,7 @@ class Repeater:
         if self._scenario is None or self._scenario.name != before.scenario:
             self._scenario = _scenario(self._table, before.scenario, self._options)
         protocol = self._table["protocol"]
-        condition = next(Condition(**item) for item in protocol["conditions"] if item["name"] == before.condition)
+        condition = _condition(protocol["conditions"], before.condition)
         start = None if before.start == NOWHERE_LISTED else before.start
         spec = EpisodeSpec(index, self._scenario, condition, EpisodePlan(before.seed, start))
         trajectory, now = _run(self._policy, spec, self._rules, protocol.get("backend", "pybullet"))
@@ -212,10 +212,19 @@ def _scenario(table: dict[str, Any], name: str, options: ReplayOptions | WorstOp
     return scenario
 
 
+def _condition(conditions: Sequence[dict[str, Any]], name: str) -> Condition:
+    item = next(item for item in conditions if item["name"] == name)
+    return Condition(**{**item, "changes": _with_tuples(item["changes"])})
+
+
+def _with_tuples(values: dict[str, Any]) -> dict[str, Any]:
+    """Return options as they were: JSON has no tuples."""
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in values.items()}
+
+
 def _rules(protocol: dict[str, Any]) -> ProtocolOptions:
     task = {name: protocol.get(name, usual) for name, usual in choices_of(TaskOptions()).items()}
-    for name, value in task.items():
-        task[name] = tuple(value) if isinstance(value, list) else value  # JSON has no tuples
+    task = _with_tuples(task)
     return ProtocolOptions(
         observation=named_observation(protocol["observation"], task["sensors"], task["history"]),
         episodes=protocol["episodes"],

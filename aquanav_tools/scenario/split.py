@@ -96,7 +96,7 @@ def _refuse_test_cave(name: str, style: str, seed: int) -> None:
     free = next(other for other in _upwards(seed) if not is_test_cave(style, other))
     raise InputError(
         f"{name} is a test cave: a fifth of the seeds, by a hash of style and seed, is kept for tests, and no training "
-        f"or validation may use one (docs/own-cave.md). The next seed for training is {generated_name(style, free)}."
+        f"or validation may use one (docs/caves.md). The next seed for training is {generated_name(style, free)}."
     )
 
 

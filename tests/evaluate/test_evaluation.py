@@ -157,6 +157,14 @@ def test_replay_repeats_to_the_bit_and_records(finished: tuple[Path, str], tmp_p
     assert (tmp_path / "again.rrd").stat().st_size > 10_000
 
 
+def test_replay_repeats_an_episode_in_a_share_of_the_current(folder: Path, tmp_path: Path) -> None:
+    flags = ["--episodes", 1, "--max-decisions", 5, "--record", "none", "--workers", 1, "-o", tmp_path]
+    water = ["--current", 0.2, 0, 0, "--grid.current", 0.5]
+    assert aquanav_eval("baseline:random", "--scenario", folder, *water, *flags).returncode == 0
+    result = aquanav_eval("replay", tmp_path, "--episode", 0)
+    assert "Episode 0 repeats to the bit" in result.stdout, result.stderr
+
+
 @pytest.mark.slow
 def test_replay_films_an_episode(folder: Path, tmp_path: Path) -> None:
     flags = ["--episodes", 1, "--max-decisions", 5, "--record", "none", "-o", tmp_path / "eval"]
