@@ -190,11 +190,17 @@ def _build_cave_of(
         write_found(reconstruction, staged)
         with journal.stage("Checking that it is a cave"):
             accept = accepting(options.closing, journal)
-            preview, is_inside, facts["camera_enclosure"] = look_for_cave(reconstruction, accept)
-            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal, accept)
+            filmed = look_for_cave(reconstruction, accept)
+            facts |= {"camera_enclosure": filmed.enclosure, "camera_opposed": filmed.opposed}
+            if filmed.is_half_seen and not options.closing.accept_open:
+                journal.warn(*filmed.caution)
+            work.reconstruction = reconstruction = in_metres(
+                reconstruction, filmed.preview, options.scale, journal, accept
+            )
             facts |= reconstruction.statistics
             write_found(reconstruction, staged)
-        evidence = photo_evidence(reconstruction, is_inside, accept_open=options.closing.accept_open)
+        is_open = options.closing.accept_open or filmed.is_half_seen
+        evidence = photo_evidence(reconstruction, filmed.is_inside, accept_open=is_open)
         built = kept_scenario(reconstruction.cloud, options, journal, _store(options), evidence)
     except AquanavError as error:
         if isinstance(error, ReconstructionError) and error.unregistered:

@@ -13,6 +13,8 @@ from aquanav_tools.types import Array, BoolArray, Mesh
 
 MIN_ENCLOSURE = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
+MIN_OPPOSED = 0.1
+"""Photos were taken between walls when this share of the lines through their cameras meets wall on both sides ..."""
 NUM_DIRECTIONS = 256
 CONE = float(np.cos(np.deg2rad(45.0)))
 """Sides of the view: the directions within 45 degrees of an axis."""
@@ -41,9 +43,31 @@ MAX_CONVEXITY = 0.85
 
 def enclosure(surface: Mesh, viewpoints: Array) -> Array:
     """Return the (N,) shares of all directions in which the scanned surface is in view from (N, 3) points."""
-    distances = _cast(surface, viewpoints, sphere_directions(NUM_DIRECTIONS))
-    shares: Array = np.isfinite(distances).mean(axis=1)
+    shares: Array = np.isfinite(_cast(surface, viewpoints, _lines())).mean(axis=1)
     return shares
+
+
+def opposed(surface: Mesh, viewpoints: Array) -> Array:
+    """Return the (N,) shares of lines through (N, 3) points that meet the scanned surface on both sides of the point.
+
+    It is 0 outside of the surface's convex hull, as before a facade or around an object, whatever share of the view they
+    fill, and never less than twice the enclosure less 1.
+    """
+    shares: Array = _is_opposed(_cast(surface, viewpoints, _lines())).mean(axis=1)
+    return shares
+
+
+def _lines() -> Array:
+    """Return NUM_DIRECTIONS unit vectors, the opposite of each in the first half in the second."""
+    upper = sphere_directions(NUM_DIRECTIONS)[: NUM_DIRECTIONS // 2]
+    return np.concatenate([upper, -upper])
+
+
+def _is_opposed(distances: Array) -> BoolArray:
+    """Return the (N, D / 2) flags of lines that meet wall on both sides, from (N, D) distances along `_lines`."""
+    is_wall = np.isfinite(distances)
+    half = is_wall.shape[1] // 2
+    return is_wall[:, :half] & is_wall[:, half:]
 
 
 def free_height(surface: Mesh, viewpoints: Array) -> float:
@@ -94,7 +118,9 @@ def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     return np.where(distances < 1e30, distances, np.inf).reshape(len(origins), -1)
 
 
-def check_enclosure(surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = ()) -> float:
+def check_enclosure(
+    surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = (), *, is_known_water: bool = False
+) -> float:
     """Return the median enclosure at some viewpoints inside.
 
     Args:
@@ -102,16 +128,19 @@ def check_enclosure(surface: Mesh, viewpoints: Array, what: str, names: Sequence
         viewpoints: (N, 3) places in the water, m.
         what: how the message calls them, for example "the cameras".
         names: N names of the places, if they have some.
+        is_known_water: somebody was there, and no closed surface tells where the middle is: then it is enough that
+            wall was seen on opposite sides.
 
     Raises:
-        UnseenWallsError: it is below MIN_ENCLOSURE: the scene is no cave, or much of its wall was not seen. Its places
-            are a typical viewpoint, and beside it the sides where wall is missing.
+        UnseenWallsError: it is below MIN_ENCLOSURE, and wall on opposite sides below MIN_OPPOSED where that is enough:
+            the scene is no cave, or much of its wall was not seen. Its places are a typical viewpoint, and beside it
+            the sides where wall is missing.
     """
-    directions = sphere_directions(NUM_DIRECTIONS)
+    directions = _lines()
     distances = _cast(surface, viewpoints, directions)
-    shares = np.isfinite(distances).mean(axis=1)
+    shares, between = np.isfinite(distances).mean(axis=1), float(np.median(_is_opposed(distances).mean(axis=1)))
     share = float(np.median(shares))
-    if share >= MIN_ENCLOSURE:
+    if share >= MIN_ENCLOSURE or (is_known_water and between >= MIN_OPPOSED):
         return share
     typical = int(np.argmin(np.abs(shares - share)))
     place, name = viewpoints[typical], f" ({names[typical]})" if len(names) else ""
@@ -123,10 +152,17 @@ def check_enclosure(surface: Mesh, viewpoints: Array, what: str, names: Sequence
         f"{shares.min():.0%} to {shares.max():.0%} meet the surface from {len(viewpoints)} places; the median at "
         f"({', '.join(f'{value:.2f}' for value in place)}) m{name}. Before a facade half of them do at most, in the "
         f"middle of a passage 80% and more. By sides: {', '.join(f'{side} {seen:.0%}' for side, seen in sides.items())}"
-        ".",
+        f".{_lines_sentence(between) if is_known_water else ''}",
         "If it is a cave, scan or photograph its walls on the sides that are missing.",
         [(tuple(place.tolist()), f"{share:.0%} of the view from here{name} is wall")]
         + _unseen(place, sides, distances),
+    )
+
+
+def _lines_sentence(share: float) -> str:
+    return (
+        f" Nor were these taken between walls: of the lines through a typical one {share:.0%} meet wall on both sides, "
+        f"and between walls {MIN_OPPOSED:.0%} and more do; before a facade or around an object none."
     )
 
 
