@@ -38,7 +38,7 @@ def noting_guesswork(journal: Journal) -> Callable[[UnseenWallsError], None]:
         sides = "; ".join(f"({', '.join(f'{value:.1f}' for value in place)}) m: {what}" for place, what in error.places)
         journal.warn(
             "guessed-space",
-            f"Where the cavity is widest much wall was not seen, so that how far it reaches there is guesswork: {sides}. "
+            f"Where the cavity is widest much wall was not seen, so how far it reaches there is guesswork: {sides}. "
             "Wall that no photo saw is marked as unobserved. Take photos of it, or end the cave before it with --cut.",
         )
 

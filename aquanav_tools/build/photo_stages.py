@@ -71,8 +71,8 @@ class FilmedCave:
         """Code and sentence of the warning that a cave half seen comes with."""
         return "half-seen", (
             f"Much of the wall was not seen: from the cameras the surface that photos show fills only "
-            f"{self.enclosure:.0%} of the view all around, and in a passage {MIN_ENCLOSURE:.0%} and more. It is taken for "
-            f"a cave because {self.opposed:.0%} of the lines through a typical camera meet wall on both sides "
+            f"{self.enclosure:.0%} of the view all around, and in a passage {MIN_ENCLOSURE:.0%} and more. It is taken "
+            f"for a cave because {self.opposed:.0%} of the lines through a typical camera meet wall on both sides "
             f"({MIN_OPPOSED:.0%} are asked for). The other walls are guesswork, and marked as unobserved."
         )
 

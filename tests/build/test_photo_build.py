@@ -124,7 +124,7 @@ def test_photos_all_around_an_object_on_the_ground_show_no_cave() -> None:
     cameras = np.stack([3.0 * np.cos(angles), 3.0 * np.sin(angles), np.full(9, 0.5)], axis=1)
     around = seen_faces(trimesh.util.concatenate(boulder, ground), lambda p: p[:, 2] > -1.01, cameras)
     turned = replace(around.cloud, normals=-around.cloud.normals)
-    with pytest.raises(UnseenWallsError, match="Nor were these taken between walls: .* 0% meet wall on both sides"):
+    with pytest.raises(UnseenWallsError, match=r"Nor were these taken between walls: .* 0% meet wall on both sides"):
         look_for_cave(replace(around, cloud=turned), refuse)
 
 

@@ -50,8 +50,8 @@ def enclosure(surface: Mesh, viewpoints: Array) -> Array:
 def opposed(surface: Mesh, viewpoints: Array) -> Array:
     """Return the (N,) shares of lines through (N, 3) points that meet the scanned surface on both sides of the point.
 
-    It is 0 outside of the surface's convex hull, as before a facade or around an object, whatever share of the view they
-    fill, and never less than twice the enclosure less 1.
+    It is 0 outside of the surface's convex hull, as before a facade or around an object, whatever share of the view
+    they fill, and never less than twice the enclosure less 1.
     """
     shares: Array = _is_opposed(_cast(surface, viewpoints, _lines())).mean(axis=1)
     return shares
