@@ -13,14 +13,15 @@ import numpy as np
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
+from aquanav_tools.build.photo_evidence import ways_ahead
 from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import (
     MIN_ENCLOSURE,
-    MIN_OPPOSED,
+    MIN_FACING,
     check_enclosure,
     enclosure,
+    facing,
     free_height,
-    opposed,
     seen_height,
 )
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
@@ -30,7 +31,7 @@ from aquanav_tools.reconstruct.georeference.place import UNUSED
 from aquanav_tools.reconstruct.images import list_photos
 from aquanav_tools.reconstruct.intake.video import open_video
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
-from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
+from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud, Sim3
 
 HEIGHT_ERROR = 0.33
 """How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
@@ -58,12 +59,12 @@ class FilmedCave:
     """(N,) which cameras are known to be in the water, for some may have stood outside before the entrance."""
     enclosure: float
     """Median share of the view from the cameras that is wall."""
-    opposed: float
-    """Median share of the lines through a camera that meet wall on both sides."""
+    facing: float
+    """Median share of the lines through the water before a camera that meet walls which face each other."""
 
     @property
     def is_half_seen(self) -> bool:
-        """Whether so much wall is missing that only the walls on opposite sides tell that it is a cave."""
+        """Whether so much wall is missing that only walls which face each other tell that it is a cave."""
         return self.enclosure < MIN_ENCLOSURE
 
     @property
@@ -72,8 +73,8 @@ class FilmedCave:
         return "half-seen", (
             f"Much of the wall was not seen: from the cameras the surface that photos show fills only "
             f"{self.enclosure:.0%} of the view all around, and in a passage {MIN_ENCLOSURE:.0%} and more. It is taken "
-            f"for a cave because {self.opposed:.0%} of the lines through a typical camera meet wall on both sides "
-            f"({MIN_OPPOSED:.0%} are asked for). The other walls are guesswork, and marked as unobserved."
+            f"for a cave because half-way to what the cameras look at {self.facing:.0%} of all lines meet walls that "
+            f"face each other ({MIN_FACING:.0%} are asked for). The other walls are guesswork, marked as unobserved."
         )
 
 
@@ -112,7 +113,14 @@ def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
         UnseenWallsError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
     centres, names = reconstruction.camera_centres, reconstruction.camera_names
-    return check_enclosure(preview, centres, "the cameras", names, is_known_water=True)
+    return check_enclosure(preview, centres, "the cameras", names, before=_before(reconstruction))
+
+
+def _before(reconstruction: Reconstruction) -> Array:
+    """Return (M, 3) places half-way to what each camera looks at; without depth maps, where the cameras were."""
+    sight = reconstruction.sight
+    ways = np.zeros((0, 2, 3)) if sight is None else ways_ahead(sight)
+    return ways[:, 1] if len(ways) else reconstruction.camera_centres
 
 
 def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsError], None]) -> FilmedCave:
@@ -141,7 +149,7 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
         accept_here(error)
     centres = reconstruction.camera_centres
     shares = enclosure(preview, centres)
-    share, between = float(np.median(shares)), float(np.median(opposed(preview, centres)))
+    share, between = float(np.median(shares)), float(np.median(facing(preview, _before(reconstruction))))
     # Where walls are missing they do not tell who stood outside, and wherever a camera was there is room.
     is_inside = shares >= MIN_ENCLOSURE if share >= MIN_ENCLOSURE else np.ones(len(centres), dtype=bool)
     return FilmedCave(preview, is_inside, share, between)

@@ -9,14 +9,15 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.scan.orientation import Caster, face_areas
 from aquanav_tools.errors import MeshError, UnseenWallsError
-from aquanav_tools.types import Array, BoolArray, Mesh
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MIN_ENCLOSURE = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
-MIN_OPPOSED = 2.0 * MIN_ENCLOSURE - 1.0
-"""Photos were taken between walls when this share of the lines through their cameras meets wall on both sides: as many
-as with MIN_ENCLOSURE at the least. Measured on seen wall: dives 0.87 to 0.99, halves of the same passages 0.06 to 0.23,
-facades, floors and boulders 0, three sides of a court 0.16, a workshop 0.78."""
+MIN_FACING = 0.15
+"""Photos were taken between walls when this share of the lines through the water before their cameras meets walls that
+face each other ..."""
+MAX_FACING_COSINE = -0.5
+"""... normals turned towards each other to 60 degrees: floor and facade, boulder and ground do not."""
 NUM_DIRECTIONS = 256
 CONE = float(np.cos(np.deg2rad(45.0)))
 """Sides of the view: the directions within 45 degrees of an axis."""
@@ -49,13 +50,16 @@ def enclosure(surface: Mesh, viewpoints: Array) -> Array:
     return shares
 
 
-def opposed(surface: Mesh, viewpoints: Array) -> Array:
-    """Return the (N,) shares of lines through (N, 3) points that meet the scanned surface on both sides of the point.
+def facing(surface: Mesh, places: Array) -> Array:
+    """Return the (N,) shares of lines through (N, 3) places that meet surface on both sides which faces itself there.
 
-    It is 0 outside of the surface's convex hull, as before a facade or around an object, whatever share of the view
-    they fill, and never less than twice the enclosure less 1.
+    It is 0 outside of the surface's convex hull, and where only floor and one wall are in view.
     """
-    shares: Array = _is_opposed(_cast(surface, viewpoints, _lines())).mean(axis=1)
+    hits = _first_hits(surface, places, _lines())
+    half = hits.shape[1] // 2
+    normals = np.where((hits >= 0)[..., None], surface.normals[hits], 0.0)
+    cosines = np.einsum("nld,nld->nl", normals[:, :half], normals[:, half:])
+    shares: Array = (cosines < MAX_FACING_COSINE).mean(axis=1)
     return shares
 
 
@@ -63,13 +67,6 @@ def _lines() -> Array:
     """Return NUM_DIRECTIONS unit vectors, the opposite of each in the first half in the second."""
     upper = sphere_directions(NUM_DIRECTIONS)[: NUM_DIRECTIONS // 2]
     return np.concatenate([upper, -upper])
-
-
-def _is_opposed(distances: Array) -> BoolArray:
-    """Return the (N, D / 2) flags of lines that meet wall on both sides, from (N, D) distances along `_lines`."""
-    is_wall = np.isfinite(distances)
-    half = is_wall.shape[1] // 2
-    return is_wall[:, :half] & is_wall[:, half:]
 
 
 def free_height(surface: Mesh, viewpoints: Array) -> float:
@@ -107,6 +104,18 @@ def seen_height(points: Array, viewpoints: Array) -> float:
     return float(np.median(high - low))
 
 
+def _first_hits(surface: Mesh, origins: Array, directions: Array) -> IntArray:
+    """Return the (N, D) faces that are met first from each point in each unit direction, -1 where nothing is."""
+    from embreex.mesh_construction import TriangleMesh
+    from embreex.rtcore_scene import EmbreeScene
+
+    scene = EmbreeScene()
+    TriangleMesh(scene, surface.triangles.astype(np.float32))
+    starts = np.repeat(origins, len(directions), axis=0).astype(np.float32)
+    ways = np.tile(directions, (len(origins), 1)).astype(np.float32)
+    return np.asarray(scene.run(starts, ways, query="INTERSECT"), dtype=np.int64).reshape(len(origins), -1)
+
+
 def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     """Return the (N, D) distances to the surface from each point in each unit direction, inf where nothing is hit."""
     from embreex.mesh_construction import TriangleMesh
@@ -121,7 +130,7 @@ def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
 
 
 def check_enclosure(
-    surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = (), *, is_known_water: bool = False
+    surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = (), *, before: Array | None = None
 ) -> float:
     """Return the median enclosure at some viewpoints inside.
 
@@ -130,19 +139,18 @@ def check_enclosure(
         viewpoints: (N, 3) places in the water, m.
         what: how the message calls them, for example "the cameras".
         names: N names of the places, if they have some.
-        is_known_water: somebody was there, and no closed surface tells where the middle is: then it is enough that
-            wall was seen on opposite sides.
+        before: (M, 3) places that were looked through from there, m: it is enough that walls face each other there.
 
     Raises:
-        UnseenWallsError: it is below MIN_ENCLOSURE, and wall on opposite sides below MIN_OPPOSED where that is enough:
-            the scene is no cave, or much of its wall was not seen. Its places are a typical viewpoint, and beside it
-            the sides where wall is missing.
+        UnseenWallsError: it is below MIN_ENCLOSURE, and walls that face each other below MIN_FACING where that is
+            enough: the scene is no cave, or much of its wall was not seen. Its places are a typical viewpoint, and
+            beside it the sides where wall is missing.
     """
     directions = _lines()
     distances = _cast(surface, viewpoints, directions)
-    shares, between = np.isfinite(distances).mean(axis=1), float(np.median(_is_opposed(distances).mean(axis=1)))
-    share = float(np.median(shares))
-    if share >= MIN_ENCLOSURE or (is_known_water and between >= MIN_OPPOSED):
+    shares = np.isfinite(distances).mean(axis=1)
+    share, between = float(np.median(shares)), 0.0 if before is None else float(np.median(facing(surface, before)))
+    if share >= MIN_ENCLOSURE or between >= MIN_FACING:
         return share
     typical = int(np.argmin(np.abs(shares - share)))
     place, name = viewpoints[typical], f" ({names[typical]})" if len(names) else ""
@@ -154,7 +162,7 @@ def check_enclosure(
         f"{shares.min():.0%} to {shares.max():.0%} meet the surface from {len(viewpoints)} places; the median at "
         f"({', '.join(f'{value:.2f}' for value in place)}) m{name}. Before a facade half of them do at most, in the "
         f"middle of a passage 80% and more. By sides: {', '.join(f'{side} {seen:.0%}' for side, seen in sides.items())}"
-        f".{_lines_sentence(between) if is_known_water else ''}",
+        f".{'' if before is None else _lines_sentence(between)}",
         "If it is a cave, scan or photograph its walls on the sides that are missing.",
         [(tuple(place.tolist()), f"{share:.0%} of the view from here{name} is wall")]
         + _unseen(place, sides, distances),
@@ -163,8 +171,8 @@ def check_enclosure(
 
 def _lines_sentence(share: float) -> str:
     return (
-        f" Nor were these taken between walls: of the lines through a typical one {share:.0%} meet wall on both sides, "
-        f"and between walls {MIN_OPPOSED:.0%} and more do; before a facade or around an object none."
+        f" Nor were these between walls: half-way to what they look at, {share:.0%} of all lines meet walls that face "
+        f"each other, and between walls {MIN_FACING:.0%} and more do; before a facade or around an object hardly any."
     )
 
 
