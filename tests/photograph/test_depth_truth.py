@@ -77,7 +77,8 @@ def test_walls_that_lie_3_cm_off_pass_at_5_cm_and_not_at_2(reference: DepthRefer
     assert at_5.precision > 0.97  # every second pixel of a map 3 m away leaves some cells empty
     assert at_10.precision > 0.99
     assert at_10.recall > 0.95
-    assert score_against(reference, seen)[0].f_score > 0.95
+    # 13,000 random samples lie 2 cm and more from some cells' points; none lies 5 cm from one.
+    assert score_against(reference, seen)[1].f_score > 0.95
 
 
 def test_what_the_depth_camera_never_looked_at_is_not_judged(reference: DepthReference) -> None:
