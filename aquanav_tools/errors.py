@@ -68,7 +68,7 @@ class UnseenWallsError(MeshError):
     @property
     def caution(self) -> tuple[str, str]:
         """Code and sentence of the warning that it becomes where it is accepted."""
-        return self.code, f"{self.facts} The build went on all the same, by --accept-open."
+        return self.code, f"{self.facts} The build went on all the same."
 
 
 class ScenarioError(AquanavError):

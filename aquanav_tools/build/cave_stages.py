@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aquanav_tools import __version__
-from aquanav_tools.build.accept_open import accepting, median_enclosure, surface_of
+from aquanav_tools.build.accept_open import accepting, median_enclosure, noting_guesswork, surface_of
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.source_words import words_for
@@ -141,7 +141,8 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
-        share = median_enclosure(surface.mesh, _roomy_places(field, rng), accepting(options.closing, journal))
+        accept = noting_guesswork(journal) if kind == "photos" else accepting(options.closing, journal)
+        share = median_enclosure(surface.mesh, _roomy_places(field, rng), accept)
     with journal.stage("Finding the route"):
         guide = _find_guide(cavity, field, vehicle.capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +13,17 @@ import numpy as np
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
+from aquanav_tools.build.photo_evidence import ways_ahead
 from aquanav_tools.cave.closing.close import refuse
-from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure, free_height, seen_height
+from aquanav_tools.cave.closing.enclosure import (
+    MIN_ENCLOSURE,
+    MIN_FACING,
+    check_enclosure,
+    enclosure,
+    facing,
+    free_height,
+    seen_height,
+)
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
 from aquanav_tools.reconstruct.georeference.gps import has_fix
@@ -21,7 +31,7 @@ from aquanav_tools.reconstruct.georeference.place import UNUSED
 from aquanav_tools.reconstruct.images import list_photos
 from aquanav_tools.reconstruct.intake.video import open_video
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
-from aquanav_tools.types import BoolArray, Mesh, PointCloud, Sim3
+from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud, Sim3
 
 HEIGHT_ERROR = 0.33
 """How far a typical height of the passage, guessed, puts the scale off, relative; chosen."""
@@ -37,6 +47,35 @@ SEEN_HEIGHT_ERROR = 0.5
 """The same where floor or ceiling were not seen; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
+
+
+@dataclass(frozen=True, eq=False)
+class FilmedCave:
+    """What tells that photos were taken inside of what they show."""
+
+    preview: Mesh
+    """A coarse surface."""
+    is_inside: BoolArray
+    """(N,) which cameras are known to be in the water, for some may have stood outside before the entrance."""
+    enclosure: float
+    """Median share of the view from the cameras that is wall."""
+    facing: float
+    """Median share of the lines through the water before a camera that meet walls which face each other."""
+
+    @property
+    def is_half_seen(self) -> bool:
+        """Whether so much wall is missing that only walls which face each other tell that it is a cave."""
+        return self.enclosure < MIN_ENCLOSURE
+
+    @property
+    def caution(self) -> tuple[str, str]:
+        """Code and sentence of the warning that a cave half seen comes with."""
+        return "half-seen", (
+            f"Much of the wall was not seen: from the cameras the surface that photos show fills only "
+            f"{self.enclosure:.0%} of the view all around, and in a passage {MIN_ENCLOSURE:.0%} and more. It is taken "
+            f"for a cave because half-way to what the cameras look at {self.facing:.0%} of all lines meet walls that "
+            f"face each other ({MIN_FACING:.0%} are asked for). The other walls are guesswork, marked as unobserved."
+        )
 
 
 def check_has_scale(options: BuildOptions) -> None:
@@ -73,20 +112,23 @@ def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
     Raises:
         UnseenWallsError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
-    return check_enclosure(preview, reconstruction.camera_centres, "the cameras", reconstruction.camera_names)
+    centres, names = reconstruction.camera_centres, reconstruction.camera_names
+    return check_enclosure(preview, centres, "the cameras", names, before=_before(reconstruction))
 
 
-def look_for_cave(
-    reconstruction: Reconstruction, accept: Callable[[UnseenWallsError], None]
-) -> tuple[Mesh, BoolArray, float]:
-    """Return a coarse surface, which cameras are known to be in the water, and their share of the view that is wall.
+def _before(reconstruction: Reconstruction) -> Array:
+    """Return (M, 3) places half-way to what each camera looks at; without depth maps, where the cameras were."""
+    sight = reconstruction.sight
+    ways = np.zeros((0, 2, 3)) if sight is None else ways_ahead(sight)
+    return ways[:, 1] if len(ways) else reconstruction.camera_centres
+
+
+def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsError], None]) -> FilmedCave:
+    """Return what tells that the cameras of a reconstruction, in metres or not yet, were inside of a cave.
 
     Args:
-        reconstruction: in metres or not yet.
+        reconstruction: cloud and cameras.
         accept: raises the error it is given, or notes that the build goes on all the same.
-
-    Returns:
-        The surface; (N,) flags of cameras, for some may have stood outside before the entrance; the median share.
 
     Raises:
         UnseenWallsError: it is no cave.
@@ -101,14 +143,16 @@ def look_for_cave(
     except UnseenWallsError as error:
         accept_here(error)
         preview = preview_surface(reconstruction.cloud, accept_thick=True)
-    shares = enclosure(preview, reconstruction.camera_centres)
-    is_inside = shares >= MIN_ENCLOSURE
     try:
         check_is_cave(reconstruction, preview)
     except UnseenWallsError as error:
         accept_here(error)
-        is_inside = np.ones_like(is_inside)  # the walls do not tell, and wherever a camera was there is room
-    return preview, is_inside, float(np.median(shares))
+    centres = reconstruction.camera_centres
+    shares = enclosure(preview, centres)
+    share, between = float(np.median(shares)), float(np.median(facing(preview, _before(reconstruction))))
+    # Where walls are missing they do not tell who stood outside, and wherever a camera was there is room.
+    is_inside = shares >= MIN_ENCLOSURE if share >= MIN_ENCLOSURE else np.ones(len(centres), dtype=bool)
+    return FilmedCave(preview, is_inside, share, between)
 
 
 def in_metres(

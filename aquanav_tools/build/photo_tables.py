@@ -81,6 +81,7 @@ def _photo_table(facts: dict[str, Any]) -> Table:
         "scale_error_percent_95": ("Scale, 95 % interval", "± {} %"),
         "up_error_deg_95": ("Up, 95 % cone", "± {}°"),
         "camera_enclosure": ("Wall around the cameras", "{:.0%} of the view"),
+        "camera_facing": ("Walls before them that face each other", "on {:.0%} of all lines"),
     }
     found = {name: facts[name] for name in names if facts.get(name) is not None}
     rows = tuple((names[name][0], names[name][1].format(value)) for name, value in found.items())

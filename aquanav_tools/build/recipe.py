@@ -190,12 +190,21 @@ def _build_cave_of(
         write_found(reconstruction, staged)
         with journal.stage("Checking that it is a cave"):
             accept = accepting(options.closing, journal)
-            preview, is_inside, facts["camera_enclosure"] = look_for_cave(reconstruction, accept)
-            work.reconstruction = reconstruction = in_metres(reconstruction, preview, options.scale, journal, accept)
+            filmed = look_for_cave(reconstruction, accept)
+            facts |= {"camera_enclosure": filmed.enclosure, "camera_facing": filmed.facing}
+            closing = options.closing
+            if filmed.is_half_seen and not closing.accept_open:
+                journal.warn(*filmed.caution)
+                closing = dataclasses.replace(closing, accept_open=True)
+                accept = accepting(closing, journal)
+            work.reconstruction = reconstruction = in_metres(
+                reconstruction, filmed.preview, options.scale, journal, accept
+            )
             facts |= reconstruction.statistics
             write_found(reconstruction, staged)
-        evidence = photo_evidence(reconstruction, is_inside, accept_open=options.closing.accept_open)
-        built = kept_scenario(reconstruction.cloud, options, journal, _store(options), evidence)
+        evidence = photo_evidence(reconstruction, filmed.is_inside, accept_open=closing.accept_open)
+        settings_of_cave = dataclasses.replace(options, closing=closing)
+        built = kept_scenario(reconstruction.cloud, settings_of_cave, journal, _store(options), evidence)
     except AquanavError as error:
         if isinstance(error, ReconstructionError) and error.unregistered:
             facts["unregistered"] = list(error.unregistered)

@@ -187,13 +187,14 @@ def link(case: PhotoSetCase, photos: Path, arguments: argparse.Namespace) -> Pat
 
 def judge(case: PhotoSetCase, build: Path, photos: Path, data: Path) -> dict[str, Any]:
     """Return how a build fits what is known about its set."""
-    from eval.photos.judge import judge_cameras, judge_rendered, read_cameras
+    from eval.photos.depth_truth import read_depth_reference
+    from eval.photos.judge import judge_real, judge_rendered
 
     if case.condition:
         return judge_rendered(build, photos)
-    if case.reference is None:
-        return {"registered": len(read_cameras(build))}
-    return judge_cameras(read_cameras(build), case.reference(data / case.folder))
+    folder = data / case.folder
+    centres = {} if case.reference is None else case.reference(folder)
+    return judge_real(build, centres, read_depth_reference(folder) if case.has_depth else None, is_loop=case.is_loop)
 
 
 def run_peer(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any]:

@@ -10,8 +10,17 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, Mesh, Sim3
+from eval.photos.depth_truth import (
+    FREE_SPACING,
+    DepthReference,
+    is_free,
+    lattice,
+    refined,
+    score_against,
+)
 from eval.photos.score import (
+    CloudScore,
     distances_to,
     read_true_cameras,
     read_wall,
@@ -36,6 +45,60 @@ def judge_cameras(cameras: list[dict[str, Any]], truth: dict[str, Array]) -> dic
     errors = np.linalg.norm(similarity(centres, expected).apply(centres) - expected, axis=1)
     extent = float(np.linalg.norm(np.ptp(expected, axis=0)))
     return {"registered": len(cameras), **_spread(errors), "extent": extent}
+
+
+def judge_real(build: Path, centres: dict[str, Array], reference: DepthReference | None, *, is_loop: bool) -> Any:
+    """Return figures of a build from real photos, as far as it came and as far as there is truth.
+
+    Args:
+        build: the output folder of aquanav-build-cave.
+        centres: (3,) where photos were taken, by name; none where that is not known.
+        reference: what a depth camera saw; None without one.
+        is_loop: the last photo shows the place of the first.
+    """
+    cameras = read_cameras(build)
+    found = judge_cameras(cameras, centres)
+    if is_loop and len(cameras) > 2:
+        way = np.array([camera["centre"] for camera in sorted(cameras, key=lambda camera: str(camera["name"]))])
+        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+        found["loop_gap"] = float(np.linalg.norm(way[-1] - way[0]) / steps.sum())
+    truth_from_build = Sim3()
+    if reference is not None and len(cameras) > 2 and (build / "cloud.ply").exists():
+        cloud = _points(build / "cloud.ply")
+        known = [camera for camera in cameras if camera["name"] in reference.centres]
+        centres_found = np.array([camera["centre"] for camera in known])
+        centres_true = np.array([reference.centres[camera["name"]] for camera in known])
+        truth_from_build = refined(cloud, reference.points, similarity(centres_found, centres_true))
+        found["scale"] = truth_from_build.scale
+        found["cloud"] = _figures(score_against(reference, truth_from_build.apply(cloud)))
+    if (build / "scenario.toml").exists():
+        found |= _judge_room(build, truth_from_build, reference)
+    return found
+
+
+def _judge_room(build: Path, truth_from_build: Sim3, reference: DepthReference | None) -> dict[str, Any]:
+    """Return size and soundness of a cavity, and how much of the free space that a depth camera saw it holds."""
+    import igl
+
+    cavity = read_scenario(build).cavity
+    mesh = Mesh(truth_from_build.apply(cavity.mesh.vertices), cavity.mesh.faces)
+    solid, is_wall = mesh.to_trimesh(), cavity.labels == WALL
+    found = {
+        "volume": float(mesh.volume),
+        "extent_m": np.sort(np.ptp(mesh.vertices, axis=0)).tolist(),
+        "invented_share": float(mesh.areas[is_wall & ~cavity.observed].sum() / mesh.areas[is_wall].sum()),
+        "is_volume": bool(solid.is_volume and solid.body_count == 1),
+        "genus": int(1 - solid.euler_number // 2),
+        "portals": len(cavity.portals),
+    }
+    if reference is not None:
+        ends = np.concatenate([mesh.vertices, reference.points])
+        places = lattice(ends.min(axis=0), ends.max(axis=0))
+        free = is_free(reference, places)
+        held = igl.fast_winding_number(mesh.vertices, mesh.faces, places) > 0.5
+        found["free_volume"] = float(free.sum() * FREE_SPACING**3)
+        found["free_held"], found["held_free"] = float(held[free].mean()), float(free[held].mean())
+    return found
 
 
 def judge_rendered(build: Path, dive: Path) -> dict[str, Any]:
@@ -90,6 +153,7 @@ def _judge_cavity(build: Path, dive: Path, wall: Mesh, seen: Array, centres: Arr
         "surface_between": _score(np.asarray(samples), wall, within),
         "invented_share": float(solid.area_faces[invented].sum() / solid.area_faces[cavity.labels == WALL].sum()),
         "volume": cavity.volume,
+        "extent_m": np.sort(np.ptp(cavity.mesh.vertices, axis=0)).tolist(),
         "volume_error": cavity.volume / trimmed.volume - 1.0,
         "whole_volume_error": cavity.volume / truth.volume - 1.0,
         "is_volume": bool(solid.is_volume and solid.body_count == 1),
@@ -101,8 +165,12 @@ def _judge_cavity(build: Path, dive: Path, wall: Mesh, seen: Array, centres: Arr
 
 
 def _score(points: Array, wall: Mesh, seen: Array) -> dict[str, float]:
-    found = {}
-    for score in score_cloud(points, wall, seen):
+    return _figures(score_cloud(points, wall, seen))
+
+
+def _figures(scores: list[CloudScore]) -> dict[str, float]:
+    found: dict[str, float] = {}
+    for score in scores:
         cm = f"{100 * score.tolerance:.0f}"
         found |= {f"precision_{cm}": score.precision, f"recall_{cm}": score.recall, f"f_{cm}": score.f_score}
     return found

@@ -16,6 +16,8 @@ from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.types import Array, BoolArray, Mesh, Sim3
 
+TOLERANCES = (0.02, 0.05, 0.1)
+"""At which clouds and surfaces are scored, m."""
 MIN_DISTANCE = 0.1
 """What is nearer to a lens is out of focus, m."""
 HIDDEN_BY = 0.02
@@ -119,9 +121,7 @@ def distances_to(wall: Mesh, points: Array) -> Array:
     return scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy().astype(np.float64)
 
 
-def score_cloud(
-    points: Array, wall: Mesh, seen: Array, tolerances: tuple[float, ...] = (0.05, 0.1)
-) -> list[CloudScore]:
+def score_cloud(points: Array, wall: Mesh, seen: Array, tolerances: tuple[float, ...] = TOLERANCES) -> list[CloudScore]:
     """Return how (N, 3) points fit the true wall and cover (M, 3) samples of what was seen of it.
 
     For a surface pass samples of it, even by area (of the faces that were observed, to leave out invented ones).

@@ -11,6 +11,7 @@ import numpy as np
 
 from aquanav_tools.photograph.conditions import ConditionName
 from aquanav_tools.types import Array
+from eval.photos.depth_truth import depth_centres
 
 BASELINE_PHOTOS = 0
 """As many photos as the condition asks for."""
@@ -33,6 +34,10 @@ class PhotoSetCase:
     """Reads (3,) camera centres by photo, in any frame, from the data folder's folder."""
     is_metric: bool = True
     """Whether the reference is in metres."""
+    has_depth: bool = False
+    """Whether a depth camera's maps lie beside the photos (`depth_truth`)."""
+    is_loop: bool = False
+    """Whether the last photo shows the place of the first."""
 
 
 def fountain_centres(folder: Path) -> dict[str, Array]:
@@ -69,5 +74,10 @@ REAL = (
         reference=fountain_centres,
     ),
     PhotoSetCase("saharov32", folder="img_saharov32", images=("", "*.JPG"), reference=saharov_centres, is_metric=False),
+    PhotoSetCase("workshop", folder="img_workshop", images=("images", "*.jpg")),
+    PhotoSetCase("office-corridor", folder="img_office_corridor", images=("images", "*.jpg"), is_loop=True),
+    PhotoSetCase(
+        "redkitchen", folder="img_redkitchen", images=("images", "*.jpg"), reference=depth_centres, has_depth=True
+    ),
 )
 CASES = (*RENDERED, *REAL)

@@ -15,6 +15,10 @@ MODELS = (
     "set", "cloud F at 5 / 10 cm", "surface F at 5 / 10 cm", "between the portals", "invented wall", "volume off by",
     "of the whole cave", "portals", "genus (truth)", "cameras outside", "GB", "outcome",
 )  # fmt: skip
+CLOUDS = (
+    "set", "cloud within 2 cm: precision, recall, F", "5 cm", "10 cm", "scale", "volume (m3)", "extent (m)",
+    "invented wall", "of seen free space in it", "of it seen free", "first to last photo", "outcome",
+)  # fmt: skip
 STAGES = {
     "features": ("Finding features",),
     "matching": ("Matching photos",),
@@ -55,7 +59,15 @@ def markdown(results: list[dict[str, Any]]) -> str:
         "Of the wall that two photos or more show, in the whole cave and between the portals that were found. Volume "
         "between the portals, and of the whole cave.",
         "",
-        *_table(MODELS, [_model_row(result) for result in results if "cloud" in result or "volume" in result]),
+        *_table(MODELS, [_model_row(result) for result in results if "volume_error" in result]),
+        "",
+        "## Clouds and cavities, rendered and real",
+        "",
+        "Rendered against the true wall that two photos or more show; real ones against a depth camera's maps where "
+        "there are some, and blank where nothing is known. Scale: true lengths over the build's. From the first photo "
+        "to the last where they show the same place: share of the way between.",
+        "",
+        *_table(CLOUDS, [_cloud_row(result) for result in results]),
         "",
         "## Seconds per stage, on the clock / of CPU",
         "",
@@ -98,8 +110,6 @@ def _errors(result: dict[str, Any]) -> str:
 
 def _model_row(result: dict[str, Any]) -> tuple[str, ...]:
     cells = [result["name"], _f_scores(result.get("cloud")), _f_scores(result.get("surface"))]
-    if "volume" not in result:
-        return (*cells, *[""] * 7, f"{result['peak_gb']:.2f}", result["outcome"])
     return (
         *cells,
         _f_scores(result.get("surface_between")),
@@ -112,6 +122,30 @@ def _model_row(result: dict[str, Any]) -> tuple[str, ...]:
         f"{result['peak_gb']:.2f}",
         result["outcome"],
     )
+
+
+def _cloud_row(result: dict[str, Any]) -> tuple[str, ...]:
+    def share(name: str) -> str:
+        return f"{result[name]:.1%}" if name in result else ""
+
+    scores = result.get("cloud", {})
+    return (
+        result["name"],
+        *(_triple(scores, cm) for cm in (2, 5, 10)),
+        f"{result['scale']:.3f}" if "scale" in result else "",
+        f"{result['volume']:.1f}" if "volume" in result else "",
+        " x ".join(f"{size:.1f}" for size in result.get("extent_m", ())),
+        share("invented_share"),
+        share("free_held"),
+        share("held_free"),
+        share("loop_gap"),
+        result["outcome"],
+    )
+
+
+def _triple(scores: dict[str, float], cm: int) -> str:
+    names = [f"{figure}_{cm}" for figure in ("precision", "recall", "f")]
+    return ", ".join(f"{scores[name]:.2f}" for name in names) if all(name in scores for name in names) else ""
 
 
 def _f_scores(score: dict[str, float] | None) -> str:

@@ -48,3 +48,13 @@ def test_what_is_accepted_becomes_a_proven_cavity_with_its_unseen_wall_marked(tm
     assert not cavity.observed[is_lid & (np.abs(middles[:, 1]) < 0.5 * RADIUS)].any()
     # An arc of pi radii was scanned, a chord of 2 was not; a strip on either side of it lies within reach of the scan.
     assert areas[cavity.observed].sum() / areas.sum() == pytest.approx(np.pi / (np.pi + 2.0), abs=0.1)
+
+
+def test_how_much_photos_show_is_told_from_their_cameras_and_what_is_guessed_elsewhere_is_named(tmp_path: Path) -> None:
+    tmp_path.joinpath("photos").mkdir()
+    journal, options = Journal(silent), BuildOptions(tmp_path / "photos", tmp_path / "out")
+    cavity = build_scenario(half_pipe(), options, journal).scenario.cavity
+    prove_watertight(cavity.mesh)
+    sentence = dict(journal.notices)["guessed-space"]
+    assert "towards up: 0% of the view is wall" in sentence
+    assert "marked as unobserved" in sentence

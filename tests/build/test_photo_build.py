@@ -19,6 +19,8 @@ from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
+from aquanav_tools.cave.closing.close import refuse
+from aquanav_tools.cave.closing.enclosure import MIN_FACING
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
@@ -82,11 +84,50 @@ def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> Non
     with pytest.raises(MeshError, match=r"no cave.*: from the cameras, the scanned surface fills only \d+%"):
         check_is_cave(reconstruction, preview_surface(cloud))
     accepted: list[UnseenWallsError] = []
-    _, is_inside, share = look_for_cave(reconstruction, accepted.append)
-    assert is_inside.all()  # walls that are missing tell of nobody that he stood outside
-    assert 0.1 < share < 0.5  # a facade 10 m wide and 8 m high, 6 m away
+    found = look_for_cave(reconstruction, accepted.append)
+    assert found.is_inside.all()  # walls that are missing tell of nobody that he stood outside
+    assert 0.1 < found.enclosure < 0.5  # a facade 10 m wide and 8 m high, 6 m away
+    assert found.facing == 0.0
     assert [error.code for error in accepted] == ["open-walls"]
     assert "in the model's own unit" in accepted[0].facts  # nothing gave these photos a scale
+
+
+def seen_faces(solid: trimesh.Trimesh, is_seen: Any, cameras: Any) -> Reconstruction:
+    """What photos taken at (9, 3) places give that show some of a solid's faces from within."""
+    samples, faces = trimesh.sample.sample_surface(solid, 40_000, seed=1)
+    kept = is_seen(np.asarray(samples))
+    normals = np.asarray(-solid.face_normals[faces][kept])
+    cloud = PointCloud(np.asarray(samples)[kept], normals, None, np.full(kept.sum(), 3), np.zeros(kept.sum()))
+    return Reconstruction(cloud, cameras, UPRIGHT, tuple("abcdefghi"), (), {})
+
+
+def test_a_hall_of_which_ceiling_and_ends_were_not_seen_is_a_cave_half_seen() -> None:
+    hall = trimesh.creation.box(bounds=[[0.0, -2.0, 0.0], [8.0, 2.0, 6.0]]).subdivide_to_size(0.5)
+    cameras = np.stack([np.linspace(2.0, 6.0, 9), np.zeros(9), np.full(9, 1.6)], axis=1)
+    found = look_for_cave(seen_faces(hall, lambda p: (abs(p[:, 0] - 4.0) < 3.99) & (p[:, 2] < 2.6), cameras), refuse)
+    assert found.is_half_seen
+    assert found.is_inside.all()
+    # The median camera stands 3 m from one end of the seen walls, 1 m below their upper rim, 2 m from either wall. A
+    # rectangle's solid angle: 4 asin(a b / sqrt((a^2 + d^2) (b^2 + d^2))), a and b half its sides, d the distance.
+    expected = 2.0 * np.arcsin(3.0 * 1.0 / np.sqrt((3.0**2 + 2.0**2) * (1.0**2 + 2.0**2))) / np.pi
+    assert found.facing == pytest.approx(expected, abs=0.02)  # 128 lines
+    assert found.facing > MIN_FACING
+    code, sentence = found.caution
+    assert code == "half-seen"
+    assert f"{found.facing:.0%} of all lines meet walls that face each other" in sentence
+
+
+def test_photos_all_around_an_object_on_the_ground_show_no_cave() -> None:
+    boulder = trimesh.creation.icosphere(4, 1.0)
+    ground = trimesh.creation.box(bounds=[[-6.0, -6.0, -1.2], [6.0, 6.0, -1.0]]).subdivide_to_size(0.5)
+    angles = np.linspace(0.0, 2.0 * np.pi, 9, endpoint=False)
+    cameras = np.stack([3.0 * np.cos(angles), 3.0 * np.sin(angles), np.full(9, 0.5)], axis=1)
+    around = seen_faces(trimesh.util.concatenate(boulder, ground), lambda p: p[:, 2] > -1.01, cameras)
+    turned = replace(around.cloud, normals=-around.cloud.normals)
+    with pytest.raises(
+        UnseenWallsError, match=r"Nor were these between walls: .* 0% of all lines meet walls that face"
+    ):
+        look_for_cave(replace(around, cloud=turned), refuse)
 
 
 @pytest.fixture(scope="module")

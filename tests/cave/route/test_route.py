@@ -7,7 +7,7 @@ import pytest
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.close import close_surface
-from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure, free_height
+from aquanav_tools.cave.closing.enclosure import MIN_FACING, check_enclosure, enclosure, facing, free_height
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
@@ -152,9 +152,51 @@ def test_enclosure_of_an_open_tube_is_the_solid_angle_of_its_wall() -> None:
     assert share == pytest.approx(1 - ends, abs=0.01)
 
 
+def test_in_the_middle_of_an_open_tube_wall_that_is_seen_faces_wall() -> None:
+    middle = np.array([[LENGTH / 2, 0.0, 0.0]])
+    assert facing(straight(), middle)[0] == pytest.approx(enclosure(straight(), middle)[0], abs=0.01)
+
+
+def test_outside_of_the_hull_of_a_surface_no_line_meets_it_on_both_sides(rng: np.random.Generator) -> None:
+    corners = rng.uniform(-1.0, 1.0, (3 * 200, 3))
+    soup = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
+    around = rng.normal(size=(200, 3))
+    around *= 1.01 * np.sqrt(3.0) / np.linalg.norm(around, axis=1, keepdims=True)  # the cube's corners lie at sqrt(3)
+    assert enclosure(soup, around).max() > 0.1
+    assert not facing(soup, around).any()
+
+
+def test_floor_and_facade_do_not_face_each_other() -> None:
+    facade = facing_square(2.0, 20.0)
+    floor = Mesh(facade.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0], facade.faces)
+    corner = Mesh(np.concatenate([facade.vertices, floor.vertices]), np.concatenate([facade.faces, floor.faces + 4]))
+    middle = np.zeros((1, 3))
+    assert enclosure(corner, middle)[0] > 0.6  # two of six sides, and more where they reach beyond them
+    assert facing(corner, middle)[0] == 0.0
+
+
+def test_between_two_walls_somebody_who_looked_through_there_is_in_a_cave_and_a_guessed_middle_is_not() -> None:
+    one, other = facing_square(2.0, 2.0), facing_square(-2.0, 2.0)
+    walls = Mesh(np.concatenate([one.vertices, other.vertices]), np.concatenate([one.faces, other.faces[:, ::-1] + 4]))
+    middle, beside = np.zeros((1, 3)), np.array([[0.0, 6.0, 0.0]])
+    # A square of half width a at a distance d fills 4 asin(a^2 / (a^2 + d^2)) of the 4 pi of all directions.
+    share = 2.0 * np.arcsin(4.0 / 8.0) / np.pi
+    assert facing(walls, middle)[0] == pytest.approx(share, abs=0.02)  # 128 lines
+    assert check_enclosure(walls, middle, "the cameras", before=middle) == pytest.approx(share, abs=0.02)
+    with pytest.raises(UnseenWallsError, match="a passage needs 60%"):
+        check_enclosure(walls, middle, "the middle of the passage")
+    with pytest.raises(UnseenWallsError, match=rf"0% of all lines meet walls .* between walls {MIN_FACING:.0%}"):
+        check_enclosure(walls, beside, "the cameras", before=beside)
+
+
+def facing_square(x: float, half: float) -> Mesh:
+    """A square across x, around the axis."""
+    square = np.array([[x, -half, -half], [x, half, -half], [x, half, half], [x, -half, half]])
+    return Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))
+
+
 def test_a_wall_seen_from_one_side_is_no_cave() -> None:
-    square = np.array([[5.0, -50, -50], [5, 50, -50], [5, 50, 50], [5, -50, 50]])
-    wall = Mesh(square, np.array([[0, 1, 2], [0, 2, 3]]))
+    wall = facing_square(5.0, 50.0)
     places = np.array([[-5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     with pytest.raises(UnseenWallsError, match=r"no cave.*: from the cameras, .* fills only \d+%") as caught:
         check_enclosure(wall, places, "the cameras", ("a.jpg", "b.jpg", "c.jpg"))
