@@ -3,7 +3,8 @@
 Native decoders end their process where a damaged file makes them: a panic in Rust, a failed assertion in C++, or memory
 that is not there. Here that is a sentence. The child is this module:
 `python -m aquanav_tools.cave.scan.decoder_process MODULE SECONDS MEMORY FILE [ARGUMENT ...]`. It imports MODULE, which
-has `prepare()`, to load its libraries before the bound on memory, and `decode(path, *arguments)`, which yields tables of numbers.
+has `prepare()`, to load its libraries before the bound on memory, and `decode(path, *arguments)`, which yields tables
+of numbers.
 """
 
 from __future__ import annotations

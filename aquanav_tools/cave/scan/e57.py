@@ -57,7 +57,9 @@ def check_header(path: Path) -> None:
         raise _unreadable(path, f"its {size:,} bytes do not begin with a header of E57")
     _, major, minor, length, xml_at, xml_bytes, page = HEADER.unpack(head)
     if major != 1 or page != 1024:
-        raise _unreadable(path, f"its header says version {major}.{minor} with pages of {page:,} bytes, not 1.0 and 1024")
+        raise _unreadable(
+            path, f"its header says version {major}.{minor} with pages of {page:,} bytes, not 1.0 and 1024"
+        )
     if length != size or xml_at + xml_bytes > size or xml_bytes > MAX_XML:
         raise _unreadable(
             path,
@@ -95,7 +97,9 @@ def decode(path: Path) -> Iterator[Array]:
     counts = [scans[n]["points"].childCount() for n in range(len(scans))]
     most = MAX_POINTS_PER_BYTE * path.stat().st_size
     if sum(counts) > most:
-        raise _unreadable(path, f"its scans announce {sum(counts):,} points, and its {most:,} bytes hold {most:,} at most")
+        raise _unreadable(
+            path, f"its scans announce {sum(counts):,} points, and its {most:,} bytes hold {most:,} at most"
+        )
     for n, count in enumerate(counts):
         if count:
             yield from _scan_tables(image, scans[n], count)
@@ -143,7 +147,7 @@ def _from_spherical(points: Array) -> Array:
 
 
 def _pose(scan: Any) -> tuple[Array, Array, bool]:
-    """Return a scan's rotation and the place of its scanner, and whether that is known: programs write zeros for none."""
+    """Return a scan's rotation, the place of its scanner, and whether it is known: programs write zeros for none."""
     from scipy.spatial.transform import Rotation
 
     rotation, station = np.eye(3), np.zeros(3)

@@ -23,14 +23,14 @@ from aquanav_tools.types import Mesh, PointCloud
 
 AXES = ("x", "y", "z")
 LIBRARIES = {
-    ".dae": ("Reading COLLADA", "collada"),
+    ".dae": ("Reading COLLADA", "collada", "lxml"),
     ".3mf": ("Reading 3MF", "lxml"),
     ".usd": ("Reading USD", "pxr"),
     ".usda": ("Reading USD", "pxr"),
     ".usdc": ("Reading USD", "pxr"),
     ".usdz": ("Reading USD", "pxr"),
 }
-"""By the ending: what needs which library."""
+"""By the ending: what needs which libraries."""
 BEGINNINGS = {".3mf": b"PK\x03\x04", ".usdz": b"PK\x03\x04", ".usdc": b"PXR-USDC", ".usda": b"#usda"}
 BYTES_PER_VERTEX = 20
 """Of the XML in a 3MF or COLLADA, at least."""
@@ -52,9 +52,9 @@ def read_model(path: Path) -> SurfaceFile:
     """
     suffix = path.suffix.lower()
     _check_beginning(path, suffix)
-    purpose, library = LIBRARIES[suffix]
-    require(purpose, library)
-    decoder = "aquanav_tools.cave.scan.usd" if library == "pxr" else __name__
+    purpose, *libraries = LIBRARIES[suffix]
+    require(purpose, *libraries)
+    decoder = "aquanav_tools.cave.scan.usd" if "pxr" in libraries else __name__
     try:
         facts, vertices, faces, colours = decoded(decoder, path, (), seconds_for(path), MODEL_MEMORY)
     except (DecodingError, ValueError) as cause:
@@ -119,9 +119,9 @@ def _unreadable(path: Path, why: str) -> InputError:
 
 def prepare() -> None:
     """Load what `decode` needs."""
-    import lxml.etree
-    import networkx
-    import PIL.Image
+    import lxml.etree  # noqa: F401
+    import networkx  # noqa: F401
+    import PIL.Image  # noqa: F401
     import trimesh.exchange.load  # noqa: F401
 
 

@@ -107,7 +107,9 @@ def _record(entries: dict[str, list[str]]) -> np.dtype[Any]:
     for n, (name, size, kind, count) in enumerate(zip(names, entries["SIZE"], entries["TYPE"], counts, strict=True)):
         code = KINDS.get(kind.upper(), "")
         if not code or _whole(size) not in SIZES[code] or not 1 <= _whole(count) <= MAX_RECORD_BYTES:
-            raise ValueError(f"its field {name[:30]!r} has the type {kind[:9]!r}, size {size[:9]!r}, count {count[:9]!r}")
+            raise ValueError(
+                f"its field {name[:30]!r} has the type {kind[:9]!r}, size {size[:9]!r}, count {count[:9]!r}"
+            )
         is_new = name not in {field[0] for field in fields}
         fields.append((name if is_new and name != "_" else f"_{n}", f"<{code}{size}", (_whole(count),)))
     record = np.dtype(fields)

@@ -47,7 +47,5 @@ def cloud_of_tables(path: Path, tables: Iterable[Array], metres_per_unit: float 
     table = thinner.result()
     seen_from = believable_stations(table[:, :3], table[:, 6:])
     colours = None if np.isnan(table[:, 3:6]).any() else np.clip(np.rint(table[:, 3:6]), 0, 255).astype(np.uint8)
-    cloud = PointCloud(
-        table[:, :3], colours=colours, seen_from=seen_from if np.isfinite(seen_from).any() else None
-    )
+    cloud = PointCloud(table[:, :3], colours=colours, seen_from=seen_from if np.isfinite(seen_from).any() else None)
     return SurfaceFile(cloud, thinned_caution(path.name, thinner, len(table)), metres_per_unit, "z")

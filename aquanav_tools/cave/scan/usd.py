@@ -20,7 +20,6 @@ from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
 
 def prepare() -> None:
     """Load what `decode` needs."""
-    import PIL.Image
     from pxr import Gf, Usd, UsdGeom, UsdShade  # noqa: F401
 
 
