@@ -89,6 +89,15 @@ def decode(path: Path) -> Iterator[Array]:
     """
     from pye57 import libe57
 
+    try:
+        yield from _tables(path)
+    except (libe57.E57Exception, ValueError) as cause:
+        raise _unreadable(path, str(cause).strip().partition("\n")[0]) from cause
+
+
+def _tables(path: Path) -> Iterator[Array]:
+    from pye57 import libe57
+
     # Not pye57.E57, whose constructor removes the file when anything after opening it fails.
     image = libe57.ImageFile(str(path), "r")
     if not image.root().isDefined("data3D") or not len(image.root()["data3D"]):

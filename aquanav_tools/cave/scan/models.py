@@ -19,6 +19,7 @@ from aquanav_tools.cave.scan.decoder_process import MODEL_MEMORY, DecodingError,
 from aquanav_tools.cave.scan.surface_file import SurfaceFile
 from aquanav_tools.errors import InputError
 from aquanav_tools.libraries import require
+from aquanav_tools.text_files import check_utf8
 from aquanav_tools.types import Mesh, PointCloud
 
 AXES = ("x", "y", "z")
@@ -58,7 +59,7 @@ def read_model(path: Path) -> SurfaceFile:
     try:
         facts, vertices, faces, colours = decoded(decoder, path, (), seconds_for(path), MODEL_MEMORY)
     except (DecodingError, ValueError) as cause:
-        raise _unreadable(path, str(cause)) from cause
+        raise unreadable(path, str(cause)) from cause
     metres, up = float(facts[0, 0]), AXES[int(facts[0, 1])]
     rgb = colours if len(colours) else None
     surface = Mesh(vertices, faces, rgb) if len(faces) else PointCloud(vertices, None, rgb)
@@ -85,9 +86,11 @@ def _check_beginning(path: Path, suffix: str) -> None:
     with path.open("rb") as stream:
         head = stream.read(1024)
     if not head.strip():
-        raise _unreadable(path, f"it is empty: {size:,} bytes")
+        raise unreadable(path, f"it is empty: {size:,} bytes")
     if not head.startswith(BEGINNINGS.get(suffix, b"")) or (suffix == ".dae" and b"<" not in head):
-        raise _unreadable(path, f"its {size:,} bytes begin with {head[:12]!r}")
+        raise unreadable(path, f"its {size:,} bytes begin with {head[:12]!r}")
+    if suffix == ".usda":
+        check_utf8(path)
     if suffix == ".dae":
         check_count(path, size // BYTES_PER_VERTEX)
     if suffix in (".3mf", ".usdz"):
@@ -100,17 +103,18 @@ def _check_archive(path: Path, size: int) -> None:
         with zipfile.ZipFile(path) as archive:
             members = archive.infolist()
     except (zipfile.BadZipFile, ValueError, NotImplementedError, OSError) as cause:
-        raise _unreadable(path, f"{cause}") from cause
+        raise unreadable(path, f"{cause}") from cause
     unpacked = sum(member.file_size for member in members)
     packed = sum(member.compress_size for member in members)
     if packed > size or unpacked > DEFLATE_RATIO * size:
-        raise _unreadable(
+        raise unreadable(
             path, f"its {len(members):,} members announce {packed:,} bytes, unpacked {unpacked:,}, and it has {size:,}"
         )
     check_count(path, unpacked // BYTES_PER_VERTEX if path.suffix.lower() == ".3mf" else 0)
 
 
-def _unreadable(path: Path, why: str) -> InputError:
+def unreadable(path: Path, why: str) -> InputError:
+    """Return the error that a model is damaged, and why."""
     return InputError(
         f"{path} cannot be read as '{path.suffix.lower()}': {why}. The file is damaged, cut off or of another format. "
         "Copy or export it again."
@@ -133,10 +137,13 @@ def decode(path: Path) -> Iterator[Any]:
         ResourceError: it has too many points.
     """
     loaded = trimesh_files.load(path)
-    metres, up = _collada_frame(path) if path.suffix.lower() == ".dae" else (_unit_of_3mf(loaded), "z")
     if not getattr(loaded, "geometry", None):
-        raise _unreadable(path, "it has no triangles")
-    yield from model_tables(trimesh_files.surface_of(path, loaded), metres, up)
+        raise unreadable(path, "it has no triangles")
+    try:
+        metres, up = _collada_frame(path) if path.suffix.lower() == ".dae" else (_unit_of_3mf(loaded), "z")
+        yield from model_tables(trimesh_files.surface_of(path, loaded), metres, up)
+    except ValueError as cause:
+        raise unreadable(path, str(cause)) from cause
 
 
 def _unit_of_3mf(scene: Any) -> float:

@@ -127,9 +127,9 @@ def _thinned(cloud: PointCloud, name: str) -> tuple[PointCloud, tuple[tuple[str,
     thinner = EvenThinner()
     thinner.add(np.column_stack([cloud.points, np.arange(len(cloud.points))]))
     kept = thinner.result()[:, 3].astype(np.int64)
-    normals, colours, seen_from = (
-        None if each is None else each[kept] for each in (cloud.normals, cloud.colours, cloud.seen_from)
-    )
+    normals = None if cloud.normals is None else cloud.normals[kept]
+    colours = None if cloud.colours is None else cloud.colours[kept]
+    seen_from = None if cloud.seen_from is None else cloud.seen_from[kept]
     thin = PointCloud(cloud.points[kept], normals, colours, seen_from=seen_from)
     return thin, thinned_caution(name, thinner, len(kept))
 

@@ -43,7 +43,9 @@ def cloud_of_tables(path: Path, tables: Iterable[Array], metres_per_unit: float 
     for table in tables:
         thinner.add(table)
     if not thinner.num_seen:
-        raise InputError(f"{path} has 0 points; a surface needs at least 4. The file is empty or cut off.")
+        raise InputError(
+            f"{path} has 0 points; a surface needs at least 4. The file is empty or cut off. Copy or export it again."
+        )
     table = thinner.result()
     seen_from = believable_stations(table[:, :3], table[:, 6:])
     colours = None if np.isnan(table[:, 3:6]).any() else np.clip(np.rint(table[:, 3:6]), 0, 255).astype(np.uint8)

@@ -55,7 +55,8 @@ def surface_of(path: Path, loaded: Any) -> Mesh | PointCloud:
 def _damaged(path: Path, cause: Exception) -> InputError:
     reason = " ".join(f"{cause}".split()) or type(cause).__name__
     return InputError(
-        f"{path} cannot be read as '{path.suffix.lower()}': {reason}. The file is damaged or of another format."
+        f"{path} cannot be read as '{path.suffix.lower()}': {reason.rstrip('.')}. The file is damaged or of another "
+        "format. Copy or export it again."
     )
 
 

@@ -5,6 +5,7 @@ Source: OpenUSD, UsdGeom: `metersPerUnit` is 0.01 and `upAxis` Y where a stage d
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,9 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.scan.announced import check_count
-from aquanav_tools.cave.scan.models import model_tables
+from aquanav_tools.cave.scan.models import model_tables, unreadable
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
+
+INTERNAL_NAME = re.compile(r"pxrInternal_\w+::")
+MAX_REASON = 300
 
 
 def prepare() -> None:
@@ -30,6 +34,21 @@ def decode(path: Path) -> Iterator[Any]:
         InputError: it has neither.
         ResourceError: it has too many points.
     """
+    from pxr import Tf
+
+    try:
+        yield from _decoded(path)
+    except Tf.ErrorException as cause:
+        reasons = [" ".join(each.commentary.split()) for each in cause.args]  # str() of the error fails at times
+        reason = (
+            INTERNAL_NAME.sub("", reasons[0])[:MAX_REASON].rstrip(".") if reasons else "its library names no reason"
+        )
+        raise unreadable(path, reason) from cause
+    except ValueError as cause:
+        raise unreadable(path, str(cause)) from cause
+
+
+def _decoded(path: Path) -> Iterator[Any]:
     from pxr import Usd, UsdGeom
 
     stage = Usd.Stage.Open(str(path))
@@ -57,6 +76,15 @@ def decode(path: Path) -> Iterator[Any]:
         )
     axis = str(UsdGeom.GetStageUpAxis(stage)).lower()
     yield from model_tables(surface, float(UsdGeom.GetStageMetersPerUnit(stage)), axis)
+
+
+def _reason(error: Any) -> str:
+    """Return the first of the reasons in an error of OpenUSD, whose str() fails at times."""
+    try:
+        told = " ".join(error.args[0].commentary.split())
+    except (IndexError, UnicodeDecodeError):  # it quotes the file's own bytes
+        return "its library names no reason that is text"
+    return INTERNAL_NAME.sub("", told)[:MAX_REASON].rstrip(".")
 
 
 def _is_shown(prim: Any) -> bool:
