@@ -39,11 +39,7 @@ def decode(path: Path) -> Iterator[Any]:
     try:
         yield from _decoded(path)
     except Tf.ErrorException as cause:
-        reasons = [" ".join(each.commentary.split()) for each in cause.args]  # str() of the error fails at times
-        reason = (
-            INTERNAL_NAME.sub("", reasons[0])[:MAX_REASON].rstrip(".") if reasons else "its library names no reason"
-        )
-        raise unreadable(path, reason) from cause
+        raise unreadable(path, _reason(cause)) from cause
     except ValueError as cause:
         raise unreadable(path, str(cause)) from cause
 
