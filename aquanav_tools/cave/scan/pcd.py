@@ -95,7 +95,7 @@ def _read_header(stream: IO[bytes]) -> PcdHeader:
     if encoding not in _READERS:
         raise ValueError(f"its points are stored as {encoding[:30]!r}, not as ascii, binary or binary_compressed")
     num_points = _whole(entries["WIDTH"][0]) * _whole(entries["HEIGHT"][0])
-    return PcdHeader(_record(entries), _whole(entries.get("POINTS", [str(num_points)])[0]), encoding)
+    return PcdHeader(_record(entries), _whole((entries.get("POINTS") or [str(num_points)])[0]), encoding)
 
 
 def _record(entries: dict[str, list[str]]) -> np.dtype[Any]:

@@ -54,7 +54,7 @@ def enclosed_stations(cloud: PointCloud) -> Array:
 
 def _by_station(seen_from: Array) -> Iterator[tuple[Array, BoolArray]]:
     """Yield each known station and the (N,) flags of the points seen from it."""
-    known: BoolArray = np.isfinite(seen_from).all(axis=1)
+    known: BoolArray = np.asarray(np.isfinite(seen_from).all(axis=1))
     stations, ids = np.unique(seen_from[known], axis=0, return_inverse=True)
     for number, station in enumerate(stations):
         is_its: BoolArray = known.copy()
