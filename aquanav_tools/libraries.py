@@ -28,14 +28,18 @@ class Library(NamedTuple):
 
 OPTIONAL = {
     "cmaes": Library("cmaes", "stress"),
+    "collada": Library("pycollada", "formats"),
     "cv2": Library("opencv-python-headless", "photos"),
     "laspy": Library("laspy", "build"),
     "lazrs": Library("lazrs", "build"),
     "libusb_package": Library("libusb-package", "build"),
+    "lxml": Library("lxml", "formats"),
     "open3d": Library("open3d", "build"),
     "pi_heif": Library("pi-heif", "heic"),
     "pybullet": Library("pybullet", "bullet"),
     "pycolmap": Library("pycolmap", "photos"),
+    "pxr": Library("usd-core", "formats"),
+    "pye57": Library("pye57", "formats"),
     "ray": Library("ray", "cluster"),
     "rerun": Library("rerun-sdk", "record"),
     "rosbags": Library("rosbags", "ros", "rosbags.rosbag2"),

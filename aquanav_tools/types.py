@@ -133,6 +133,8 @@ class PointCloud:
     """(N,) photos that agree on each point; None unless the cloud comes from photos, which show the water's side."""
     spread: Array | None = None
     """(N,) standard deviation of the distances that these photos give it, m; None as above."""
+    seen_from: Array | None = None
+    """(N, 3) where the scanner stood that measured each point, m, NaN where unknown; None unless the file tells."""
 
     @property
     def faces_water(self) -> bool:
@@ -143,7 +145,8 @@ class PointCloud:
         """Return the same cloud in another frame."""
         normals = None if self.normals is None else b_from_a.turn(self.normals)
         spread = None if self.spread is None else b_from_a.scale * self.spread
-        return PointCloud(b_from_a.apply(self.points), normals, self.colours, self.num_photos, spread)
+        seen_from = None if self.seen_from is None else b_from_a.apply(self.seen_from)
+        return PointCloud(b_from_a.apply(self.points), normals, self.colours, self.num_photos, spread, seen_from)
 
 
 @dataclass(frozen=True, eq=False)

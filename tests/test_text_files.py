@@ -12,9 +12,10 @@ from aquanav_tools.types import Capsule
 from tests.conftest import REPOSITORY
 
 OWN_FILES = {
-    "benchmark/submission.py", "build/built.py", "build/output_folder.py", "cave/scan/laz.py", "evaluate/results.py",
-    "provenance.py", "reconstruct/earlier.py", "reconstruct/growth.py", "reconstruct/intake/memory.py",
-    "reconstruct/intake/video.py", "reconstruct/matching.py", "report/html.py", "scenario/replacing.py", "store.py",
+    "benchmark/submission.py", "build/built.py", "build/output_folder.py", "cave/scan/decoder_process.py",
+    "evaluate/results.py", "provenance.py", "reconstruct/earlier.py", "reconstruct/growth.py",
+    "reconstruct/intake/memory.py", "reconstruct/intake/video.py", "reconstruct/matching.py", "report/html.py",
+    "scenario/replacing.py", "store.py",
 }  # fmt: skip
 """What reads texts that aquanav itself, or the system, has just written."""
 

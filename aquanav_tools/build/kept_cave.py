@@ -39,6 +39,7 @@ def kept_scenario(
     settings = dataclasses.replace(
         options,
         input=Path(options.input.name),
+        further=(),
         output=Path(),
         name=options.title,
         quality="standard",

@@ -52,8 +52,9 @@ class BuildOptions:
     """One build, from input to scenario folder."""
 
     input: Path
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
-    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl, .off, .glb, .gltf,
+    .dae, .3mf, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz, .csv);
+    or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""
@@ -63,6 +64,8 @@ class BuildOptions:
     decisions: int = ORIGINAL_DECISIONS
     """Longest episode, in decisions of 0.1 s. The default is the original's and grows where the way is long for the
     vehicle; any other number is the limit."""
+    further: tuple[Path, ...] = ()
+    """More scans of the same cave, in the same coordinates: scan-1.e57 scan-2.e57 and so on."""
     seed: int = 0
     """Seed of every random draw."""
     quality: Quality = "standard"
@@ -90,6 +93,11 @@ class BuildOptions:
         if not 1 <= self.decisions <= MAX_DECISIONS:
             raise InputError(
                 f"--decisions is {self.decisions}; an episode has 1 to {MAX_DECISIONS}. Choose a number there."
+            )
+        if self.further and self.kind != "scan":
+            raise InputError(
+                f"{self.input} is of {self.kind}, and {len(self.further)} more files are given with it. Only scans of "
+                "one cave are built together. Give one input."
             )
 
     @property

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from aquanav_tools.build.photo_report import PhotoWork, partial_section, photo_s
 from aquanav_tools.build.photo_stages import check_has_scale, in_metres, look_for_cave, write_found
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
 from aquanav_tools.build.water_stage import current_section
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE
+from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.caves import choose_cave
 from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
@@ -104,19 +104,22 @@ def _output(options: BuildOptions, key: str) -> Iterator[Path]:
 
 def _build_from_scan(options: BuildOptions, journal: Journal, staged: Path) -> BuildResult:
     with journal.stage("Reading the scan"):
-        scan = read_scan(options.input, options.scan)
-        inputs = {options.input.name: file_hash(options.input)}
+        scan = read_scan(options.input, options.scan, options.further)
+        inputs = {path.name: file_hash(path) for path in (options.input, *options.further)}
     for code, sentence in scan.cautions:
         journal.warn(code, sentence)
         journal.announce(f"Look ({code}): {sentence}")
     if scan.offset.any():
         journal.warn("moved", f"The scan lay far from the origin and was moved by {(-scan.offset).tolist()} m.")
     facts: dict[str, Any] = {"offset": scan.offset.tolist()}
-    survey, evidence = None, NO_EVIDENCE
+    if len(scan.stations):
+        facts["scanner_stations"] = scan.stations.tolist()
+    survey, evidence = None, Evidence(scan.stations)
     if options.survey is not None:
         survey = choose_cave(read_survey(options.survey), options.cave)
         inputs[options.survey.name] = file_hash(options.survey)
         evidence = survey_evidence(survey, scan.offset)
+        evidence = replace(evidence, inside=np.concatenate([evidence.inside, scan.stations]))
     try:
         built = kept_scenario(scan.surface, options, journal, _store(options), evidence)
     except MeshError as error:

@@ -11,9 +11,10 @@ class ScanOptions:
     """How to read a scan's coordinates."""
 
     unit: Literal["m", "dm", "cm", "mm", "km", "ft", "in"] | None = None
-    """Length unit of the file; metres when not given. Sizes that no cave has are refused, with the unit that fits."""
-    up: Literal["x", "y", "z", "-x", "-y", "-z"] = "z"
-    """Axis of the file that points up."""
+    """Length unit of the file. When not given, what the file or its format says (E57, PTX, DAE, USD, 3MF), else metres.
+    Sizes that no cave has are refused, with the unit that fits."""
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """Axis of the file that points up. When not given, what the file says (DAE, USD), else z."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ DESCRIPTION = """Build a scenario from a real cave.
   aquanav-build-cave photos/ -o caves/mine --positions photos/positions.csv
   aquanav-build-cave dive.mp4 -o caves/mine --housing flat-port --passage-height 2.5
   aquanav-build-cave scan.stl -o caves/mine --unit cm --up y
+  aquanav-build-cave scan-1.e57 scan-2.e57 -o caves/mine
   aquanav-build-cave survey.3d -o caves/mine
 
 Photos are matched, placed and measured; scans of any mesh format or point cloud are read as they are; a survey becomes
@@ -45,8 +46,11 @@ class Options(BuildOptions):
     """The command line."""
 
     input: tyro.conf.Positional[Path]
-    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl,
-    .off, .glb, .gltf) or a point cloud (.ply, .xyz, .las, .laz); or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl, .off, .glb, .gltf,
+    .dae, .3mf, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz, .csv);
+    or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    further: tyro.conf.Positional[tuple[Path, ...]] = ()
+    """More scans of the same cave, in the same coordinates: scan-1.e57 scan-2.e57 and so on."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Scenario folder to write."""
     scan: tyro.conf.OmitArgPrefixes[ScanOptions] = field(default_factory=ScanOptions)

@@ -65,6 +65,25 @@ def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     leave_out_pictures(monkeypatch)
 
 
+def test_the_halves_of_a_scan_in_two_files_become_one_cave(built: Path, scan: Path, tmp_path: Path) -> None:
+    whole = trimesh.load(scan)
+    is_first = whole.triangles_center[:, 0] < 0.5 * LENGTH
+    for name, faces in (("a.stl", is_first), ("b.stl", ~is_first)):
+        whole.submesh([np.flatnonzero(faces)], append=True).export(tmp_path / name)
+    result = run(tmp_path / "a.stl", tmp_path / "b.stl", "-o", tmp_path / "cave", "--starts.count", 5)
+    assert result.returncode == 0, result.stderr
+    assert "watertight; 2 portals" in result.stdout
+    volumes = [read_scenario(folder).cavity.mesh.volume for folder in (tmp_path / "cave", built)]
+    assert volumes[0] == pytest.approx(volumes[1], rel=1e-6)
+    assert set(json.loads((tmp_path / "cave" / "report.json").read_text())["inputs"]) == {"a.stl", "b.stl"}
+
+
+def test_only_scans_are_built_together(scan: Path, tmp_path: Path) -> None:
+    result = run(tmp_path, scan, "-o", tmp_path / "cave")
+    assert result.returncode == 2
+    assert "is of photos, and 1 more files are given with it" in result.stderr
+
+
 def test_a_build_leaves_a_complete_scenario_folder(built: Path) -> None:
     assert {path.name for path in built.iterdir()} == OUTPUTS
     scenario = read_scenario(built)

@@ -22,6 +22,7 @@ from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.train.checkpoint import Checkpoint, write_checkpoint
 from aquanav_tools.types import Mesh
 from tests.build.original.files import prefab_of, write_fbx
+from tests.cave.scan import written
 from tests.cave.survey.example import LOOPS
 from tests.cave.survey.test_image import version_3, version_8
 from tests.caves import tube_scenario
@@ -235,6 +236,17 @@ WRITERS: dict[str, Writer] = {
     "scan-new.las": _las_writer(7, "1.4"),
     "scan-laz.laz": _las_writer(3, "1.2"),
     "scan-new.laz": _las_writer(7, "1.4"),
+    "scan-two.e57": lambda path: written.write_e57(path, 60),
+    "scan-two.ptx": lambda path: written.write_ptx(path, 20),
+    "scan-blocks.pts": lambda path: written.write_pts(path, 20),
+    "scan-ascii.pcd": lambda path: written.write_pcd(path, "ascii", 20),
+    "scan-binary.pcd": lambda path: written.write_pcd(path, "binary", 20),
+    "scan-packed.pcd": lambda path: written.write_pcd(path, "binary_compressed", 20),
+    "scan-box.dae": written.write_dae,
+    "scan-box.3mf": written.write_3mf,
+    "scan-text.usda": written.write_usd,
+    "scan-binary.usdc": written.write_usd,
+    "scan-box.usdz": written.write_usd,
     "survey-loops.svx": _text(LOOPS),
     "survey-v8.3d": _text(version_8()),
     "survey-v3.3d": _text(version_3()),

@@ -13,7 +13,7 @@ from aquanav_tools.cave.scan.orientation import face_the_water
 from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
 from aquanav_tools.errors import InputError, UnseenWallsError
 from aquanav_tools.libraries import load_open3d
-from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, PointCloud
 
 PURPOSE = "A surface from a point cloud"
 THINNING = 0.5
@@ -53,8 +53,9 @@ def surface_from_cloud(
 ) -> Surface:
     """Return the surface through the points of a cloud.
 
-    Which side is water is known where the cloud comes from photos: the side they were taken from. Elsewhere normals
-    that come with it are used as directions only, and which side is water is found out by looking around.
+    Which side is water is known where the cloud comes from photos, or the file tells where its scanner stood: the side
+    that was looked from. Elsewhere normals that come with it are used as directions only, and which side is water is
+    found out by looking around.
 
     Args:
         cloud: scanned points.
@@ -67,6 +68,7 @@ def surface_from_cloud(
         InputError: too few points are left without outliers.
     """
     points, normals, spacing, num_outliers = _clean(cloud, voxel)
+    knows_side = cloud.faces_water
     if len(points) < 100:
         raise InputError(
             f"Only {len(points)} of {len(cloud.points)} points remain after removing outliers at {voxel:.3g} m. "
@@ -80,10 +82,15 @@ def surface_from_cloud(
     else:
         is_kept = ~_dark_points(points, normals, np.maximum(spacing, THINNING * voxel), lamps)
         points, normals, spacing = points[is_kept], normals[is_kept], spacing[is_kept]
-        outward = normals * _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))[:, None]
+        signs = _signs_from_scanners(points, normals, cloud)
+        knows_side = bool((signs != 0.0).all())
+        if not knows_side:
+            looked = _outward_signs(points, normals, np.maximum(spacing, THINNING * voxel))
+            signs = np.where(signs == 0.0, looked, signs)
+        outward = normals * signs[:, None]
     fitted = _poisson(points, outward, voxel)
     trimmed = Mesh(fitted.vertices, fitted.faces[_supported(fitted, points, spacing, voxel)])
-    surface = surface_facing_water(trimmed) if cloud.faces_water else surface_from_mesh(trimmed, voxel, lamps)
+    surface = surface_facing_water(trimmed) if knows_side else surface_from_mesh(trimmed, voxel, lamps)
     return Surface(surface.mesh, points, 1.0 - len(points) / num_thinned, surface.turned_share)
 
 
@@ -173,10 +180,35 @@ def _outward_signs(points: Array, normals: Array, spacing: Array) -> Array:
     is_turned = (facing.mesh.faces != squares.mesh.faces).any(axis=1)[: len(points)]
     outward = np.where(is_turned, -1.0, 1.0)[:, None] * normals
     _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))
-    agreement = np.einsum("nk,nk->n", outward, outward[neighbours].mean(axis=1))
-    voted = np.where(agreement >= 0.0, 1.0, -1.0)[:, None] * outward
+    voted = _outvoted(outward, neighbours)
     signs: Array = np.sign(np.einsum("nk,nk->n", voted, normals))
     return np.where(signs == 0.0, 1.0, signs)
+
+
+def _signs_from_scanners(points: Array, normals: Array, cloud: PointCloud) -> Array:
+    """Return the (N,) signs that turn the normals away from the scanners, 0 where none is known.
+
+    Each point is asked for the scanner of the nearest scanned one; neighbours that the same scanners saw outvote the
+    odd one, whose plane is nearly along its ray.
+    """
+    from scipy.spatial import cKDTree
+
+    if cloud.seen_from is None:
+        return np.zeros(len(points))
+    _, nearest = cKDTree(cloud.points).query(points)
+    rays = points - cloud.seen_from[nearest]
+    is_known = np.isfinite(rays).all(axis=1)
+    outward = np.zeros_like(normals)
+    outward[is_known] = normals[is_known] * np.where((normals * rays)[is_known].sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
+    _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))
+    return np.where(is_known, np.sign(np.einsum("nk,nk->n", _outvoted(outward, neighbours), normals)), 0.0)
+
+
+def _outvoted(outward: Array, neighbours: IntArray) -> Array:
+    """Return the (N, 3) directions, turned over where their (N, K) neighbours' mean points the other way."""
+    agreement = np.einsum("nk,nk->n", outward, outward[neighbours].mean(axis=1))
+    voted: Array = np.where(agreement >= 0.0, 1.0, -1.0)[:, None] * outward
+    return voted
 
 
 def _dark_points(points: Array, normals: Array, spacing: Array, lamps: Array) -> BoolArray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-MESHES = (".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".dxf")
-CLOUDS = (".ply", ".las", ".laz", ".xyz", ".pts", ".csv")
+MESHES = (".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".dae", ".3mf", ".usdz", ".usdc", ".usda", ".usd")
+CLOUDS = (".ply", ".las", ".laz", ".e57", ".ptx", ".pts", ".pcd", ".xyz", ".csv")
 SIMILAR = 0.75
 """Share of letters that a mistyped ending has in common with the right one: .plyy with .ply, not .docx with .dxf."""
 
@@ -29,12 +29,12 @@ _KINDS: tuple[tuple[tuple[str, ...], str, str], ...] = (
         "to be exported as points (.xyz) first.",
     ),
     (
-        (".e57", ".ptx", ".pcd", ".rcp", ".rcs", ".fls", ".zfs", ".dp", ".lsproj"),
+        (".rcp", ".rcs", ".fls", ".zfs", ".dp", ".lsproj"),
         "a point cloud in a format that is not read",
-        "Export it as .las, .laz or .ply; CloudCompare, which is free, converts most of them.",
+        "Export it as .e57, .las, .laz or .ply; CloudCompare, which is free, converts most of them.",
     ),
     (
-        (".fbx", ".dae", ".3ds", ".blend", ".skp", ".dwg", ".max", ".usd", ".usdz", ".step", ".stp", ".iges", ".igs"),
+        (".fbx", ".3ds", ".blend", ".skp", ".dwg", ".dxf", ".max", ".step", ".stp", ".iges", ".igs"),
         "a 3D model in a format that is not read",
         "Export it as .ply, .obj, .stl or .glb from the program that made it.",
     ),

@@ -32,13 +32,16 @@ Y_UP_SUFFIXES = (".glb", ".gltf")
 """Of formats that have y up by their specification."""
 
 
-def check_size(surface: Mesh | PointCloud, wall: WallSamples | None, unit: str | None) -> None:
+def check_size(
+    surface: Mesh | PointCloud, wall: WallSamples | None, unit: str | None, declared: float | None = None
+) -> None:
     """Refuse a size that no cave has, in whatever unit.
 
     Args:
         surface: in the unit of its file.
         wall: its samples.
         unit: that the user gave; None without.
+        declared: metres in the unit that the file names; None where it names none.
 
     Raises:
         InputError: with the sizes, and the unit that it may be in.
@@ -48,31 +51,35 @@ def check_size(surface: Mesh | PointCloud, wall: WallSamples | None, unit: str |
         return
     widths = np.zeros(0) if wall is None else passage_widths(wall)
     width = float(np.median(widths)) if len(widths) else None
-    metres = METRES_PER_UNIT[unit or "m"]
-    if not _fits(metres, length, width) or (unit is None and length > LONGEST_UNASKED):
-        raise InputError(_refusal(length, width, unit))
+    metres = METRES_PER_UNIT[unit] if unit else declared or 1.0
+    if not _fits(metres, length, width) or (unit is None and declared is None and length > LONGEST_UNASKED):
+        raise InputError(_refusal(length, width, unit, declared))
 
 
-def _refusal(length: float, width: float | None, unit: str | None) -> str:
+def _refusal(length: float, width: float | None, unit: str | None, declared: float | None) -> str:
     """Return what to say about a length and a width of passages in the file's unit; None where none was found."""
-    metres = METRES_PER_UNIT[unit or "m"]
+    metres = METRES_PER_UNIT[unit] if unit else declared or 1.0
     across = "" if width is None else f", and its passages are about {_metres(metres * width)} m wide"
     size = f"the cave is {_metres(metres * length)} m long{across}"
-    fitting = [name for name in PROPOSED if name != (unit or "m") and _fits(METRES_PER_UNIT[name], length, width)]
+    is_told = unit is None and declared is not None
+    used = f"the unit that the file names ({declared:g} m)" if is_told else f"--unit {unit or 'm'}"
+    fitting = [
+        name for name in PROPOSED if METRES_PER_UNIT[name] != metres and _fits(METRES_PER_UNIT[name], length, width)
+    ]
     if not fitting:
         return (
-            f"With --unit {unit or 'm'} {size}. No cave is of that size, and no other unit makes it one: the export "
+            f"With {used} {size}. No cave is of that size, and no other unit makes it one: the export "
             "went wrong. Export the scan again."
         )
     asked, typical = (length, TYPICAL_LENGTH) if width is None else (width, TYPICAL_WIDTH)
     likely = min(fitting, key=lambda name: abs(np.log(METRES_PER_UNIT[name] * asked / typical)))
-    if unit is None:
+    if unit is None and declared is None:
         insist = " If it is really that size, give --unit m." if _fits(1.0, length, width) else ""
         return f"T{size[1:]}: are these {PROPOSED[likely]}? Then give --unit {likely}.{insist}"
     better = METRES_PER_UNIT[likely]
     there = "" if width is None else f" with passages {_metres(better * width)} m wide"
     return (
-        f"With --unit {unit} {size}. No cave is of that size. The file is rather in {PROPOSED[likely]}, in which it is "
+        f"With {used} {size}. No cave is of that size. The file is rather in {PROPOSED[likely]}, in which it is "
         f"{_metres(better * length)} m long{there}: give --unit {likely}."
     )
 
@@ -88,7 +95,7 @@ def _metres(value: float) -> str:
 
 
 def upright_cautions(
-    surface: Mesh | PointCloud, wall: WallSamples | None, options: ScanOptions, path: Path
+    surface: Mesh | PointCloud, wall: WallSamples | None, options: ScanOptions, path: Path, declared: str | None = None
 ) -> tuple[tuple[str, str], ...]:
     """Return a caution where a scan stands on its end for no other reason than the axis that was said to point up.
 
@@ -99,26 +106,29 @@ def upright_cautions(
         wall: its samples.
         options: with the axis that points up.
         path: of the file: some formats have y up.
+        declared: axis that points up as the file says; None where it does not.
     """
-    is_y_up = path.suffix.lower() in Y_UP_SUFFIXES
-    if wall is None or (options.up == "z" and not is_y_up) or (options.up == "y" and is_y_up):
+    default = declared or "z"
+    chosen = options.up or default
+    likely = "y" if path.suffix.lower() in Y_UP_SUFFIXES else default
+    if wall is None or chosen == likely:
         return ()
-    extents, up = _extents(surface), "xyz".index(options.up[-1])
+    extents, up = _extents(surface), "xyz".index(chosen[-1])
     others = [axis for axis in range(3) if axis != up]
     if extents[up] < STEEP * extents[others].max():
         return ()
     shares = floor_shares(wall)
-    usual = "xyz".index("y" if is_y_up else "z")
+    usual = "xyz".index(likely)
     best = max(others, key=lambda axis: shares[axis])
     if usual in others and shares[best] < CLEARLY_MORE * shares[usual]:
         best = usual
     name, given = "xyz"[best], "xyz"[up]
-    default = " (the default)" if name == "z" else ""
+    note = " (the default)" if name == default else ""
     plan = " by ".join(f"{extents[axis]:.3g}" for axis in others)
     sentence = (
-        f"With --up {options.up} the cave is a shaft: {extents[up]:.3g} high and {plan} wide, in the file's unit. Its "
+        f"With --up {chosen} the cave is a shaft: {extents[up]:.3g} high and {plan} wide, in the file's unit. Its "
         f"longest axis is the file's {given}, and {shares[up]:.0%} of its wall is floor or ceiling. If it is a level "
-        f"gallery, --up {name}{default} fits: then it is {extents[best]:.3g} high, and {shares[best]:.0%} of its wall "
+        f"gallery, --up {name}{note} fits: then it is {extents[best]:.3g} high, and {shares[best]:.0%} of its wall "
         "is floor or ceiling."
     )
     return (("stands-on-end", sentence),)

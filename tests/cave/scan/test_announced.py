@@ -44,7 +44,7 @@ def test_every_ply_that_trimesh_writes_holds_what_it_announces(tmp_path: Path, k
     encoding = "ascii" if kind == "ascii" else "binary"
     content = ball.export(file_type="ply", encoding=encoding)
     (tmp_path / "a.ply").write_bytes(content if isinstance(content, bytes) else content.encode())
-    assert len(read_surface(tmp_path / "a.ply")[0].faces) == 80  # type: ignore[union-attr]
+    assert len(read_surface(tmp_path / "a.ply").surface.faces) == 80  # type: ignore[union-attr]
 
 
 def write_glb(path: Path, tree: dict[str, object]) -> Path:

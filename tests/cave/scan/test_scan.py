@@ -106,7 +106,7 @@ def test_las_files_are_read_in_their_scale(points: np.ndarray, tmp_path: Path) -
             "map.PDF is a document or a drawing, not a scan. .* Give the survey it was drawn from",
         ),
         ("one.jpg", b"x", "a single picture. .* put them into a folder"),
-        ("scan.e57", b"x", "in a format that is not read. Export it as .las"),
+        ("scan.rcp", b"x", "in a format that is not read. Export it as .e57, .las"),
         ("cave.plyy", b"x", r"no known scan format \('.plyy'\). Did you mean '.ply'"),
         ("cave.vtkx", b"x", r"no known scan format \('.vtkx'\). Scans are meshes"),
         ("cave", b"x", "no ending that tells its format. Scans are meshes"),
