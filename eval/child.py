@@ -46,7 +46,9 @@ def run_child(command: Sequence[str], timeout: float) -> Ended:
             time.sleep(POLL_SECONDS)
         _, status, usage = ended
         child.returncode = os.waitstatus_to_exitcode(status)  # tells Popen that nobody is left to wait for
-        texts = [stream.seek(0) or stream.read().decode(errors="replace") for stream in (output, errors)]
+        for stream in (output, errors):
+            stream.seek(0)
+        texts = [stream.read().decode(errors="replace") for stream in (output, errors)]
     return Ended(
         exit_code=None if is_late else child.returncode,
         seconds=time.monotonic() - began,

@@ -23,10 +23,12 @@ SOURCES = sorted((REPOSITORY / "aquanav_tools").rglob("*.py"))
 PYTHONS = ("3.10", "3.11", "3.12", "3.13", "3.14")
 PACKAGE_OF = {
     "PIL": "pillow",
+    "collada": "pycollada",
     "cv2": "opencv-python-headless",
     "fcl": "python-fcl",
     "google": "protobuf",
     "igl": "libigl",
+    "pxr": "usd-core",
     "rerun": "rerun-sdk",
     "skimage": "scikit-image",
     "warp": "warp-lang",

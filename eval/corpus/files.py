@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ def write_case(scan: DamagedScan, folder: Path) -> Path:
     path = folder / "scan.ply"
     path.write_bytes(ply_bytes(scan.surface))
     truth = scan.truth
-    arrays = {f"path_{place}": line for place, line in enumerate(truth.paths)}
+    arrays: dict[str, Any] = {f"path_{place}": line for place, line in enumerate(truth.paths)}
     if truth.solid is not None:
         arrays |= {"vertices": truth.solid.vertices, "faces": truth.solid.faces}
     genus = -1 if truth.genus is None else truth.genus

@@ -60,6 +60,7 @@ def compare(cavity: Cavity, truth: Truth, shift: Array, margin: float) -> dict[s
         shift: (3,) where the truth lies in the cavity's frame, m.
         margin: the path counts where it is at least this deep in the truth, m.
     """
+    assert truth.solid is not None
     solid = Mesh(truth.solid.vertices + shift, truth.solid.faces)
     trimmed = between_portals(solid, cavity)
     outside, blocked, covered = 0, 0, []

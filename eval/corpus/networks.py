@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 
 from aquanav_tools.cave.synthetic import damage
 from aquanav_tools.cave.synthetic import networks as synthetic_networks
@@ -31,7 +32,11 @@ def network_cases() -> list[Case]:
     shapes: dict[str, Callable[[], Network]] = {
         "fork": n.fork, "loop": n.loop, "helix": n.helix, "chamber": n.chamber, "combination": n.combination,
     }  # fmt: skip
-    intact = [Case(name, "networks", lambda make=make: known(make(), is_rough=False)) for name, make in shapes.items()]
+
+    def smooth(make: Callable[[], Network]) -> DamagedScan:
+        return known(make(), is_rough=False)
+
+    intact = [Case(name, "networks", partial(smooth, make)) for name, make in shapes.items()]
 
     def rough(name: str, network: Callable[[], Network], step: Callable[[DamagedScan], DamagedScan]) -> Case:
         return Case(name, "networks", lambda: step(known(network())), min_covered=0.6)

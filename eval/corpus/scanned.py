@@ -130,8 +130,9 @@ def _original(data_dir: Path, key: str) -> DamagedScan:
 
 def _closed(data_dir: Path, key: str) -> DamagedScan:
     scan = _original(data_dir, key)
-    truth = Truth(scan.truth.solid, scan.truth.paths, num_portals=0, genus=0)
-    return DamagedScan(scan.truth.solid, truth)
+    solid = scan.truth.solid
+    assert solid is not None
+    return DamagedScan(solid, Truth(solid, scan.truth.paths, num_portals=0, genus=0))
 
 
 def _without_truth(path: Path) -> DamagedScan:

@@ -123,6 +123,7 @@ def unreadable(path: Path, why: str) -> InputError:
 
 def prepare() -> None:
     """Load what `decode` needs."""
+    import collada  # noqa: F401
     import lxml.etree  # noqa: F401
     import networkx  # noqa: F401
     import PIL.Image  # noqa: F401
