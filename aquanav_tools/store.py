@@ -30,8 +30,9 @@ process where the disk is full, instead of raising an error."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
-CANNOT_WRITE = (errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOENT, errno.ENOTDIR, errno.EEXIST)
-"""What systems answer where a folder cannot be made or written to: no right, no place for it, or a file there."""
+NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS)
+NO_PLACE = (errno.ENOENT, errno.ENOTDIR, errno.EEXIST)
+"""What systems answer where a folder cannot be made or written to: no right, or no place for it, as a file lies there."""
 LOCK_FILE = "lock"
 """In a folder that a build has begun to work in."""
 
@@ -126,12 +127,14 @@ def _opened(path: Path) -> IO[bytes]:
         path.parent.mkdir(parents=True, exist_ok=True)
         return path.open("a+b", buffering=0)
     except OSError as error:
-        if error.errno not in CANNOT_WRITE:
+        if error.errno not in NO_RIGHT + NO_PLACE:
             raise
-        raise ResourceError(
-            f"{path.parent} cannot be written to: {error.strerror}. Its owner may be another user, its disk mounted to "
-            "be read only, or a file lie where a folder must. Name another folder: with -o, or, where that is the "
-            "cache, with the variable AQUANAV_CACHE."
+        cause = "Its owner may be another user, or its disk mounted to be read only."
+        if error.errno in NO_PLACE:
+            cause = "A file lies where a folder must, or no folder can be made there."
+        raise (ResourceError if error.errno in NO_RIGHT else InputError)(
+            f"{path.parent} cannot be written to: {error.strerror}. {cause} Name another folder: with -o, or, where that "
+            "is the cache, with the variable AQUANAV_CACHE."
         ) from error
 
 

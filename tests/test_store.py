@@ -292,5 +292,5 @@ def test_a_folder_without_the_right_to_write_is_told(tmp_path: Path, monkeypatch
 def test_a_folder_where_a_file_lies_is_told(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     for folder in (tmp_path / "file", tmp_path / "file" / "cache"):
-        with pytest.raises(ResourceError, match=r"file.* cannot be written to: .*or a file lie"), locked(folder):
+        with pytest.raises(InputError, match=r"file.* cannot be written to: .*A file lies"), locked(folder):
             pass

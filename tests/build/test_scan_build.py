@@ -75,7 +75,7 @@ def test_the_halves_of_a_scan_in_two_files_become_one_cave(built: Path, scan: Pa
     assert "watertight; 2 portals" in result.stdout
     volumes = [read_scenario(folder).cavity.mesh.volume for folder in (tmp_path / "cave", built)]
     assert volumes[0] == pytest.approx(volumes[1], rel=1e-6)
-    assert set(json.loads((tmp_path / "cave" / "report.json").read_text())["inputs"]) == {"a.stl", "b.stl"}
+    assert set(json.loads((tmp_path / "cave" / "build.json").read_text())["inputs"]) == {"a.stl", "b.stl"}
 
 
 def test_only_scans_are_built_together(scan: Path, tmp_path: Path) -> None:

@@ -324,7 +324,7 @@ def test_output_that_is_a_file_is_refused(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "eval").write_text("mine")
     result = aquanav_eval("baseline:random", "--scenario", folder, "--episodes", "1", "-o", tmp_path / "eval")
     assert result.returncode == 2
-    assert "Cannot write to the output folder" in result.stderr
+    assert "cannot be written to: File exists. A file lies where a folder must" in result.stderr
     assert (tmp_path / "eval").read_text() == "mine"
 
 
