@@ -32,7 +32,7 @@ KEPT = 2
 _DONE_FILE = "done.json"
 NO_RIGHT = (errno.EACCES, errno.EPERM, errno.EROFS)
 NO_PLACE = (errno.ENOENT, errno.ENOTDIR, errno.EEXIST)
-"""What systems answer where a folder cannot be made or written to: no right, or no place for it, as a file lies there."""
+"""What systems answer where a folder cannot be made or written to: no right, or no place for it."""
 LOCK_FILE = "lock"
 """In a folder that a build has begun to work in."""
 
@@ -133,8 +133,8 @@ def _opened(path: Path) -> IO[bytes]:
         if error.errno in NO_PLACE:
             cause = "A file lies where a folder must, or no folder can be made there."
         raise (ResourceError if error.errno in NO_RIGHT else InputError)(
-            f"{path.parent} cannot be written to: {error.strerror}. {cause} Name another folder: with -o, or, where that "
-            "is the cache, with the variable AQUANAV_CACHE."
+            f"{path.parent} cannot be written to: {error.strerror}. {cause} Name another folder: with -o, or, where "
+            "that is the cache, with the variable AQUANAV_CACHE."
         ) from error
 
 
