@@ -314,6 +314,6 @@ def test_of_photos_of_two_places_the_larger_is_used_and_the_other_named(tmp_path
     assert len(other) == 8
     assert set(other.values()) == {"detached"}
     assert 10 <= report["registered"] <= 12
-    assert result.returncode == 4  # a dozen photos show no cave all around
+    assert result.returncode == 0, result.stderr
     assert any("They may show two places" in warning["text"] for warning in report["warnings"])
     assert (tmp_path / "out" / "cloud.ply").exists()
