@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -108,18 +109,17 @@ def seen_height(points: Array, viewpoints: Array) -> float:
 
 def _first_hits(surface: Mesh, origins: Array, directions: Array) -> IntArray:
     """Return the (N, D) faces that are met first from each point in each unit direction, -1 where nothing is."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene()
-    TriangleMesh(scene, surface.triangles.astype(np.float32))
-    starts = np.repeat(origins, len(directions), axis=0).astype(np.float32)
-    ways = np.tile(directions, (len(origins), 1)).astype(np.float32)
-    return np.asarray(scene.run(starts, ways, query="INTERSECT"), dtype=np.int64).reshape(len(origins), -1)
+    return np.asarray(_rays(surface, origins, directions, "INTERSECT"), dtype=np.int64)
 
 
 def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     """Return the (N, D) distances to the surface from each point in each unit direction, inf where nothing is hit."""
+    distances = np.asarray(_rays(surface, origins, directions, "DISTANCE"), dtype=np.float64)
+    return np.where(distances < 1e30, distances, np.inf)
+
+
+def _rays(surface: Mesh, origins: Array, directions: Array, query: str) -> Any:
+    """Return what Embree answers for (N, 3) points and (D, 3) directions, (N, D)."""
     from embreex.mesh_construction import TriangleMesh
     from embreex.rtcore_scene import EmbreeScene
 
@@ -127,8 +127,7 @@ def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     TriangleMesh(scene, surface.triangles.astype(np.float32))
     starts = np.repeat(origins, len(directions), axis=0).astype(np.float32)
     ways = np.tile(directions, (len(origins), 1)).astype(np.float32)
-    distances = np.asarray(scene.run(starts, ways, query="DISTANCE"), dtype=np.float64)
-    return np.where(distances < 1e30, distances, np.inf).reshape(len(origins), -1)
+    return scene.run(starts, ways, query=query).reshape(len(origins), -1)
 
 
 def check_enclosure(

@@ -14,8 +14,7 @@ import numpy as np
 
 from aquanav_tools.cave.scan.decoder_process import DecodingError, decoded, seconds_for
 from aquanav_tools.cave.scan.stationed import CHUNK_POINTS, cloud_of_tables, stationed_table
-from aquanav_tools.cave.scan.surface_file import SurfaceFile
-from aquanav_tools.errors import InputError
+from aquanav_tools.cave.scan.surface_file import SurfaceFile, unreadable
 from aquanav_tools.libraries import require
 from aquanav_tools.types import Array
 
@@ -41,7 +40,7 @@ def read_e57(path: Path) -> SurfaceFile:
     try:
         return cloud_of_tables(path, decoded(__name__, path, (), seconds_for(path)))
     except DecodingError as cause:
-        raise _unreadable(path, str(cause)) from cause
+        raise unreadable(path, str(cause)) from cause
 
 
 def check_header(path: Path) -> None:
@@ -54,25 +53,18 @@ def check_header(path: Path) -> None:
         head = stream.read(HEADER.size)
     size = path.stat().st_size
     if len(head) < HEADER.size or not head.startswith(b"ASTM-E57"):
-        raise _unreadable(path, f"its {size:,} bytes do not begin with a header of E57")
+        raise unreadable(path, f"its {size:,} bytes do not begin with a header of E57")
     _, major, minor, length, xml_at, xml_bytes, page = HEADER.unpack(head)
     if major != 1 or page != 1024:
-        raise _unreadable(
+        raise unreadable(
             path, f"its header says version {major}.{minor} with pages of {page:,} bytes, not 1.0 and 1024"
         )
     if length != size or xml_at + xml_bytes > size or xml_bytes > MAX_XML:
-        raise _unreadable(
+        raise unreadable(
             path,
             f"its header announces {length:,} bytes, {xml_bytes:,} of them XML from byte {xml_at:,}, and the file has "
             f"{size:,}",
         )
-
-
-def _unreadable(path: Path, why: str) -> InputError:
-    return InputError(
-        f"{path} cannot be read as E57: {why}. The file is damaged, cut off or of another format. Copy or export it "
-        "again."
-    )
 
 
 def prepare() -> None:
@@ -92,7 +84,7 @@ def decode(path: Path) -> Iterator[Array]:
     try:
         yield from _tables(path)
     except (libe57.E57Exception, ValueError) as cause:
-        raise _unreadable(path, str(cause).strip().partition("\n")[0]) from cause
+        raise unreadable(path, str(cause).strip().partition("\n")[0]) from cause
 
 
 def _tables(path: Path) -> Iterator[Array]:
@@ -101,12 +93,12 @@ def _tables(path: Path) -> Iterator[Array]:
     # Not pye57.E57, whose constructor removes the file when anything after opening it fails.
     image = libe57.ImageFile(str(path), "r")
     if not image.root().isDefined("data3D") or not len(image.root()["data3D"]):
-        raise _unreadable(path, "it has no scan: its list of scans is missing or empty")
+        raise unreadable(path, "it has no scan: its list of scans is missing or empty")
     scans = image.root()["data3D"]
     counts = [scans[n]["points"].childCount() for n in range(len(scans))]
     most = MAX_POINTS_PER_BYTE * path.stat().st_size
     if sum(counts) > most:
-        raise _unreadable(
+        raise unreadable(
             path, f"its scans announce {sum(counts):,} points, and its {most:,} bytes hold {most:,} at most"
         )
     for n, count in enumerate(counts):

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.scan.laz import las_tables, unpacked_tables
+from aquanav_tools.cave.scan.surface_file import unreadable
 from aquanav_tools.cave.scan.thinning import EvenThinner, thinned_caution
 from aquanav_tools.errors import AquanavError, InputError
 from aquanav_tools.libraries import require
@@ -65,7 +66,7 @@ def read_las(path: Path) -> tuple[PointCloud, tuple[tuple[str, str], ...]]:
     except AquanavError:
         raise
     except Exception as cause:  # laspy raises its own and struct's errors on damaged files
-        raise _unreadable(path, str(cause)) from cause
+        raise unreadable(path, str(cause)) from cause
     if not thinner.num_seen:
         raise InputError(f"{path} has 0 points; a surface needs at least 4. The file is empty or cut off.")
     table = thinner.result()
@@ -86,30 +87,23 @@ def read_layout(path: Path) -> LasLayout:
     size = path.stat().st_size
     minor = head[25] if len(head) > 25 else 0
     if head[:4] != b"LASF" or minor not in HEADER_BYTES or len(head) < HEADER_BYTES[minor]:
-        raise _unreadable(path, f"its {size:,} bytes do not begin with a header of LAS 1.0 to 1.5")
+        raise unreadable(path, f"its {size:,} bytes do not begin with a header of LAS 1.0 to 1.5")
     header_bytes, points_at, num_records, kind, record_bytes, num_points = struct.unpack_from("<HIIBHI", head, 94)
     if minor >= 4:
         (num_points,) = struct.unpack_from("<Q", head, 247)
     layout = LasLayout(kind & 0xC0 == 0x80, num_points, max(record_bytes, 1))
     if not header_bytes + RECORD_HEADER_BYTES * num_records <= points_at <= size:
-        raise _unreadable(
+        raise unreadable(
             path,
             f"a header of {header_bytes:,} bytes and {num_records:,} records before the points, which begin at byte "
             f"{points_at:,}, do not fit its {size:,} bytes",
         )
     most = (size - points_at) * MAX_POINTS_PER_BYTE if layout.is_packed else (size - points_at) // layout.record_bytes
     if num_points > most:
-        raise _unreadable(
+        raise unreadable(
             path, f"its header announces {num_points:,} points, and its {size:,} bytes hold {most:,} at most"
         )
     return layout
-
-
-def _unreadable(path: Path, why: str) -> InputError:
-    return InputError(
-        f"{path} cannot be read as LAS: {why}. The file is damaged, cut off or of another format. Copy or export it "
-        "again."
-    )
 
 
 def _columns(path: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:

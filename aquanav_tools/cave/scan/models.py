@@ -16,8 +16,7 @@ import numpy as np
 from aquanav_tools.cave.scan import trimesh_files
 from aquanav_tools.cave.scan.announced import check_count
 from aquanav_tools.cave.scan.decoder_process import MODEL_MEMORY, DecodingError, decoded, seconds_for
-from aquanav_tools.cave.scan.surface_file import SurfaceFile
-from aquanav_tools.errors import InputError
+from aquanav_tools.cave.scan.surface_file import SurfaceFile, unreadable
 from aquanav_tools.libraries import require
 from aquanav_tools.text_files import check_utf8
 from aquanav_tools.types import Mesh, PointCloud
@@ -111,14 +110,6 @@ def _check_archive(path: Path, size: int) -> None:
             path, f"its {len(members):,} members announce {packed:,} bytes, unpacked {unpacked:,}, and it has {size:,}"
         )
     check_count(path, unpacked // BYTES_PER_VERTEX if path.suffix.lower() == ".3mf" else 0)
-
-
-def unreadable(path: Path, why: str) -> InputError:
-    """Return the error that a model is damaged, and why."""
-    return InputError(
-        f"{path} cannot be read as '{path.suffix.lower()}': {why}. The file is damaged, cut off or of another format. "
-        "Copy or export it again."
-    )
 
 
 def prepare() -> None:

@@ -16,8 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.scan.announced import check_count
-from aquanav_tools.cave.scan.surface_file import SurfaceFile, unit_vectors
-from aquanav_tools.errors import InputError
+from aquanav_tools.cave.scan.surface_file import SurfaceFile, unit_vectors, unreadable
 from aquanav_tools.types import Array, PointCloud
 
 MAX_HEADER_LINES, MAX_LINE_BYTES = 40, 10_000
@@ -56,10 +55,7 @@ def read_pcd(path: Path) -> SurfaceFile:
             check_count(path, header.num_points)
             table = _READERS[header.encoding](stream, header, path.stat().st_size - stream.tell())
         except ValueError as cause:
-            raise InputError(
-                f"{path} cannot be read as PCD: {cause}. The file is damaged, cut off or of another format. Copy or "
-                "export it again."
-            ) from cause
+            raise unreadable(path, str(cause)) from cause
     points = _columns(table, AXES)
     is_kept = np.isfinite(points).all(axis=1)  # organised clouds have NaN where nothing was measured
     normals = _columns(table, NORMALS)[is_kept] if set(NORMALS) <= set(header.record.names or ()) else None

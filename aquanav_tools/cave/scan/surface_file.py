@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 
@@ -26,3 +28,11 @@ def unit_vectors(vectors: Array) -> Array:
     """Return (N, 3) vectors at unit length; what has no length stays."""
     unit: Array = vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-12)
     return unit
+
+
+def unreadable(path: Path, why: str) -> InputError:
+    """Return the error that a scan is damaged, and why; its ending names its format."""
+    return InputError(
+        f"{path} cannot be read as {path.suffix[1:].upper()}: {why}. The file is damaged, cut off or of another "
+        "format. Copy or export it again."
+    )

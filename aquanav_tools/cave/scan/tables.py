@@ -11,7 +11,7 @@ import numpy as np
 
 from aquanav_tools.cave.scan.announced import check_count
 from aquanav_tools.cave.scan.stationed import CHUNK_POINTS, cloud_of_tables, stationed_table
-from aquanav_tools.cave.scan.surface_file import SurfaceFile, unit_vectors
+from aquanav_tools.cave.scan.surface_file import SurfaceFile, unit_vectors, unreadable
 from aquanav_tools.errors import InputError
 from aquanav_tools.text_files import check_utf8
 from aquanav_tools.types import Array, PointCloud
@@ -70,7 +70,7 @@ def _pts_tables(path: Path) -> Iterator[Array]:
     with path.open("rb") as stream:
         while line := stream.readline():
             if line.strip():
-                for rows in _rows(path, stream, _count(path, line), "PTS"):
+                for rows in _rows(path, stream, _count(path, line)):
                     yield stationed_table(rows[:, :3], _colours(rows), None)
 
 
@@ -98,7 +98,7 @@ def _ptx_tables(path: Path) -> Iterator[Array]:
             offset = np.array(moved[:3])
             is_turned = bool(offset.any() or not np.allclose(matrix, np.eye(3)))
             station = offset if is_turned else np.array(place[:3])
-            for rows in _rows(path, stream, count, "PTX"):
+            for rows in _rows(path, stream, count):
                 rows = rows[rows[:, :3].any(axis=1)]
                 points = rows[:, :3] @ matrix + offset
                 yield stationed_table(points, _colours(rows), station if station.any() or is_turned else None)
@@ -111,12 +111,12 @@ def _head(path: Path, stream: IO[bytes]) -> list[list[float]]:
     try:
         numbers = [[float(word) for word in line] for line in lines]
     except ValueError as cause:
-        raise _unreadable(path, "PTX", f"{cause} in the scanner's place, axes and matrix") from cause
+        raise unreadable(path, f"{cause} in the scanner's place, axes and matrix") from cause
     if any(len(line) < least for line, least in zip(numbers, wanted, strict=True)) or not all(
         np.isfinite(line).all() for line in numbers
     ):
-        raise _unreadable(
-            path, "PTX", "after the counts of columns and rows there must be 8 lines: place, 3 axes, 4 rows of a matrix"
+        raise unreadable(
+            path, "after the counts of columns and rows there must be 8 lines: place, 3 axes, 4 rows of a matrix"
         )
     return numbers
 
@@ -125,29 +125,29 @@ def _count(path: Path, line: bytes) -> int:
     """Return the number that stands alone in a line."""
     word = line.strip()
     if not word.isdigit() or len(word) > MAX_DIGITS:
-        raise _unreadable(path, path.suffix[1:].upper(), f"{word[:30]!r} stands where a number of points should")
+        raise unreadable(path, f"{word[:30]!r} stands where a number of points should")
     return int(word)
 
 
-def _rows(path: Path, stream: IO[bytes], count: int, kind: str) -> Iterator[Array]:
+def _rows(path: Path, stream: IO[bytes], count: int) -> Iterator[Array]:
     """Yield so many rows of numbers, some at a time; the count is held against the file's size before."""
     left = path.stat().st_size - stream.tell()
     if count * LEAST_ROW_BYTES > left + 1:
-        raise _unreadable(
-            path, kind, f"it announces {count:,} points, and the {left:,} bytes that follow hold "
+        raise unreadable(
+            path, f"it announces {count:,} points, and the {left:,} bytes that follow hold "
             f"{(left + 1) // LEAST_ROW_BYTES:,} at most"
         )  # fmt: skip
     for begin in range(0, count, CHUNK_POINTS):
         wanted = min(CHUNK_POINTS, count - begin)
         lines = [line for line in (raw.decode().strip() for raw in islice(stream, wanted)) if line]
         if len(lines) != wanted:
-            raise _unreadable(path, kind, f"it announces {count:,} points and ends after {begin + len(lines):,}")
+            raise unreadable(path, f"it announces {count:,} points and ends after {begin + len(lines):,}")
         try:
             rows = np.loadtxt(lines, ndmin=2, comments=None)
         except ValueError as cause:
-            raise _unreadable(path, kind, f"a point is not numbers: {cause}") from cause
+            raise unreadable(path, f"a point is not numbers: {cause}") from cause
         if rows.shape[1] < 3:
-            raise _unreadable(path, kind, f"its points have {rows.shape[1]} columns, and need x y z")
+            raise unreadable(path, f"its points have {rows.shape[1]} columns, and need x y z")
         yield rows
 
 
@@ -158,10 +158,3 @@ def _colours(rows: Array) -> Array | None:
     if rows.shape[1] == 6 and ((rows[:, 3:] >= 0) & (rows[:, 3:] <= 255) & (rows[:, 3:] % 1 == 0)).all():
         return rows[:, 3:]
     return None
-
-
-def _unreadable(path: Path, kind: str, why: str) -> InputError:
-    return InputError(
-        f"{path} cannot be read as {kind}: {why}. The file is damaged, cut off or of another format. Copy or export it "
-        "again."
-    )

@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.scan.announced import check_count
-from aquanav_tools.cave.scan.models import model_tables, unreadable
+from aquanav_tools.cave.scan.models import model_tables
+from aquanav_tools.cave.scan.surface_file import unreadable
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, IntArray, Mesh, PointCloud
 
