@@ -380,7 +380,16 @@ def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
             f"The policy {inner.name} observes the preset 'original', which has no speed, so the shield cannot foresee "
             "where an action leads. Shield a policy that observes 'full' or 'paper'."
         )
+    has_more = inner.observed is not None and bool(inner.observed.sensors or inner.observed.history)
+    if has_more and inner.observation != "full":
+        raise InputError(
+            f"The policy {inner.name} observes '{inner.observation}' and sensors or earlier decisions behind it, which "
+            "the shield hands on behind 'full' alone. Leave out shield:."
+        )
     if inner.task not in (None, CAVE):
         raise InputError(f"The shield keeps off the walls of caves, and {inner.name} steers a boat. Leave out shield:.")
     policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
-    return LoadedPolicy(policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE, inner.draws)
+    return LoadedPolicy(
+        policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE, inner.draws,
+        size=inner.size if inner.observation == "full" else None, observed=inner.observed,
+    )  # fmt: skip

@@ -58,11 +58,12 @@ GAIN = 1e-3
 
 
 class ShieldedPolicy:
-    """Observes "full"; hands the policy inside what it was made for."""
+    """Observes "full", and behind it what the policy inside does; hands that what it was made for."""
 
     def __init__(self, inner: Any, observation: str, action: str) -> None:
         self._inner, self._form = inner, action
-        self._size = max(part.stop for part in layout(observation).values())  # "paper" is the beginning of "full"
+        # "paper" is the beginning of "full"; sensors and earlier decisions stand behind it.
+        self._size = None if observation == "full" else max(part.stop for part in layout(observation).values())
         self._command = ActionModel(action).command
         self._parts = layout("full")
         pattern = original_pattern()

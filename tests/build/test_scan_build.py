@@ -78,6 +78,13 @@ def test_the_halves_of_a_scan_in_two_files_become_one_cave(built: Path, scan: Pa
     assert set(json.loads((tmp_path / "cave" / "build.json").read_text())["inputs"]) == {"a.stl", "b.stl"}
 
 
+def test_a_folder_among_several_scans_is_told_apart_from_what_is_missing(scan: Path, tmp_path: Path) -> None:
+    for name, told in (("folder", "is a folder. Name the scans in it"), ("none", "There is no file")):
+        (tmp_path / "folder").mkdir(exist_ok=True)
+        result = run(scan, tmp_path / name, "-o", tmp_path / "cave")
+        assert (result.returncode, told in result.stderr) == (2, True)
+
+
 def test_only_scans_are_built_together(scan: Path, tmp_path: Path) -> None:
     result = run(tmp_path, scan, "-o", tmp_path / "cave")
     assert result.returncode == 2

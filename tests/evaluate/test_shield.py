@@ -17,6 +17,7 @@ from aquanav_tools.evaluate.rollout import run_episode
 from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.report.trajectory import Trajectory
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.task import TaskOptions
 from tests.evaluate.models import make_model
 
 
@@ -69,6 +70,18 @@ def test_policy_on_paper_observations_gets_these_through_the_shield(tube: Scenar
     inner = Stubborn([1, 1, 2])
     run(tube, ShieldedPolicy(inner, "paper", "multidiscrete"), decisions=5)
     assert set(inner.seen) == {max(part.stop for part in layout("paper").values())}
+
+
+def test_sensors_behind_full_reach_the_policy_through_the_shield(tube: Scenario) -> None:
+    inner = Stubborn([1, 1, 2])
+    env = CaveEnv(tube, sensors=("echosounders",), max_decisions=5)
+    run_episode(env, ShieldedPolicy(inner, "full", "multidiscrete"), EpisodePlan(0, 0))
+    assert env.observation_space.shape is not None
+    assert set(inner.seen) == {env.observation_space.shape[0]}
+    assert inner.seen[0] == max(part.stop for part in layout("full").values()) + 16
+    env.close()
+    loaded = load_policy("shield:baseline:reference-echosounders")
+    assert loaded.rules(TaskOptions()).sensors == ("echosounders",)
 
 
 def test_interventions_are_counted_per_episode(tube: Scenario) -> None:

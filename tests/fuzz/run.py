@@ -59,6 +59,8 @@ def main() -> None:
                 print(f"FAULT {seed.name}, undamaged: {whole}")
             print(seed.name, dict(seen), flush=True)
             total += seen
+    if not total:
+        parser.error(f"no seed's name begins with {' or '.join(options.only)}")
     faults = sum(count for found, count in total.items() if found not in FINE)
     print(f"{total.total()} files: {total['accepted']} accepted, {total['refused']} refused, {faults} faults")
     sys.exit(faults > 0)

@@ -69,6 +69,8 @@ def read_scan(path: Path, options: ScanOptions, further: Sequence[Path] = ()) ->
 
 def _read_part(path: Path, options: ScanOptions) -> tuple[Mesh | PointCloud, tuple[tuple[str, str], ...]]:
     """Return the surface in one file in metres with z up, and cautions; errors as in `read_scan`."""
+    if path.is_dir():
+        raise InputError(f"{path} is a folder. Name the scans in it, one after the other.")
     if not path.is_file():
         raise InputError(f"There is no file {path}. Check the path.")
     read = read_surface(path)
