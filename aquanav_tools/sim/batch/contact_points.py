@@ -2,7 +2,8 @@
 
 An end may touch more than one wall: in a groove it would be kept off the nearest and pressed into the other, in turns.
 Where an end overlaps its nearest wall, up to two more are sought, each of which rises above the planes that touch the
-end at those found before.
+end at those found before. Between the ends likewise; there a hull on a ridge may also turn onto the next one, so that
+the others may as well be apart from those found before.
 """
 
 from __future__ import annotations
@@ -17,17 +18,20 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-MAX_CONTACTS = 7
-"""Three at each end of the axis, and one between."""
+MAX_CONTACTS = 9
+"""Three at each end of the axis, and three between."""
 OVERLAP = wp.constant(wp.float64(0.002))
 """Of an end and its nearest wall, from which on others are sought, m; chosen: on smooth walls there is less. At 1 mm,
 scraping along a rugged cave takes a fifth longer."""
+APART = wp.constant(wp.float64(0.25))
+"""Half axes from which on two contacts between the ends are apart; chosen: nearer ones that take turns let each other
+in by a few millimetres (tests)."""
 FIELD_ERROR = wp.constant(wp.float64(0.5 * 3.0**0.5))
 """Spacings of the field by which its clearance may differ from the distance to the wall: a distance changes no faster
 than the position, and the mean distance to a cell's eight corners, weighted as the interpolation does, is at most
 sqrt(3) / 2 spacings."""
-mat73 = wp.types.matrix(shape=(MAX_CONTACTS, 3), dtype=wp.float64)
-vec7 = wp.types.vector(length=MAX_CONTACTS, dtype=wp.float64)
+mat93 = wp.types.matrix(shape=(MAX_CONTACTS, 3), dtype=wp.float64)
+vec9 = wp.types.vector(length=MAX_CONTACTS, dtype=wp.float64)
 
 
 @wp.struct
@@ -52,11 +56,11 @@ class Hull:
 class Contacts:
     """Points of a hull that are near the wall."""
 
-    gaps: vec7
+    gaps: vec9
     """m; negative where hull and wall overlap."""
-    normals: mat73
+    normals: mat93
     """Rows: out of the wall."""
-    arms: mat73
+    arms: mat93
     """Rows: from the vehicle's middle to the wall's point."""
     count: wp.int32
 
@@ -84,7 +88,7 @@ def nose_of(state: State, hull: Hull):
 
 
 @wp.func
-def row(matrix: mat73, n: int):
+def row(matrix: mat93, n: int):
     """Return a row whose number is not known when compiling."""
     return wp.vec3d(matrix[n, 0], matrix[n, 1], matrix[n, 2])
 
@@ -229,8 +233,25 @@ def is_beyond(place: wp.vec3, nose: wp.vec3, distance: float):
 
 
 @wp.func
-def nearer_edge(nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, wall: Bvh):
-    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns."""
+def is_apart(share: float, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull):
+    """Return whether a place of the axis, from -1 to 1, is apart from those of contacts from `first`."""
+    for n in range(first, contacts.count):
+        place = row(contacts.arms, n) + (contacts.gaps[n] + hull.radius) * row(contacts.normals, n)
+        along = wp.dot(place, wp.vec3d(nose)) / (hull.half_axis * hull.half_axis)
+        if wp.abs(f64(share) - along) < APART:
+            return False
+    return True
+
+
+@wp.func
+def nearer_edge(
+    nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull,
+    wall: Bvh,
+):  # fmt: skip
+    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns.
+
+    It is apart from contacts from `first`, or rises above their planes.
+    """
     found = nearest
     for lane in range(LANES):
         if (mask >> lane) & 1 == 0:
@@ -244,9 +265,46 @@ def nearer_edge(nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.v
                 continue
             apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
             if apart[2] < found.distance and apart[0] > 0.0 and apart[0] < 1.0:
-                place = wp.lerp(a, b, apart[1])
-                found = on_face(wall, leaf, lane, centre + (2.0 * apart[0] - 1.0) * nose, place, centre)
-                found.distance = apart[2]
+                place, share = wp.lerp(a, b, apart[1]), 2.0 * apart[0] - 1.0
+                if rises(place - centre, contacts, first, hull) or is_apart(share, nose, contacts, first, hull):
+                    found = on_face(wall, leaf, lane, centre + share * nose, place, centre)
+                    found.distance = apart[2]
+    return found
+
+
+@wp.func
+def next_edge(centre: wp.vec3, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull, wall: Bvh):
+    """Return the nearest edge to what lies between the axis's ends that contacts from `first` do not keep it off."""
+    found, reach, more = Near(), float(hull.radius + hull.margin), int(0)
+    found.distance = reach
+    low, high = centre - wp.abs(nose), centre + wp.abs(nose)
+    while more >= 0:
+        leaves = leaves_near(wall.nodes, wall.firsts, wall.num_levels, low, high, reach, more)
+        more = leaves[FOUND]
+        for n in range(FOUND):
+            if leaves[n] < 0:
+                break
+            near = nearest_in_leaf(wall.leaves, leaves[n], centre + nose, centre - nose, reach)
+            if near[4] > 0.0:
+                found = nearer_edge(found, leaves[n], int(near[4]), centre, nose, contacts, first, hull, wall)
+    return found
+
+
+@wp.func
+def with_edges(
+    contacts: Contacts, near: Near, centre: wp.vec3, nose: wp.vec3, state: State, hull: Hull, grid: Grid, wall: Bvh
+):
+    """Return the contacts and those of what lies between the axis's ends, of which the nearest one is given."""
+    if near.is_found == 0:
+        return contacts
+    first = contacts.count + 0
+    found = with_contact(contacts, state, hull, grid, near)
+    if found.count > first and found.gaps[first] < -OVERLAP:
+        for _ in range(2):
+            other = next_edge(centre, nose, found, first, hull, wall)
+            if other.is_found == 0 or is_behind(state.position + wp.vec3d(other.arm + other.offset), other, grid):
+                break
+            found = with_contact(found, state, hull, grid, other)
     return found
 
 
@@ -284,12 +342,11 @@ def find_contacts(state: State, hull: Hull, grid: Grid, wall: Bvh, middle: wp.ve
                 behind = near[2]
                 tail_leaf, tail_lane = leaf + 0, int(near[3])
             if near[4] > 0.0:
-                edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, wall)
+                edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, Contacts(), 0, hull, wall)
     at_nose = nearest_point(nose, nose_leaf, nose_lane, centre, wall)
     found = with_end(Contacts(), nose, at_nose, centre, state, hull, grid, wall)
     if hull.half_axis > f64(0.0):
         at_tail = nearest_point(tail, tail_leaf, tail_lane, centre, wall)
         found = with_end(found, tail, at_tail, centre, state, hull, grid, wall)
-        if edge.is_found == 1:
-            found = with_contact(found, state, hull, grid, edge)
+        found = with_edges(found, edge, centre, axis, state, hull, grid, wall)
     return found
