@@ -225,6 +225,14 @@ def varied_body(vehicle: Vehicle, density: float, draws: Draws, num: int) -> Mot
     raise TypeError(f"No dynamics are known for a {type(vehicle).__name__}.")
 
 
+def water_damping(vehicle: FossenVehicle, draws: Draws, num: int) -> tuple[Array, Array]:
+    """Return the (N, 6) linear and quadratic damping of N vehicles by the water, each with what was drawn for it."""
+    one = np.ones(num)
+    linear = draws.get("linear_damping", one)[:, None] * np.array(vehicle.water.linear_damping)
+    quadratic = draws.get("quadratic_damping", one)[:, None] * np.array(vehicle.water.quadratic_damping)
+    return linear, quadratic
+
+
 def control_factors(vehicle: Vehicle, draws: Draws, num: int) -> tuple[Array, Array]:
     """Return (N,) factors of the thrust and the moment that commands ask for, and of the share that reverse has.
 
@@ -244,8 +252,7 @@ def _varied_fossen(vehicle: FossenVehicle, density: float, of: Any, draws: Draws
     rigid[:, range(3), range(3)] += payload[:, None]
     rigid[:, range(3, 6), range(3, 6)] += payload[:, None] * (place @ place - place**2)
     mass = rigid + of("added_mass", 1.0)[:, None, None] * vehicle.water.matrix()
-    linear = of("linear_damping", 1.0)[:, None] * np.array(vehicle.water.linear_damping)
-    quadratic = of("quadratic_damping", 1.0)[:, None] * np.array(vehicle.water.quadratic_damping)
+    linear, quadratic = water_damping(vehicle, draws, num)
     linear = linear + (
         nominal.linear_damping - np.array(vehicle.water.linear_damping)
     )  # the autopilot's, if it is there
