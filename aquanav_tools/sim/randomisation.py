@@ -197,8 +197,8 @@ def draw(ranges: Randomisation, vehicle: Vehicle | Boat, uniform: Array) -> Draw
     for column, name in zip(uniform.T, ranges.names(vehicle), strict=True):
         if name == "weak_thruster":
             # Which one is drawn from where in the probability's range the number lies; 0 is none.
-            num, share = num_thrusters(vehicle), column / ranges.weak_thruster
-            draws[name] = np.where(share < 1.0, np.floor(np.minimum(share, 0.999999) * num) + 1.0, 0.0)
+            num, fraction = num_thrusters(vehicle), column / ranges.weak_thruster
+            draws[name] = np.where(fraction < 1.0, np.floor(np.minimum(fraction, 0.999999) * num) + 1.0, 0.0)
             continue
         low, high = ranges.thrusters or (1.0, 1.0) if name.startswith("thruster_") else getattr(ranges, name)
         if name in DELAYS:
