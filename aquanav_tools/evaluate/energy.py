@@ -28,7 +28,9 @@ def drag_power(vehicle: Vehicle, velocities: Array, dynamics: Mapping[str, float
         linear, quadratic = water_damping(vehicle, draws, 1)
         return ((linear + quadratic * np.abs(velocities)) * velocities**2).sum(axis=1)
     if isinstance(vehicle, OriginalVehicle):
-        body = varied_boat(vehicle, dynamics)[0].body
+        varied, _ = varied_boat(vehicle, dynamics)
+        assert isinstance(varied, OriginalVehicle)
+        body = varied.body
         rates = np.array([body.linear_drag * body.mass] * 3 + [body.angular_drag * inertia for inertia in body.inertia])
         return (rates * velocities**2).sum(axis=1)
     raise TypeError(f"No drag is known for a {type(vehicle).__name__}.")

@@ -9,6 +9,7 @@ import pytest
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure, region_of, spl
 from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.sim.body_parameters import BodyParameters
 from aquanav_tools.sim.randomisation import varied_body
 from aquanav_tools.sim.vehicle import load_vehicle
 from tests.report.trajectories import straight_trajectory
@@ -57,8 +58,9 @@ def test_energy_goes_by_the_damping_that_the_episode_drew() -> None:
 def test_the_power_of_drag_is_what_the_kernels_take_from_the_kinetic_energy(rng: np.random.Generator) -> None:
     vehicle, drawn = load_vehicle("bluerov2"), {"linear_damping": 0.6, "quadratic_damping": 0.8}
     draws = {name: np.array([value]) for name, value in drawn.items()}
-    free = {"net_weight": 0.0, "arm": np.zeros(3)}
-    parameters = dataclasses.replace(varied_body(vehicle, 1000.0, draws, 1), **free)
+    drawn_body = varied_body(vehicle, 1000.0, draws, 1)
+    assert isinstance(drawn_body, BodyParameters)
+    parameters = dataclasses.replace(drawn_body, net_weight=0.0, arm=np.zeros(3))
     state, dt = at_rest(), 1e-5
     state[7:10] = rng.uniform(-1.0, 1.0, 3)  # no turning, which its autopilot damps as well
     slower = run(state, 1, parameters, dt=dt)

@@ -18,9 +18,8 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-MAX_BETWEEN = wp.constant(3)
 MAX_CONTACTS = 9
-"""Three between the ends of the axis, and three at each."""
+"""Three at each end of the axis, and three between."""
 OVERLAP = wp.constant(wp.float64(0.002))
 """Of an end and its nearest wall, from which on others are sought, m; chosen: on smooth walls there is less. At 1 mm,
 scraping along a rugged cave takes a fifth longer."""
@@ -234,9 +233,9 @@ def is_beyond(place: wp.vec3, nose: wp.vec3, distance: float):
 
 
 @wp.func
-def is_apart(share: float, nose: wp.vec3, contacts: Contacts, hull: Hull):
-    """Return whether a place of the axis, from -1 to 1, is apart from those of the contacts."""
-    for n in range(contacts.count):
+def is_apart(share: float, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull):
+    """Return whether a place of the axis, from -1 to 1, is apart from those of contacts from `first`."""
+    for n in range(first, contacts.count):
         place = row(contacts.arms, n) + (contacts.gaps[n] + hull.radius) * row(contacts.normals, n)
         along = wp.dot(place, wp.vec3d(nose)) / (hull.half_axis * hull.half_axis)
         if wp.abs(f64(share) - along) < APART:
@@ -246,11 +245,12 @@ def is_apart(share: float, nose: wp.vec3, contacts: Contacts, hull: Hull):
 
 @wp.func
 def nearer_edge(
-    nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, contacts: Contacts, hull: Hull, wall: Bvh
-):
+    nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull,
+    wall: Bvh,
+):  # fmt: skip
     """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns.
 
-    It is apart from the contacts, or rises above their planes.
+    It is apart from contacts from `first`, or rises above their planes.
     """
     found = nearest
     for lane in range(LANES):
@@ -266,21 +266,46 @@ def nearer_edge(
             apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
             if apart[2] < found.distance and apart[0] > 0.0 and apart[0] < 1.0:
                 place, share = wp.lerp(a, b, apart[1]), 2.0 * apart[0] - 1.0
-                if rises(place - centre, contacts, 0, hull) or is_apart(share, nose, contacts, hull):
+                if rises(place - centre, contacts, first, hull) or is_apart(share, nose, contacts, first, hull):
                     found = on_face(wall, leaf, lane, centre + share * nose, place, centre)
                     found.distance = apart[2]
     return found
 
 
 @wp.func
-def with_edge(contacts: Contacts, edge: Near, state: State, hull: Hull, grid: Grid):
-    """Return the contacts and that of an edge between the ends, and whether no more are to be sought."""
-    if edge.is_found == 0:
-        return contacts, True
-    if contacts.count > 0 and is_behind(state.position + wp.vec3d(edge.arm + edge.offset), edge, grid):
-        return contacts, True
-    found = with_contact(contacts, state, hull, grid, edge)
-    return found, found.count == contacts.count or found.gaps[0] >= -OVERLAP
+def next_edge(centre: wp.vec3, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull, wall: Bvh):
+    """Return the nearest edge to what lies between the axis's ends that contacts from `first` do not keep it off."""
+    found, reach, more = Near(), float(hull.radius + hull.margin), int(0)
+    found.distance = reach
+    low, high = centre - wp.abs(nose), centre + wp.abs(nose)
+    while more >= 0:
+        leaves = leaves_near(wall.nodes, wall.firsts, wall.num_levels, low, high, reach, more)
+        more = leaves[FOUND]
+        for n in range(FOUND):
+            if leaves[n] < 0:
+                break
+            near = nearest_in_leaf(wall.leaves, leaves[n], centre + nose, centre - nose, reach)
+            if near[4] > 0.0:
+                found = nearer_edge(found, leaves[n], int(near[4]), centre, nose, contacts, first, hull, wall)
+    return found
+
+
+@wp.func
+def with_edges(
+    contacts: Contacts, near: Near, centre: wp.vec3, nose: wp.vec3, state: State, hull: Hull, grid: Grid, wall: Bvh
+):
+    """Return the contacts and those of what lies between the axis's ends, of which the nearest one is given."""
+    if near.is_found == 0:
+        return contacts
+    first = contacts.count + 0
+    found = with_contact(contacts, state, hull, grid, near)
+    if found.count > first and found.gaps[first] < -OVERLAP:
+        for _ in range(2):
+            other = next_edge(centre, nose, found, first, hull, wall)
+            if other.is_found == 0 or is_behind(state.position + wp.vec3d(other.arm + other.offset), other, grid):
+                break
+            found = with_contact(found, state, hull, grid, other)
+    return found
 
 
 @wp.func
@@ -297,36 +322,31 @@ def find_contacts(state: State, hull: Hull, grid: Grid, wall: Bvh, middle: wp.ve
     """Return the hull's points near the wall, nearest to the axis's two ends and to what lies between them."""
     centre, axis = wp.vec3(state.position - middle), wp.vec3(nose_of(state, hull))
     nose, tail, reach = centre + axis, centre - axis, float(hull.radius + hull.margin)
-    before, behind, found, turns = reach * reach, reach * reach, Contacts(), int(MAX_BETWEEN)
-    nose_leaf, tail_leaf, nose_lane, tail_lane = int(-1), int(-1), int(0), int(0)
-    while turns > 0:  # one search for both ends and the nearest edge between them, then for further edges
-        edge, more = Near(), int(0)
-        edge.distance = reach
-        while more >= 0:
-            leaves = leaves_near(
-                wall.nodes, wall.firsts, wall.num_levels, wp.min(nose, tail), wp.max(nose, tail), reach, more
-            )
-            more = leaves[FOUND]
-            for n in range(FOUND):
-                leaf = leaves[n]
-                if leaf < 0:
-                    break
-                near = nearest_in_leaf(wall.leaves, leaf, nose, tail, reach)
-                if near[0] < before:
-                    before = near[0]
-                    nose_leaf, nose_lane = leaf + 0, int(near[1])
-                if near[2] < behind:
-                    behind = near[2]
-                    tail_leaf, tail_lane = leaf + 0, int(near[3])
-                if near[4] > 0.0:
-                    edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, found, hull, wall)
-        found, is_last = with_edge(found, edge, state, hull, grid)
-        turns -= 1
-        if is_last:
-            turns = 0
+    before, behind, edge = reach * reach, reach * reach, Near()
+    nose_leaf, tail_leaf, nose_lane, tail_lane, more = int(-1), int(-1), int(0), int(0), int(0)
+    edge.distance = reach
+    while more >= 0:
+        leaves = leaves_near(
+            wall.nodes, wall.firsts, wall.num_levels, wp.min(nose, tail), wp.max(nose, tail), reach, more
+        )
+        more = leaves[FOUND]
+        for n in range(FOUND):
+            leaf = leaves[n]
+            if leaf < 0:
+                break
+            near = nearest_in_leaf(wall.leaves, leaf, nose, tail, reach)
+            if near[0] < before:
+                before = near[0]
+                nose_leaf, nose_lane = leaf + 0, int(near[1])
+            if near[2] < behind:
+                behind = near[2]
+                tail_leaf, tail_lane = leaf + 0, int(near[3])
+            if near[4] > 0.0:
+                edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, Contacts(), 0, hull, wall)
     at_nose = nearest_point(nose, nose_leaf, nose_lane, centre, wall)
-    found = with_end(found, nose, at_nose, centre, state, hull, grid, wall)
+    found = with_end(Contacts(), nose, at_nose, centre, state, hull, grid, wall)
     if hull.half_axis > f64(0.0):
         at_tail = nearest_point(tail, tail_leaf, tail_lane, centre, wall)
         found = with_end(found, tail, at_tail, centre, state, hull, grid, wall)
+        found = with_edges(found, edge, centre, axis, state, hull, grid, wall)
     return found
