@@ -83,8 +83,9 @@ class StartOptions:
 
     count: int = 40
     """Number of start poses."""
-    last_share: float = 0.6
-    """Starts lie in the far part of the cave: this share of the longest way to the goal; 1 is all of it."""
+    last_share: float = 1.0
+    """Starts lie in all the water that the vehicle can reach; or, below 1, in this share of the longest way to the goal
+    alone, at its far end. A task can choose among them: --start-range."""
     min_goal_distance: float = 2.0
     """No start is nearer to the goal than this, along the shortest way, m."""
     margin: float = 0.1
