@@ -149,7 +149,7 @@ def test_starts_lie_in_all_the_water_that_a_flood_reaches_and_in_no_other() -> N
     assert counts.sum() >= 29 and counts.min() >= 8
 
 
-def flood(is_free: np.ndarray, start: tuple[int, int, int]) -> np.ndarray:
+def flood(is_free: np.ndarray, start: tuple[int, ...]) -> np.ndarray:
     """Return the steps from one cell to every other through free cells; inf for those that are not reached."""
     steps = np.full(is_free.shape, np.inf)
     steps[start], front, count = 0.0, [start], 0
