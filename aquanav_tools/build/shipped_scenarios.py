@@ -108,7 +108,7 @@ def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, jour
     """
     name = recipe_path.stem
     with journal.stage("Making up the cave"):
-        closing = _made_up(name, recipe)
+        closing = made_up(name, recipe)
     options = BuildOptions(
         input=recipe_path,
         output=folder,
@@ -122,7 +122,7 @@ def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, jour
     return build_made_up(closing, options, journal, {recipe_path.name: file_hash(recipe_path)})
 
 
-def _made_up(name: str, recipe: ShippedScenario) -> Closing:
+def made_up(name: str, recipe: ShippedScenario) -> Closing:
     """Return the cavity of a recipe. It is closed from the start and proven; nothing has to be resampled."""
     try:
         cave = gallery_cave(recipe.cave)
