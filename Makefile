@@ -31,11 +31,11 @@ demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos
 
 test: .venv/installed ## Run the default tests (under 10 minutes on two cores)
 	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."
-	@$(BIN)/pytest --numprocesses 2 --dist loadfile
+	@$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 
 test-slow: .venv/installed ## Run the slow tests that .ci/run runs (under 30 minutes on two cores)
 	@echo "Running the slow tests; the nightly ones are left out (run them with: $(BIN)/pytest -m nightly)."
-	@$(BIN)/pytest --numprocesses 2 --dist loadfile -m 'slow and not nightly'
+	@$(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m 'slow and not nightly'
 
 check: .venv/installed ## Check style (ruff) and types (mypy)
 	@echo "Checking style and types."

@@ -15,6 +15,25 @@ from tests.caves import tube_scenario
 REPOSITORY = Path(__file__).parent.parent
 os.environ[MARK_VARIABLE] = ""  # what commands say in tests does not depend on what was compiled before
 
+LONGEST = (
+    "test_docs_run.py",
+    "reconstruct/test_pipeline.py",
+    "envs/test_surface_env.py",
+    "build/test_scan_build.py",
+    "test_fuzz.py",
+    "evaluate/test_episode_runner.py",
+    "cave/test_real_scans.py",
+    "examples/test_sensor_examples.py",
+)
+"""Files that take longest: first, so that of two processes that share the suite by files neither waits for the other at
+the end. Those next to each other compile different things, which both would else compile at once."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of the longest files before all others."""
+    place = {REPOSITORY / "tests" / name: number for number, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: place.get(item.path, len(LONGEST)))
+
 
 @pytest.fixture(scope="session", autouse=True)
 def sb3_logs(tmp_path_factory: pytest.TempPathFactory) -> None:

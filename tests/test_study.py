@@ -14,6 +14,7 @@ import tomli_w
 from aquanav_tools.evaluate.statistics import Estimate
 from aquanav_tools.train.pipeline import read_pipeline
 from eval.study import run as study_run
+from eval.study.again import interval, section
 from eval.study.page import improvement, markdown, verdict
 from eval.study.places import built_places
 from eval.study.studies import CAVES, ORIGINAL, STUDIES, Question, Study
@@ -103,6 +104,32 @@ def test_the_page_gives_the_interquartile_mean_and_the_spread_over_runs() -> Non
     assert "holds" not in page.split("## Answers")[1]
 
 
+def test_one_more_run_of_a_normal_variant_lies_within_the_interval_as_often_as_it_says(
+    rng: np.random.Generator,
+) -> None:
+    runs = rng.normal(3.0, 2.0, (1000, 11))
+    inside = [low <= run[10] <= high for run in runs for low, high in [interval(run[:10], 0.0)]]
+    # 1000 draws of 95 % have a standard deviation of 0.69 %.
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.028)
+
+
+def test_runs_done_again_are_held_against_those_that_are_kept() -> None:
+    runs = [made_up("curriculum", seed, share) for seed, share in enumerate((0.8, 0.9, 1.0))]
+    runs += [made_up("sparse", seed, share, 2.0) for seed, share in enumerate((0.1, 0.2, 0.3))]
+    again = [made_up("curriculum", 0, 0.2), made_up("sparse", 0, 0.2, 2.02)]
+    # With t = 4.30 of two degrees of freedom and a spread of 10 %, the interval reaches 50 % to both sides.
+    page = "\n".join(section("small", SMALL, runs, again))
+    assert (
+        "| curriculum | **20 %** [40, 100] | **20 %** [40, 100] | 0.00 [0.00, 0.03] | 1.00 [0.99, 1.00] | 8 of 16 |"
+        in page
+    )
+    assert "| sparse | 20 % [0, 70] | 20 % [0, 70] | 2.02 [1.98, 2.02] | 1.00 [0.99, 1.00] | 16 of 16 |" in page
+    assert "Within: 24 of 32." in page
+    assert "the same as before by collisions per episode; neither by collision-free success, success, mean" in page
+    assert "Not run again: curriculum." in "\n".join(section("small", SMALL, runs, again[1:]))
+    assert section("small", SMALL, runs, []) == []
+
+
 def test_a_place_that_one_run_lacks_is_left_out() -> None:
     runs = [made_up("curriculum", 0, 1.0), made_up("sparse", 0, 0.5)]
     del runs[1]["scores"]["wide"]
@@ -168,3 +195,9 @@ def test_runs_that_are_kept_are_not_repeated(
     assert sorted((run["variant"], run["seed"]) for run in kept) == sorted(asked[:4])
     pictures = {"study-caves-curves.png", "study-caves-scores.png"}
     assert {path.name for path in results.iterdir()} == {"study-caves.jsonl", "study-caves.md", *pictures}
+    monkeypatch.setattr("sys.argv", ["run.py", "caves", "--again", "--jobs", "1", "--output", str(results / "out")])
+    study_run.main()
+    assert asked[5:] == [("curriculum", 0), ("sparse", 0)]
+    assert len((results / "study-caves-again.jsonl").read_text().splitlines()) == 2
+    assert len((results / "study-caves.jsonl").read_text().splitlines()) == 4
+    assert "Within: 32 of 32." in (results / "study-caves.md").read_text()

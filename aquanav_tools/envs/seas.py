@@ -40,8 +40,8 @@ class Seas:
         tide = self._state.current if self._tide is None else self._tide
         return self._state.wind_speed == 0.0 and not np.any(tide)
 
-    def draw(self, rng: np.random.Generator, depth: float, shares: tuple[float, float]) -> tuple[SeaWater, float]:
-        """Return the sea of an episode over a bed of a depth (m), and the share of its current, drawn from a range."""
+    def draw(self, rng: np.random.Generator, depth: float, fractions: tuple[float, float]) -> tuple[SeaWater, float]:
+        """Return the sea of an episode over a bed of a depth (m), and the drawn fraction of its current."""
         wind, tide = rng.uniform(-180.0, 180.0), rng.uniform(-np.pi, np.pi)
         state = replace(self._state, direction_deg=wind) if self._turns else self._state
         if isinstance(self._tide, float):
@@ -49,7 +49,7 @@ class Seas:
         elif self._tide is not None:
             state = replace(state, current=self._tide)
         water = SeaWater(state, depth, rng)
-        low, high = shares
+        low, high = fractions
         return water, low if low == high else float(rng.uniform(low, high))
 
 

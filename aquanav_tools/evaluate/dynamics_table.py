@@ -64,7 +64,7 @@ def _rate(free: BoolArray) -> str:
 def _chance(free: BoolArray, num: int) -> float:
     """Return the difference between two thirds of `num` different vehicles that 95 % of samples stay below, in points.
 
-    That of two binomial shares with the same probability, which is taken from all episodes but kept from 0 and 1.
+    That of two binomial fractions with the same probability, which is taken from all episodes but kept from 0 and 1.
     """
-    share = (float(free.sum()) + 1.0) / (len(free) + 2.0)
-    return float(100.0 * 1.96 * np.sqrt(2.0 * share * (1.0 - share) / (num / len(PARTS))))
+    probability = (float(free.sum()) + 1.0) / (len(free) + 2.0)
+    return float(100.0 * 1.96 * np.sqrt(2.0 * probability * (1.0 - probability) / (num / len(PARTS))))

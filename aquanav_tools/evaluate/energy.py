@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from aquanav_tools.sim.fossen import FossenVehicle
 from aquanav_tools.sim.original import OriginalVehicle
+from aquanav_tools.sim.randomisation import varied_boat, water_damping
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.types import Array
 
 
-def drag_power(vehicle: Vehicle, velocities: Array) -> Array:
+def drag_power(vehicle: Vehicle, velocities: Array, dynamics: Mapping[str, float]) -> Array:
     """Return the power that drag takes from a vehicle, W, at (N, 6) velocities through the water, body frame.
 
-    In steady motion it is what the thrusters put into the water, whatever thrusters they are; their losses, and what
-    accelerating and braking cost, are not in it. (N,), never negative.
+    `dynamics` is what its episode drew, by the names of `sim.randomisation`. In steady motion the power is what the
+    thrusters put into the water, whatever thrusters they are; their losses, and what accelerating and braking cost, are
+    not in it. (N,), never negative.
 
     Raises:
         TypeError: no drag is known for this kind of vehicle.
     """
     if isinstance(vehicle, FossenVehicle):
-        linear, quadratic = np.array(vehicle.water.linear_damping), np.array(vehicle.water.quadratic_damping)
+        draws = {name: np.array([value]) for name, value in dynamics.items()}
+        linear, quadratic = water_damping(vehicle, draws, 1)
         return ((linear + quadratic * np.abs(velocities)) * velocities**2).sum(axis=1)
     if isinstance(vehicle, OriginalVehicle):
-        body = vehicle.body
+        body = varied_boat(vehicle, dynamics)[0].body
         rates = np.array([body.linear_drag * body.mass] * 3 + [body.angular_drag * inertia for inertia in body.inertia])
         return (rates * velocities**2).sum(axis=1)
     raise TypeError(f"No drag is known for a {type(vehicle).__name__}.")

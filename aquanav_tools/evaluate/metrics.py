@@ -9,7 +9,7 @@ clearance: from the hull to the nearest wall. SPL: success weighted by path leng
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -39,8 +39,9 @@ class EpisodeReference:
     """Of the guide, m; None where each episode has a path of its own."""
     top_speed: float
     """That the vehicle keeps ahead in still water, m/s."""
-    power: Callable[[Array], Array] | None
-    """Power that drag takes from the vehicle, W, at (N, 6) velocities through the water; None where it is not known."""
+    power: Callable[[Array, Mapping[str, float]], Array] | None
+    """Power that drag takes from the vehicle, W, at (N, 6) velocities through the water, with the dynamics that were
+    drawn; None where it is not known."""
     num_controls: int = 3
     """How many of ballast, steer and thrust it has: a boat the last two."""
     ideal: Callable[[float], float] | None = None
@@ -187,7 +188,8 @@ def _energy(trajectory: Trajectory, reference: EpisodeReference) -> float | None
     """Return the work done against drag, J: its power from state to state by the trapezoidal rule."""
     if reference.power is None:
         return None
-    power = reference.power(water_relative(trajectory.velocities, trajectory.currents, trajectory.orientations))
+    through_water = water_relative(trajectory.velocities, trajectory.currents, trajectory.orientations)
+    power = reference.power(through_water, trajectory.dynamics)
     return float((0.5 * (power[1:] + power[:-1]) * np.diff(trajectory.times)).sum())
 
 

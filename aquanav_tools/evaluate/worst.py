@@ -37,7 +37,7 @@ SIZE = (400, 300)
 AFTER = 1.5
 """What is shown after the moment that matters, s."""
 MOMENTS = (1.0, 0.4, 0.15, 0.0)
-"""Of the stills: shares of `WorstOptions.seconds` before the moment that matters."""
+"""Of the stills: fractions of `WorstOptions.seconds` before the moment that matters."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ def _as_name(text: str) -> str:
 
 def _page(shown: dict[str, tuple[Shown, ...]], total: int, seconds: float) -> Page:
     num = sum(map(len, shown.values()))
-    moments = ", ".join(f"{seconds * share:.1f}" for share in MOMENTS)
+    moments = ", ".join(f"{seconds * fraction:.1f}" for fraction in MOMENTS)
     return Page(
         title="The worst episodes",
         summary=(

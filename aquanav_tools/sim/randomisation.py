@@ -197,8 +197,8 @@ def draw(ranges: Randomisation, vehicle: Vehicle | Boat, uniform: Array) -> Draw
     for column, name in zip(uniform.T, ranges.names(vehicle), strict=True):
         if name == "weak_thruster":
             # Which one is drawn from where in the probability's range the number lies; 0 is none.
-            num, share = num_thrusters(vehicle), column / ranges.weak_thruster
-            draws[name] = np.where(share < 1.0, np.floor(np.minimum(share, 0.999999) * num) + 1.0, 0.0)
+            num, fraction = num_thrusters(vehicle), column / ranges.weak_thruster
+            draws[name] = np.where(fraction < 1.0, np.floor(np.minimum(fraction, 0.999999) * num) + 1.0, 0.0)
             continue
         low, high = ranges.thrusters or (1.0, 1.0) if name.startswith("thruster_") else getattr(ranges, name)
         if name in DELAYS:
@@ -225,6 +225,14 @@ def varied_body(vehicle: Vehicle, density: float, draws: Draws, num: int) -> Mot
     raise TypeError(f"No dynamics are known for a {type(vehicle).__name__}.")
 
 
+def water_damping(vehicle: FossenVehicle, draws: Draws, num: int) -> tuple[Array, Array]:
+    """Return the (N, 6) linear and quadratic damping of N vehicles by the water, each with what was drawn for it."""
+    one = np.ones(num)
+    linear = draws.get("linear_damping", one)[:, None] * np.array(vehicle.water.linear_damping)
+    quadratic = draws.get("quadratic_damping", one)[:, None] * np.array(vehicle.water.quadratic_damping)
+    return linear, quadratic
+
+
 def control_factors(vehicle: Vehicle, draws: Draws, num: int) -> tuple[Array, Array]:
     """Return (N,) factors of the thrust and the moment that commands ask for, and of the share that reverse has.
 
@@ -244,8 +252,7 @@ def _varied_fossen(vehicle: FossenVehicle, density: float, of: Any, draws: Draws
     rigid[:, range(3), range(3)] += payload[:, None]
     rigid[:, range(3, 6), range(3, 6)] += payload[:, None] * (place @ place - place**2)
     mass = rigid + of("added_mass", 1.0)[:, None, None] * vehicle.water.matrix()
-    linear = of("linear_damping", 1.0)[:, None] * np.array(vehicle.water.linear_damping)
-    quadratic = of("quadratic_damping", 1.0)[:, None] * np.array(vehicle.water.quadratic_damping)
+    linear, quadratic = water_damping(vehicle, draws, num)
     linear = linear + (
         nominal.linear_damping - np.array(vehicle.water.linear_damping)
     )  # the autopilot's, if it is there

@@ -33,6 +33,6 @@ def soft(value: Any, scale: float) -> Any:
     return value / (abs(value) + scale)
 
 
-def unsoft(share: Any, scale: float) -> Any:
-    """Return the value that `soft` makes a share of."""
-    return scale * share / (1.0 - abs(share))
+def unsoft(scaled: Any, scale: float) -> Any:
+    """Return the value that `soft` scales to `scaled`."""
+    return scale * scaled / (1.0 - abs(scaled))

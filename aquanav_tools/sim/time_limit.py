@@ -1,7 +1,7 @@
-"""How long an episode may last, and how long its way takes at best.
+"""How long an episode may last, and how long its path takes at best.
 
-The original's episodes have 2400 decisions. That is kept where it is at least AMPLE times what the longest way of a
-scenario takes at the vehicle's top speed. Each decision that a longer way takes adds SLACK.
+The original's episodes have 2400 decisions. That is kept where it is at least AMPLE times what the longest path of a
+scenario takes at the vehicle's top speed. Each decision that a longer path takes adds SLACK.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ LEAST_SHARE = 0.1
 
 
 def longest_path(scenario: Scenario) -> float:
-    """Return the length of the longest way to the goal that an episode of a scenario has, m."""
+    """Return the length of the longest path to the goal that an episode of a scenario has, m."""
     return max(scenario.guide.length, *(start.geodesic_to_goal for start in scenario.starts), 0.0)
 
 
@@ -55,13 +55,13 @@ def decision_limit(scenario: Scenario, vehicle: Vehicle) -> int:
 
 @dataclass(frozen=True, eq=False)
 class IdealTime:
-    """The time in which no vehicle of some top speed is faster at the goal, by the way that is left to it.
+    """The time in which no vehicle of some top speed is faster at the goal, by the path that is left to it.
 
     The mean current along the route slows it down or carries it; gusts and eddies, which do both, are left out.
     """
 
-    ways: Array
-    """(N,) way to the goal along the route, rising from 0, m."""
+    path_lengths: Array
+    """(N,) to the goal along the route, rising from 0, m."""
     seconds: Array
     """(N,) that it takes."""
     speed: float
@@ -71,32 +71,34 @@ class IdealTime:
     tolerance: float
     """So near to the goal it is reached, m."""
 
-    def __call__(self, way: float) -> float:
-        """Return the time that a way of some length to the goal takes at best, s. Off the route, water is still."""
-        left = max(way - self.tolerance, 0.0)
-        beyond = max(left - float(self.ways[-1]), 0.0)
-        return float(np.interp(left, self.ways, self.seconds)) + beyond / self.speed
+    def __call__(self, path_length: float) -> float:
+        """Return the time that a path of some length to the goal takes at best, s. Off the route, water is still."""
+        left = max(path_length - self.tolerance, 0.0)
+        beyond = max(left - float(self.path_lengths[-1]), 0.0)
+        return float(np.interp(left, self.path_lengths, self.seconds)) + beyond / self.speed
 
 
-def ideal_time(scenario: Scenario, vehicle: Vehicle, current: Current | None = None, share: float = 1.0) -> IdealTime:
-    """Return how long ways to the goal take at best.
+def ideal_time(
+    scenario: Scenario, vehicle: Vehicle, current: Current | None = None, fraction: float = 1.0
+) -> IdealTime:
+    """Return how long paths to the goal take at best.
 
     Args:
         scenario: the cave.
         vehicle: what dives there.
         current: of the water, as `Water` takes it; None takes the scenario's.
-        share: of its speed.
+        fraction: of its speed.
     """
     speed = max(top_speed(vehicle, scenario.settings.water.density), LEAST_SPEED)
     line = scenario.guide.centreline[::-1]
     steps = np.diff(line, axis=0)
     lengths = np.linalg.norm(steps, axis=1)
     steps, starts, lengths = steps[lengths > 0.0], line[:-1][lengths > 0.0], lengths[lengths > 0.0]
-    water = share * mean_velocities(scenario, current, starts + 0.5 * steps)
+    water = fraction * mean_velocities(scenario, current, starts + 0.5 * steps)
     against = (water * steps).sum(axis=1) / lengths  # the line runs from the goal
     seconds = lengths / np.maximum(speed - against, LEAST_SHARE * speed)
     return IdealTime(
-        ways=np.concatenate([[0.0], np.cumsum(lengths)]),
+        path_lengths=np.concatenate([[0.0], np.cumsum(lengths)]),
         seconds=np.concatenate([[0.0], np.cumsum(seconds)]),
         speed=speed,
         slowest=speed - float(against.max()),

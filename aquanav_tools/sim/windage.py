@@ -44,7 +44,7 @@ class Windage:
         check_finite("arm and turning", self.arm, self.turning)
 
     def coefficients(self) -> Array:
-        """Return the (5,) coefficients of surge, sway and turning, the arm, and the share of the wind at 10 m."""
-        half, share = 0.5 * AIR_DENSITY, (self.height / REFERENCE_HEIGHT) ** PROFILE
+        """Return the (5,) coefficients of surge, sway and turning, the arm, and the fraction of the wind at 10 m."""
+        half, fraction = 0.5 * AIR_DENSITY, (self.height / REFERENCE_HEIGHT) ** PROFILE
         ahead, across = half * self.front_drag * self.front, half * self.side_drag * self.side
-        return np.array([ahead, across, 2.0 * half * self.turning * self.side * self.length, self.arm, share])
+        return np.array([ahead, across, 2.0 * half * self.turning * self.side * self.length, self.arm, fraction])

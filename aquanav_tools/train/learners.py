@@ -124,14 +124,14 @@ def _make_off_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Lin
 def _schedule(settings: TrainSettings, done: int) -> LinearSchedule:
     """Return the learning rate by what is left of the lesson, which SB3 counts when an update's decisions are made.
 
-    "linear" asks for the rate at the update's first decision instead: all of it at the first, a share at the last.
+    "linear" asks for the rate at the update's first decision instead: all of it at the first, a fraction at the last.
     """
     if settings.schedule == "original":
         return LinearSchedule(settings.learning_rate, 0.0, 1.0)
     total = decisions_of(settings, done)
-    share = update_size(settings) / total
+    fraction = update_size(settings) / total
     return LinearSchedule(
-        settings.learning_rate * (1.0 + share), settings.learning_rate * share, total / settings.steps
+        settings.learning_rate * (1.0 + fraction), settings.learning_rate * fraction, total / settings.steps
     )
 
 

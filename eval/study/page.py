@@ -47,11 +47,12 @@ contrary does.
 """
 
 
-def write_page(name: str, study: Study, runs: Runs, folder: Path) -> None:
-    """Write study-NAME.md and its plots; nothing without runs."""
+def write_page(name: str, study: Study, runs: Runs, last: Sequence[str], folder: Path) -> None:
+    """Write study-NAME.md, with `last` as its last lines, and its plots; nothing without runs."""
     if not runs:
         return
-    folder.joinpath(f"study-{name}.md").write_text(markdown(name, study, runs), encoding="utf-8")
+    text = "\n".join([markdown(name, study, runs), *last]).rstrip() + "\n"
+    folder.joinpath(f"study-{name}.md").write_text(text, encoding="utf-8")
     draw_curves(study, runs, folder / f"study-{name}-curves.png")
     draw_scores(study, runs, folder / f"study-{name}-scores.png")
 

@@ -5,11 +5,13 @@
     python eval/study/run.py bays --seeds 3                # the first three
     python eval/study/run.py caves --only curriculum safe  # these variants
     python eval/study/run.py caves --seeds 0               # only the page and its plots, from the runs that are kept
+    python eval/study/run.py caves --again                 # one seed more of each variant, held against those
 
 Each run trains in a process of its own (aquanav-train), and is then scored (aquanav-eval). What does not ship is built
 from the data folder first; without one, "caves" leaves out the scan of Han-sur-Lesse, and "original" cannot be run. A
 finished run adds a line to eval/results/study-NAME.jsonl and is not repeated; one that was stopped goes on from its
-checkpoint.
+checkpoint. With --again runs are kept in study-NAME-again.jsonl, and the page tells whether they lie where the others
+do; delete that file to do them once more by newer code.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # the study is no part of th
 
 from aquanav_tools.train.episodes import with_new_names
 from aquanav_tools.train.pipeline import read_pipeline
+from eval.study.again import section
 from eval.study.commands import aquanav
 from eval.study.page import write_page
 from eval.study.places import built_places
@@ -49,22 +52,25 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("study", choices=list(STUDIES))
     parser.add_argument("--seeds", type=int, default=10, help="training runs of each variant, with seeds from 0")
     parser.add_argument("--only", nargs="+", default=[], help="variants to run, when not all")
+    parser.add_argument("--again", action="store_true", help="one run of each variant, beside those that are kept")
     parser.add_argument("--jobs", type=int, default=2, help="runs at the same time")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder with the scans")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "study", help="where runs and scores go")
     arguments = parser.parse_args()
-    arguments.output /= arguments.study  # studies have variants of the same name
+    arguments.output /= arguments.study + "-again" * arguments.again  # studies have variants of the same name
     return arguments
 
 
 def main() -> None:
     """Run what is not done yet, then write the page."""
     arguments = parse_arguments()
-    study, store = STUDIES[arguments.study], RESULTS / f"study-{arguments.study}.jsonl"
+    study, kept = STUDIES[arguments.study], RESULTS / f"study-{arguments.study}.jsonl"
+    repeated = RESULTS / f"study-{arguments.study}-again.jsonl"
+    store, seeds = (repeated, 1) if arguments.again else (kept, arguments.seeds)
     done = {(run["variant"], run["seed"]) for run in read_runs(store, study)}
     names = [name for name in study.variants if name in arguments.only or not arguments.only]
     # Seed by seed, so that whatever was done when the study is stopped compares all variants.
-    todo = [(name, seed) for seed in range(arguments.seeds) for name in names if (name, seed) not in done]
+    todo = [(name, seed) for seed in range(seeds) for name in names if (name, seed) not in done]
     print(f"{len(done)} runs are kept, {len(todo)} are to do.", flush=True)
     began = time.monotonic()
     places = built_places((*study.places, *study.caves.values()), arguments.data, arguments.output) if todo else {}
@@ -79,7 +85,8 @@ def main() -> None:
                 f"{place}/{len(todo)} {run['variant']}, seed {run['seed']}: {scores_of(run)}; {left / 60:.0f} min left"
             )
             print(text, flush=True)
-    write_page(arguments.study, study, read_runs(store, study), RESULTS)
+    runs, again = read_runs(kept, study), read_runs(repeated, study)
+    write_page(arguments.study, study, runs, section(arguments.study, study, runs, again), RESULTS)
 
 
 def read_runs(store: Path, study: Study) -> list[dict[str, Any]]:

@@ -88,6 +88,7 @@ def test_evaluation_killed_and_gone_on_with_in_two_processes_gives_the_files_of_
 
 
 @pytest.mark.slow
+@pytest.mark.nightly  # one kill of an evaluation, at a set moment, is in the default tests
 def test_ten_kills_at_random_moments_change_nothing(
     run: Run, folder: Path, tmp_path: Path, rng: np.random.Generator
 ) -> None:

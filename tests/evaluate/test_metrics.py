@@ -9,8 +9,10 @@ import pytest
 from aquanav_tools.evaluate.energy import drag_power
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, EpisodeReference, measure, region_of, spl
 from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.sim.randomisation import varied_body
 from aquanav_tools.sim.vehicle import load_vehicle
 from tests.report.trajectories import straight_trajectory
+from tests.sim.bodies import at_rest, run
 
 POWER = partial(drag_power, load_vehicle("bluerov2"))
 WIDTH = 2.0 * load_vehicle("bluerov2").capsule.radius
@@ -40,6 +42,30 @@ def test_energy_at_constant_speed_is_drag_times_way() -> None:
     speed, way = 1.8, 18.0
     drag = 4.03 * speed + 18.18 * speed**2  # the BlueROV2's surge damping, N
     assert measure(straight_trajectory(), 18.0, REFERENCE).energy == pytest.approx(drag * way)
+
+
+def test_energy_goes_by_the_damping_that_the_episode_drew() -> None:
+    speed, way, drawn = 1.8, 18.0, {"linear_damping": 0.5, "quadratic_damping": 0.7, "mass": 1.2}
+    trajectory = dataclasses.replace(straight_trajectory(), dynamics=drawn)
+    drag = 0.5 * 4.03 * speed + 0.7 * 18.18 * speed**2
+    assert measure(trajectory, 18.0, REFERENCE).energy == pytest.approx(drag * way)
+    original, velocity = load_vehicle("original-auv"), np.array([[1.8, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    lost = drag_power(original, velocity, {"linear_damping": 0.5}) / drag_power(original, velocity, {})
+    assert lost == pytest.approx(0.5)
+
+
+def test_the_power_of_drag_is_what_the_kernels_take_from_the_kinetic_energy(rng: np.random.Generator) -> None:
+    vehicle, drawn = load_vehicle("bluerov2"), {"linear_damping": 0.6, "quadratic_damping": 0.8}
+    draws = {name: np.array([value]) for name, value in drawn.items()}
+    free = {"net_weight": 0.0, "arm": np.zeros(3)}
+    parameters = dataclasses.replace(varied_body(vehicle, 1000.0, draws, 1), **free)
+    state, dt = at_rest(), 1e-5
+    state[7:10] = rng.uniform(-1.0, 1.0, 3)  # no turning, which its autopilot damps as well
+    slower = run(state, 1, parameters, dt=dt)
+    mass = parameters.mass[0]
+    before, after = (0.5 * velocity @ mass @ velocity for velocity in (state[7:], slower[7:]))
+    # In a step of 10 us drag takes about 1e-5 of the speed, so its power changes by as little.
+    assert (before - after) / dt == pytest.approx(drag_power(vehicle, state[None, 7:], drawn)[0], rel=1e-4)
 
 
 def test_drifting_with_the_water_costs_no_energy() -> None:

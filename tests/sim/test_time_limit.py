@@ -80,7 +80,7 @@ def test_a_current_adds_to_the_speed_over_ground() -> None:
         best = ideal_time(tube, vehicle, (speed, 0.0, 0.0))
         assert best(10.5) == pytest.approx(10.0 / (TOP_SPEED + speed), rel=1e-3)
         assert best.slowest == pytest.approx(TOP_SPEED + speed, rel=1e-3)
-    half = ideal_time(tube, vehicle, (-0.5, 0.0, 0.0), share=0.5)
+    half = ideal_time(tube, vehicle, (-0.5, 0.0, 0.0), fraction=0.5)
     assert half(10.5) == pytest.approx(10.0 / (TOP_SPEED - 0.25), rel=1e-3)
 
 

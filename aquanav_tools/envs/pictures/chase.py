@@ -37,7 +37,7 @@ class ChaseCamera:
     def reset(self) -> None:
         """Forget where the camera was."""
         self._heading: Array | None = None
-        self._way = np.zeros(3)
+        self._direction = np.zeros(3)
         self._reach = 0.0
 
     def pose(self, position: Array, turn: Array, seconds: float) -> tuple[Array, Array]:
@@ -53,36 +53,37 @@ class ChaseCamera:
         kept = 0.0 if is_first else math.exp(-seconds / TURNING)
         heading = ahead if self._heading is None else level(kept * self._heading + (1.0 - kept) * ahead, ahead)
         kept = 0.0 if is_first else math.exp(-seconds / MOVING)
-        way = kept * self._way + (1.0 - kept) * self._best(position, heading)
-        way /= np.linalg.norm(way)
-        reach = self._clear_way(position, way)
+        direction = kept * self._direction + (1.0 - kept) * self._best(position, heading)
+        direction /= np.linalg.norm(direction)
+        reach = self._clear_distance(position, direction)
         # It is drawn near at once, since it must not enter the wall, and moves off slowly.
         self._reach = min(reach, kept * self._reach + (1.0 - kept) * reach)
-        self._heading, self._way = heading, way
+        self._heading, self._direction = heading, direction
         return self._look(position, heading)
 
     def _best(self, position: Array, heading: Array) -> Array:
         """Return the (3,) direction from the vehicle to the place that suits best."""
         left = np.cross(UP, heading)
-        ways = [
+        directions = [
             math.cos(rise) * (-math.cos(yaw) * heading + math.sin(yaw) * left) + math.sin(rise) * UP
             for yaw in TURNS for rise in RISES
         ]  # fmt: skip
         unusual = [abs(i) + j for i in range(len(TURNS)) for j in range(len(RISES))]
-        gains = [self._clear_way(position, way) / self._distance for way in ways] - AVERSION * np.array(unusual)
-        best: Array = ways[int(np.argmax(gains))]
+        seen = np.array([self._clear_distance(position, direction) for direction in directions])
+        gains = seen / self._distance - AVERSION * np.array(unusual)
+        best: Array = directions[int(np.argmax(gains))]
         return best
 
-    def _clear_way(self, position: Array, way: Array) -> float:
+    def _clear_distance(self, position: Array, direction: Array) -> float:
         """Return how far from the vehicle the camera can be in a direction, m."""
         steps = np.linspace(0.0, self._distance, SAMPLES)
-        clearances = self._field.clearance(position + steps[:, None] * way)
+        clearances = self._field.clearance(position + steps[:, None] * direction)
         needed = min(CLEAR, CLEAR_SHARE * float(clearances[0]))
         tight = np.flatnonzero(clearances < needed)
         return float(steps[max(int(tight[0]) - 1, 0)]) if len(tight) else self._distance
 
     def _look(self, position: Array, heading: Array) -> tuple[Array, Array]:
-        centre = position + self._reach * self._way
+        centre = position + self._reach * self._direction
         look = position + AHEAD * heading - centre
         look /= np.linalg.norm(look)
         right = np.cross(look, UP)

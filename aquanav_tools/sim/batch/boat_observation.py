@@ -6,30 +6,17 @@ import warp as wp
 
 from aquanav_tools.sim.batch.motion import vec6
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
+from aquanav_tools.sim.batch.scaled import PI, azimuth_to, soft, within
 
 wp.set_module_options(BOAT_OPTIONS)
 
 f64 = wp.float64
-PI = wp.constant(wp.float64(3.141592653589793))
-
-
-@wp.func
-def soft(value: f64, scale: f64):
-    """Return value / (|value| + scale), in (-1, 1)."""
-    return value / (wp.abs(value) + scale)
-
-
-@wp.func
-def azimuth_to(offset: wp.vec2d, rotation: wp.mat33d):
-    """Return the angle from the horizontal heading to an offset, rad, left positive, in [-pi, pi]."""
-    azimuth = wp.atan2(offset[1], offset[0]) - wp.atan2(rotation[1, 0], rotation[0, 0])
-    return azimuth - f64(2.0) * PI * wp.rint(azimuth / (f64(2.0) * PI))
 
 
 @wp.func
 def put(out: wp.array(dtype=wp.float32), n: int, value: f64):
     """Write a value of an observation, within [-1, 1]."""
-    out[n] = wp.float32(wp.clamp(value, f64(-1.0), f64(1.0)))
+    out[n] = within(value)
 
 
 @wp.func
@@ -39,7 +26,7 @@ def show_goal(
     """Write distance and azimuth of the goal."""
     offset = goal - wp.vec2d(position[0], position[1])
     put(out, first, soft(wp.length(offset), scale))
-    put(out, first + 1, azimuth_to(offset, rotation) / PI)
+    put(out, first + 1, azimuth_to(offset[0], offset[1], rotation) / PI)
 
 
 @wp.func

@@ -11,7 +11,7 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.bvh import Bvh
-from aquanav_tools.sim.batch.contact_points import Contacts, Hull, find_contacts, nose_of, row, vec7
+from aquanav_tools.sim.batch.contact_points import Contacts, Hull, find_contacts, nose_of, row, vec9
 from aquanav_tools.sim.batch.field import Grid, clearance_at
 from aquanav_tools.sim.batch.motion import State, angular, linear, rotation_of, six, vec6
 from aquanav_tools.sim.batch.original import turned
@@ -67,7 +67,7 @@ def solved(intended: vec6, contacts: Contacts, hull: Hull, dt: f64):
     """Return the motion after the wall's impulses; the same as `intended` when no point would get into the wall."""
     zero = f64(0.0)
     motion = intended
-    pushed, rubbed = vec7(), vec7()
+    pushed, rubbed = vec9(), vec9()
     count = contacts.count + 0
     for _ in range(ITERATIONS):
         change = zero

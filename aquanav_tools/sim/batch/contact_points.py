@@ -2,7 +2,8 @@
 
 An end may touch more than one wall: in a groove it would be kept off the nearest and pressed into the other, in turns.
 Where an end overlaps its nearest wall, up to two more are sought, each of which rises above the planes that touch the
-end at those found before.
+end at those found before. Between the ends likewise; there a hull on a ridge may also turn onto the next one, so that
+the others may as well be apart from those found before.
 """
 
 from __future__ import annotations
@@ -17,17 +18,21 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-MAX_CONTACTS = 7
-"""Three at each end of the axis, and one between."""
+MAX_BETWEEN = wp.constant(3)
+MAX_CONTACTS = 9
+"""Three between the ends of the axis, and three at each."""
 OVERLAP = wp.constant(wp.float64(0.002))
 """Of an end and its nearest wall, from which on others are sought, m; chosen: on smooth walls there is less. At 1 mm,
 scraping along a rugged cave takes a fifth longer."""
+APART = wp.constant(wp.float64(0.25))
+"""Half axes from which on two contacts between the ends are apart; chosen: nearer ones that take turns let each other
+in by a few millimetres (tests)."""
 FIELD_ERROR = wp.constant(wp.float64(0.5 * 3.0**0.5))
 """Spacings of the field by which its clearance may differ from the distance to the wall: a distance changes no faster
 than the position, and the mean distance to a cell's eight corners, weighted as the interpolation does, is at most
 sqrt(3) / 2 spacings."""
-mat73 = wp.types.matrix(shape=(MAX_CONTACTS, 3), dtype=wp.float64)
-vec7 = wp.types.vector(length=MAX_CONTACTS, dtype=wp.float64)
+mat93 = wp.types.matrix(shape=(MAX_CONTACTS, 3), dtype=wp.float64)
+vec9 = wp.types.vector(length=MAX_CONTACTS, dtype=wp.float64)
 
 
 @wp.struct
@@ -52,11 +57,11 @@ class Hull:
 class Contacts:
     """Points of a hull that are near the wall."""
 
-    gaps: vec7
+    gaps: vec9
     """m; negative where hull and wall overlap."""
-    normals: mat73
+    normals: mat93
     """Rows: out of the wall."""
-    arms: mat73
+    arms: mat93
     """Rows: from the vehicle's middle to the wall's point."""
     count: wp.int32
 
@@ -84,7 +89,7 @@ def nose_of(state: State, hull: Hull):
 
 
 @wp.func
-def row(matrix: mat73, n: int):
+def row(matrix: mat93, n: int):
     """Return a row whose number is not known when compiling."""
     return wp.vec3d(matrix[n, 0], matrix[n, 1], matrix[n, 2])
 
@@ -229,8 +234,24 @@ def is_beyond(place: wp.vec3, nose: wp.vec3, distance: float):
 
 
 @wp.func
-def nearer_edge(nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, wall: Bvh):
-    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns."""
+def is_apart(share: float, nose: wp.vec3, contacts: Contacts, hull: Hull):
+    """Return whether a place of the axis, from -1 to 1, is apart from those of the contacts."""
+    for n in range(contacts.count):
+        place = row(contacts.arms, n) + (contacts.gaps[n] + hull.radius) * row(contacts.normals, n)
+        along = wp.dot(place, wp.vec3d(nose)) / (hull.half_axis * hull.half_axis)
+        if wp.abs(f64(share) - along) < APART:
+            return False
+    return True
+
+
+@wp.func
+def nearer_edge(
+    nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, contacts: Contacts, hull: Hull, wall: Bvh
+):
+    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns.
+
+    It is apart from the contacts, or rises above their planes.
+    """
     found = nearest
     for lane in range(LANES):
         if (mask >> lane) & 1 == 0:
@@ -244,10 +265,22 @@ def nearer_edge(nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.v
                 continue
             apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
             if apart[2] < found.distance and apart[0] > 0.0 and apart[0] < 1.0:
-                place = wp.lerp(a, b, apart[1])
-                found = on_face(wall, leaf, lane, centre + (2.0 * apart[0] - 1.0) * nose, place, centre)
-                found.distance = apart[2]
+                place, share = wp.lerp(a, b, apart[1]), 2.0 * apart[0] - 1.0
+                if rises(place - centre, contacts, 0, hull) or is_apart(share, nose, contacts, hull):
+                    found = on_face(wall, leaf, lane, centre + share * nose, place, centre)
+                    found.distance = apart[2]
     return found
+
+
+@wp.func
+def with_edge(contacts: Contacts, edge: Near, state: State, hull: Hull, grid: Grid):
+    """Return the contacts and that of an edge between the ends, and whether no more are to be sought."""
+    if edge.is_found == 0:
+        return contacts, True
+    if contacts.count > 0 and is_behind(state.position + wp.vec3d(edge.arm + edge.offset), edge, grid):
+        return contacts, True
+    found = with_contact(contacts, state, hull, grid, edge)
+    return found, found.count == contacts.count or found.gaps[0] >= -OVERLAP
 
 
 @wp.func
@@ -264,32 +297,36 @@ def find_contacts(state: State, hull: Hull, grid: Grid, wall: Bvh, middle: wp.ve
     """Return the hull's points near the wall, nearest to the axis's two ends and to what lies between them."""
     centre, axis = wp.vec3(state.position - middle), wp.vec3(nose_of(state, hull))
     nose, tail, reach = centre + axis, centre - axis, float(hull.radius + hull.margin)
-    before, behind, edge = reach * reach, reach * reach, Near()
-    nose_leaf, tail_leaf, nose_lane, tail_lane, more = int(-1), int(-1), int(0), int(0), int(0)
-    edge.distance = reach
-    while more >= 0:
-        leaves = leaves_near(
-            wall.nodes, wall.firsts, wall.num_levels, wp.min(nose, tail), wp.max(nose, tail), reach, more
-        )
-        more = leaves[FOUND]
-        for n in range(FOUND):
-            leaf = leaves[n]
-            if leaf < 0:
-                break
-            near = nearest_in_leaf(wall.leaves, leaf, nose, tail, reach)
-            if near[0] < before:
-                before = near[0]
-                nose_leaf, nose_lane = leaf + 0, int(near[1])
-            if near[2] < behind:
-                behind = near[2]
-                tail_leaf, tail_lane = leaf + 0, int(near[3])
-            if near[4] > 0.0:
-                edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, wall)
+    before, behind, found, turns = reach * reach, reach * reach, Contacts(), int(MAX_BETWEEN)
+    nose_leaf, tail_leaf, nose_lane, tail_lane = int(-1), int(-1), int(0), int(0)
+    while turns > 0:  # one search for both ends and the nearest edge between them, then for further edges
+        edge, more = Near(), int(0)
+        edge.distance = reach
+        while more >= 0:
+            leaves = leaves_near(
+                wall.nodes, wall.firsts, wall.num_levels, wp.min(nose, tail), wp.max(nose, tail), reach, more
+            )
+            more = leaves[FOUND]
+            for n in range(FOUND):
+                leaf = leaves[n]
+                if leaf < 0:
+                    break
+                near = nearest_in_leaf(wall.leaves, leaf, nose, tail, reach)
+                if near[0] < before:
+                    before = near[0]
+                    nose_leaf, nose_lane = leaf + 0, int(near[1])
+                if near[2] < behind:
+                    behind = near[2]
+                    tail_leaf, tail_lane = leaf + 0, int(near[3])
+                if near[4] > 0.0:
+                    edge = nearer_edge(edge, leaf, int(near[4]), centre, axis, found, hull, wall)
+        found, is_last = with_edge(found, edge, state, hull, grid)
+        turns -= 1
+        if is_last:
+            turns = 0
     at_nose = nearest_point(nose, nose_leaf, nose_lane, centre, wall)
-    found = with_end(Contacts(), nose, at_nose, centre, state, hull, grid, wall)
+    found = with_end(found, nose, at_nose, centre, state, hull, grid, wall)
     if hull.half_axis > f64(0.0):
         at_tail = nearest_point(tail, tail_leaf, tail_lane, centre, wall)
         found = with_end(found, tail, at_tail, centre, state, hull, grid, wall)
-        if edge.is_found == 1:
-            found = with_contact(found, state, hull, grid, edge)
     return found

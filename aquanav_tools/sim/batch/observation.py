@@ -11,13 +11,13 @@ from aquanav_tools.sim import scales
 from aquanav_tools.sim.batch.actuators import trim_of
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.scaled import PI, azimuth_to, soft, within
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.sensors import RayPattern
 
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-PI = wp.constant(wp.float64(np.pi))
 DISTANCE_SCALE, SPEED_SCALE, RATE_SCALE = (
     wp.constant(wp.float64(value)) for value in (scales.DISTANCE_SCALE, scales.SPEED_SCALE, scales.RATE_SCALE)
 )
@@ -49,26 +49,12 @@ def make_fan(pattern: RayPattern, device: Any) -> Fan:
 
 
 @wp.func
-def within(value: f64):
-    """Return a value as the observation has it."""
-    return wp.float32(wp.clamp(value, f64(-1.0), f64(1.0)))
-
-
-@wp.func
-def soft(value: f64, scale: f64):
-    """Return value / (|value| + scale), as the observation has it."""
-    return wp.float32(value / (wp.abs(value) + scale))
-
-
-@wp.func
 def show_goal(i: int, first: int, state: BatchState, goal: wp.vec3d, rotation: wp.mat33d):
     """Write the goal's distance, azimuth and elevation from place `first` on."""
     offset = goal - state.positions[i]
     flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
-    azimuth = wp.atan2(offset[1], offset[0]) - wp.atan2(rotation[1, 0], rotation[0, 0])
-    azimuth -= f64(2.0) * PI * wp.rint(azimuth / (f64(2.0) * PI))
-    state.observations[i, first] = soft(wp.length(offset), DISTANCE_SCALE)
-    state.observations[i, first + 1] = within(azimuth / PI)
+    state.observations[i, first] = wp.float32(soft(wp.length(offset), DISTANCE_SCALE))
+    state.observations[i, first + 1] = within(azimuth_to(offset[0], offset[1], rotation) / PI)
     state.observations[i, first + 2] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
 
 
@@ -77,10 +63,10 @@ def show_motion(i: int, first: int, state: BatchState, craft: Craft, entrance_he
     """Write what the full observation has behind the goal, from place `first` on."""
     velocity = state.velocities[i]
     for axis in range(3):
-        state.observations[i, first + axis] = soft(velocity[axis], SPEED_SCALE)
-        state.observations[i, first + 3 + axis] = soft(velocity[3 + axis], RATE_SCALE)
+        state.observations[i, first + axis] = wp.float32(soft(velocity[axis], SPEED_SCALE))
+        state.observations[i, first + 3 + axis] = wp.float32(soft(velocity[3 + axis], RATE_SCALE))
         state.observations[i, first + 10 + axis] = state.commands[i, axis]
-    state.observations[i, first + 6] = soft(entrance_height - state.positions[i][2], DISTANCE_SCALE)
+    state.observations[i, first + 6] = wp.float32(soft(entrance_height - state.positions[i][2], DISTANCE_SCALE))
     state.observations[i, first + 7] = within(rotation[2, 0])
     state.observations[i, first + 8] = within(rotation[2, 1])
     state.observations[i, first + 9] = within(trim_of(state.levels[i], craft.controls))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -84,6 +85,27 @@ def hull_and_grid(tube: Scenario) -> tuple[Hull, Grid]:
     hull.half_axis, hull.radius, hull.margin, hull.friction = HALF_AXIS, RADIUS, MARGIN, 0.0
     hull.mass, hull.inertia, hull.masses = 20.0, 1.0, vec6(20.0, 20.0, 20.0, 1.0, 1.0, 1.0)
     return hull, make_grid(tube.field, find_device("cpu"))
+
+
+def pressed(
+    tube: Scenario, wall: Bvh, half_axis: float, start: Array, velocity_at: Callable[[int], Array]
+) -> Iterator[Array]:
+    """Yield the (2, 3) ends of a hull's axis, from the middle of the tests' wall, after each of 600 steps.
+
+    In each the hull is made to move at `velocity_at(step)`, which the wall may only slow down.
+    """
+    hull, grid = hull_and_grid(tube)
+    hull.half_axis = half_axis
+    positions = wp.array(CENTRE + [start], dtype=wp.vec3d)
+    turns, speeds = wp.array([[1.0, 0.0, 0.0, 0.0]], dtype=wp.vec4d), wp.zeros(1, dtype=wp.float64)
+    for step in range(600):
+        velocity = velocity_at(step)
+        inputs = [positions, turns, wp.vec3d(*velocity), hull, grid, wall, speeds]
+        wp.launch(push, dim=1, inputs=inputs, device="cpu")
+        w, x, y, z = turns.numpy()[0]
+        nose = half_axis * Rotation.from_quat([x, y, z, w]).apply([1.0, 0.0, 0.0])
+        assert speeds.numpy()[0] <= np.linalg.norm(velocity) + 1e-12
+        yield positions.numpy()[0] - CENTRE + np.stack([nose, -nose])
 
 
 def find(tube: Scenario, wall: Bvh, positions: Array, turns: Array) -> tuple[Array, Array]:
@@ -174,18 +196,35 @@ def test_a_hull_that_is_pressed_into_a_groove_stays_out_of_both_its_walls(tube: 
     mirrored = up * [1.0, -1.0, 1.0]
     vertices = np.concatenate([ends, ends + 2 * up, ends + 2 * mirrored]) + CENTRE
     wall = wall_of(vertices, [[0, 2, 1], [1, 2, 3], [0, 1, 4], [1, 5, 4]])
-    hull, grid = hull_and_grid(tube)
-    positions = wp.array(CENTRE + [[0.0, 0.004, RADIUS / np.sin(half) + 0.01]], dtype=wp.vec3d)
-    turns, speeds = wp.array([[1.0, 0.0, 0.0, 0.0]], dtype=wp.vec4d), wp.zeros(1, dtype=wp.float64)
     inwards = np.array([[0.0, -np.cos(half), np.sin(half)], [0.0, np.cos(half), np.sin(half)]])
-    deepest = 0.0
-    for step in range(600):
-        velocity = np.array([0.0, SPEED * np.sin(0.05 * step), -SPEED])
-        inputs = [positions, turns, wp.vec3d(*velocity), hull, grid, wall, speeds]
-        wp.launch(push, dim=1, inputs=inputs, device="cpu")
-        w, x, y, z = turns.numpy()[0]
-        nose = HALF_AXIS * Rotation.from_quat([x, y, z, w]).apply([1.0, 0.0, 0.0])
-        axis_ends = positions.numpy()[0] - CENTRE + np.stack([nose, -nose])
-        deepest = max(deepest, RADIUS - (axis_ends @ inwards.T).min())
-        assert speeds.numpy()[0] <= np.linalg.norm(velocity) + 1e-12
+    start = np.array([0.0, 0.004, RADIUS / np.sin(half) + 0.01])
+    swaying = pressed(tube, wall, HALF_AXIS, start, lambda step: np.array([0.0, SPEED * np.sin(0.05 * step), -SPEED]))
+    deepest = max(RADIUS - (ends @ inwards.T).min() for ends in swaying)
     assert -MARGIN < deepest < OVERLAP.value + DT * SPEED * np.sqrt(2.0)
+
+
+@pytest.mark.parametrize(
+    ("half_axis", "ridges"),
+    [(0.5, [-0.3, 0.3]), (0.5, [-0.1, 0.1]), (0.5, [-0.06, 0.06]), (0.2, [-0.1, 0.1]), (0.5, [-0.3, 0.0, 0.3])],
+)
+def test_a_long_hull_that_is_pressed_onto_ridges_between_its_ends_stays_out_of_all(
+    tube: Scenario, half_axis: float, ridges: list[float]
+) -> None:
+    """A ridge is a line along y at height 0, on a blade of 10 degrees.
+
+    Kept off one alone, a hull turns about it, so that its place at another may come down twice as fast as pressed.
+    """
+    half = np.tan(np.radians(5.0))
+    blade = np.array([[0, -1, 0], [0, 1, 0], [half, 1, -1], [half, -1, -1], [-half, 1, -1], [-half, -1, -1]])
+    sides = np.array([[0, 1, 2], [0, 2, 3], [0, 4, 1], [0, 5, 4]])
+    vertices = np.concatenate([blade + [x, 0.0, 0.0] for x in ridges]) + CENTRE
+    wall = wall_of(vertices, np.concatenate([sides + 6 * n for n in range(len(ridges))]))
+    deepest, shares = 0.0, np.linspace(0.0, 1.0, 1001)[:, None]
+    for nose, tail in pressed(
+        tube, wall, half_axis, np.array([0.004, 0.0, RADIUS + 0.01]), lambda _: np.array([0.0, 0.0, -SPEED])
+    ):
+        axis = tail + shares * (nose - tail)
+        apart = min(np.hypot(axis[:, 0] - x, axis[:, 2]).min() for x in ridges)
+        assert abs(axis[:, 1]).max() < 1e-6  # so the distance to a ridge is that to its line
+        deepest = max(deepest, RADIUS - apart)
+    assert -MARGIN < deepest < OVERLAP.value + 2.0 * DT * SPEED
