@@ -84,7 +84,7 @@ class Children:
             self.processes.append(start([sys.executable, "-c", code], **settings))
             return self.processes[-1]
 
-        monkeypatch.setattr(compile_ahead.subprocess, "Popen", noted)
+        monkeypatch.setattr("aquanav_tools.compile_ahead.subprocess.Popen", noted)
 
 
 @pytest.fixture
