@@ -24,6 +24,14 @@ from aquanav_tools.first_compilation import watch_numba
 from aquanav_tools.lazy import offer_functions
 
 __version__ = "0.1.0"
+_OLDEST, _NEWEST = (3, 10), (3, 14)
+"""Pythons that it can be installed for, as pyproject.toml says; a checkout on the path was not installed."""
+if not _OLDEST <= sys.version_info[:2] <= _NEWEST:
+    raise ImportError(
+        f"aquanav needs Python 3.{_OLDEST[1]} to 3.{_NEWEST[1]}, and {sys.executable} is "
+        f"{sys.version_info[0]}.{sys.version_info[1]}. Run it with one of these: in a checkout, .ci/make-venv makes an "
+        "environment with the newest that is there."
+    )
 
 _MODULES = {
     "build_cave": "caves",
