@@ -6,10 +6,7 @@ first asked for, so that importing this package takes no time.
 
 from __future__ import annotations
 
-import importlib
-import sys
-from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from aquanav_tools.api.caves import build_cave as build_cave
@@ -24,8 +21,17 @@ if TYPE_CHECKING:
 
 from aquanav_tools.compile_caches import ensure_compile_caches
 from aquanav_tools.first_compilation import watch_numba
+from aquanav_tools.lazy import offer_functions
 
 __version__ = "0.1.0"
+_OLDEST, _NEWEST = (3, 10), (3, 14)
+"""Pythons that it can be installed for, as pyproject.toml says; a checkout on the path was not installed."""
+if not _OLDEST <= sys.version_info[:2] <= _NEWEST:
+    raise ImportError(
+        f"aquanav needs Python 3.{_OLDEST[1]} to 3.{_NEWEST[1]}, and {sys.executable} is "
+        f"{sys.version_info[0]}.{sys.version_info[1]}. Run it with one of these: in a checkout, .ci/make-venv makes an "
+        "environment with the newest that is there."
+    )
 
 _MODULES = {
     "build_cave": "caves",
@@ -43,25 +49,6 @@ __all__ = [  # in words, for readers that run no code
     "build_cave", "compare", "evaluate", "load_policy", "load_scenario", "make_env", "make_vec_env", "replay", "train",
 ]  # fmt: skip
 
-
-class _Package(ModuleType):
-    """This package. Python sets an imported room as its attribute; the functions `train` and `evaluate` go first."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _MODULES and isinstance(value, ModuleType)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
+offer_functions(__name__, {name: f"aquanav_tools.api.{module}" for name, module in _MODULES.items()})
 ensure_compile_caches()  # before numba is imported, which looks for a place then
 watch_numba()
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"aquanav_tools.api.{_MODULES[name]}"), name)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *_MODULES})

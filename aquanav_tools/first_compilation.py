@@ -15,7 +15,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -27,6 +27,8 @@ SENTENCE = "Compiling for the first time on this machine: a minute or two in all
 NO_PREFIX = {"prefix": ""}
 """Of a log record that is no warning, for the command line; see `cli.library_logs`."""
 _OURS = __package__ + "."
+_waiting: list[Callable[[], None]] = []
+"""What is called when numba compiles next."""
 logger = logging.getLogger(__name__)
 
 
@@ -47,6 +49,20 @@ def say_compiling() -> None:
     mark = os.environ.get(MARK_VARIABLE)
     if mark and _is_first(Path(mark)):
         logger.warning(SENTENCE, extra=NO_PREFIX)
+
+
+@contextlib.contextmanager
+def on_first_compilation(call: Callable[[], None] | None) -> Iterator[None]:
+    """Have something called, at most once, when numba compiles a function of ours while the body runs."""
+    if call is None:
+        yield
+        return
+    _waiting.append(call)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):  # it was called
+            _waiting.remove(call)
 
 
 def _temporary_folder() -> str:
@@ -102,6 +118,8 @@ def _listen() -> None:
             # One without a place in the cache is compiled in every process, which takes no time worth a word.
             if function.py_func.__module__.startswith(_OURS) and function.stats.cache_path is not None:
                 say_compiling()
+                while _waiting:
+                    _waiting.pop()()
 
         def on_end(self, event: Any) -> None:
             """Do nothing."""

@@ -36,6 +36,7 @@ OPTIONAL = {
     "lxml": Library("lxml", "formats"),
     "open3d": Library("open3d", "build"),
     "pi_heif": Library("pi-heif", "heic"),
+    "pyarrow": Library("pyarrow", "parquet"),
     "pybullet": Library("pybullet", "bullet"),
     "pycolmap": Library("pycolmap", "photos"),
     "pxr": Library("usd-core", "formats"),

@@ -27,6 +27,8 @@ from aquanav_tools.types import Progress, Stages, silent
 MIN_FREE = 100_000_000
 """Bytes that must stay free on the disk. More than any library writes between two looks: SQLite within COLMAP ends the
 process where the disk is full, instead of raising an error."""
+FORMAT = 1
+"""Of what stages write into their folders; raised where that is laid out anew while the code that makes it stays."""
 KEPT = 2
 """Results kept of each stage: of this choice of options, and of the one before."""
 _DONE_FILE = "done.json"
@@ -58,14 +60,14 @@ class StageStore:
 
         Args:
             name: A word for the stage.
-            maker: The function that makes the result: its module's code, and what that imports, is part of the key.
+            maker: The function that makes the result: its code, and what that uses, is part of the key.
             inputs: All that the result depends on: plain values, dataclasses, arrays, and names of other stages'
                 folders.
 
         Raises:
             ResourceError: the disk is full; what was written so far is taken up by a later run.
         """
-        folder = self.folder / f"{name}-{digest(code_digest(maker.__module__), inputs)}"
+        folder = self.folder / f"{name}-{digest(FORMAT, code_digest(maker), inputs)}"
         with told_when_full(self.folder):
             folder.mkdir(parents=True, exist_ok=True)
             now = time.time_ns()  # finer than the kernel's ticks, within which several small stages may end

@@ -36,6 +36,9 @@ class TaskOptions:
     starts: Literal["listed", "anywhere"] = "listed"
     """Where episodes begin: at one of the scenario's starts, or anywhere in the water that the vehicle can reach,
     heading towards the goal within 45 degrees."""
+    start_range: tuple[float, float] = (0.0, 1.0)
+    """Shares of the way: starts with less than the first, or more than the second, of the longest way to the goal ahead
+    of them are not used. 0 0.33 is the last third of the way, 0 1 all of it."""
     sensor_noise: float = 0.0
     """Standard deviation of the error of each ray's distance, m."""
     sensor_dropout: float = 0.0
@@ -78,6 +81,8 @@ class TaskOptions:
             _check(0 <= delay <= MAX_DELAY, f"{name} is {delay}; it is a number of decisions from 0 to {MAX_DELAY}.")
         for ago in self.history:
             _check(1 <= ago <= MAX_DELAY, f"history has {ago}; it has numbers of decisions from 1 to {MAX_DELAY}.")
+        near, far = self.start_range
+        _check(0.0 <= near < far <= 1.0, f"start_range is {near} to {far}; it rises from 0 or more to 1 or less.")
         low, high = self.current_range
         is_range = math.isfinite(high) and 0.0 <= low <= high
         _check(is_range, f"current_range is {low} to {high}; it rises from 0 or more, 1 being the water's own speed.")

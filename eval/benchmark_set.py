@@ -123,8 +123,7 @@ def tier_of(width: float, turn: float, length: float) -> str:
 
 def basis_of(tier: str) -> str:
     """Return a hash of what dives in a tier rest on: the code of generator, oracle and task, and its rules."""
-    code = (GENERATOR, OraclePolicy.__module__, EnvCache.__module__)
-    return digest(*map(code_digest, code), RULES[tier])
+    return digest(code_digest(*GENERATOR, OraclePolicy, EnvCache), RULES[tier])
 
 
 def is_valid(row: dict[str, Any], full: tuple[str, ...]) -> bool:

@@ -32,6 +32,7 @@ SUBCOMMANDS = {
             "leaderboard",
             "card",
             "export",
+            "report",
         )
     ),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
@@ -297,8 +298,27 @@ def test_an_evaluation_without_rerun_says_that_it_records_nothing(
     assert done.returncode == 0, done.stderr
     assert "warning: No episode is recorded. A recording (.rrd) needs the library rerun-sdk" in done.stderr
     assert "pip install 'aquanav[record]'" in done.stderr
-    assert {"results.json", "report.html", "episodes.parquet"} <= {path.name for path in (tmp_path / "eval").iterdir()}
+    assert {"results.json", "report.html"} <= {path.name for path in (tmp_path / "eval").iterdir()}
     assert list((tmp_path / "eval").glob("*.rrd*")) == []
+
+
+def test_an_evaluation_without_pyarrow_says_that_the_same_episodes_are_in_its_results(
+    tube_folder: Path, tmp_path: Path, without: Callable[..., None]
+) -> None:
+    folder = tmp_path / "eval"
+    folder.mkdir()
+    flags = ("--scenario", tube_folder, "--episodes", 2, "--max-decisions", 20, "-o", folder)
+    assert run_here(eval_command.main, "baseline:random", *flags).returncode == 0
+    assert (folder / "episodes.parquet").exists() == is_installed("pyarrow")
+    episodes = json.loads((folder / "results.json").read_text())["episodes"]
+    without("pyarrow", "rerun")
+    done = run_here(eval_command.main, "baseline:random", *flags)
+    assert done.returncode == 0, done.stderr
+    assert "episodes.parquet is left out; results.json has the same episodes. " in done.stderr
+    assert "needs the library pyarrow, which is not installed" in done.stderr
+    assert "pip install 'aquanav[parquet]'" in done.stderr
+    assert not (folder / "episodes.parquet").exists()  # an earlier one would be of other episodes
+    assert json.loads((folder / "results.json").read_text())["episodes"] == episodes
 
 
 def test_what_was_flown_without_torch_is_replayed_with_it(
@@ -345,7 +365,7 @@ def test_the_core_flies_and_scores_the_reference_policy_without_any_optional_lib
     assert done.returncode == 0, done.stderr
     assert done.stdout.splitlines()[-1] == "[]"
     assert (tmp_path / "batch" / "report.html").is_file()
-    assert (tmp_path / "batch" / "episodes.parquet").is_file()
+    assert (tmp_path / "batch" / "results.json").is_file()
 
 
 def test_a_film_for_pages_needs_no_opencv(tmp_path: Path, without: Callable[..., None]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,15 @@ def test_debians_python_without_venv_is_told_with_the_package_it_lacks(tmp_path:
 
 def test_a_machine_without_python_gets_the_same_advice(tmp_path: Path) -> None:
     assert "What is there" not in refused(tmp_path)
+
+
+@pytest.mark.parametrize(("version", "is_taken"), [((3, 9, 18), False), ((3, 10, 0), True), ((3, 15, 0), False)])
+def test_a_checkout_on_the_path_says_which_pythons_it_takes(version: tuple[int, ...], is_taken: bool) -> None:
+    code = f"import sys; sys.version_info = {version}; import aquanav_tools"
+    run = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=False)
+    assert (run.returncode == 0) == is_taken
+    sentence = f"ImportError: aquanav needs Python 3.10 to 3.14, and {sys.executable} is {version[0]}.{version[1]}. Run"
+    assert is_taken or sentence in run.stderr.splitlines()[-1]
 
 
 def test_the_script_takes_the_versions_that_the_package_does() -> None:

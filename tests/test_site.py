@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools import __all__ as functions
+from aquanav_tools.cave import __all__ as cave_functions
 from tests.conftest import REPOSITORY
 from tests.pages import PAGES, builder, whole
 from tests.test_docs import SUBCOMMANDS
@@ -36,6 +37,11 @@ def test_a_command_that_fails_is_no_page() -> None:
 def test_the_page_of_functions_has_the_public_interface() -> None:
     text = (REPOSITORY / "docs/reference/functions.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^::: aquanav_tools\.api\.\w+\.(\w+)$", text, re.M)) == set(functions)
+
+
+def test_the_page_of_the_caves_functions_has_all_of_them() -> None:
+    text = (REPOSITORY / "docs/reference/cave.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^::: aquanav_tools\.cave\.api\.(\w+)$", text, re.M)) == set(cave_functions)
 
 
 def test_the_page_of_results_has_every_field_of_the_schema() -> None:

@@ -15,8 +15,7 @@ import pytest
 
 from aquanav_tools import store as store_module
 from aquanav_tools.errors import InputError, ResourceError
-from aquanav_tools.provenance import code_digest, digest, file_hash
-from aquanav_tools.scenario.shipped import BUILDER, GENERATOR
+from aquanav_tools.provenance import digest
 from aquanav_tools.store import (
     LOCK_FILE,
     StageStore,
@@ -77,54 +76,6 @@ def test_two_results_are_kept_of_each_stage_and_the_longest_unused_goes_first(tm
     third = make(store, 3)
     assert folders(store) == {other.name, first.name, third.name}
     assert second.name not in folders(store)
-
-
-def test_code_counts_with_all_that_it_imports_and_libraries_with_their_version(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = code_digest("aquanav_tools.values"), code_digest("aquanav_tools.store")
-    code_digest.cache_clear()
-    original = file_hash
-
-    def changed(path: Path) -> str:
-        return "changed" if path.name == "provenance.py" else original(path)
-
-    monkeypatch.setattr("aquanav_tools.provenance.file_hash", changed)
-    after = code_digest("aquanav_tools.values"), code_digest("aquanav_tools.store")
-    assert before[0] == after[0]  # does not import it
-    assert before[1] != after[1]
-    code_digest.cache_clear()
-    monkeypatch.setattr("aquanav_tools.provenance.installed_version", lambda name: "99" if name == "numpy" else "1")
-    newer = code_digest("aquanav_tools.values")
-    code_digest.cache_clear()
-    monkeypatch.setattr("aquanav_tools.provenance.installed_version", lambda name: "98" if name == "numpy" else "1")
-    assert newer != code_digest("aquanav_tools.values")
-    code_digest.cache_clear()
-
-
-def digests_of_caves(monkeypatch: pytest.MonkeyPatch, *changed: str) -> tuple[str, str]:
-    """Return the digests of drawn and of shipped caves' code as if the files under some places had been changed."""
-    places = [PACKAGE / place for place in changed]
-
-    def hashed(path: Path) -> str:
-        return "changed" if any(path.is_relative_to(place) for place in places) else file_hash(path)
-
-    with monkeypatch.context() as patched:
-        patched.setattr("aquanav_tools.provenance.file_hash", hashed)
-        code_digest.cache_clear()
-        found = code_digest(GENERATOR), code_digest(BUILDER)
-    code_digest.cache_clear()
-    return found
-
-
-def test_caves_rest_on_what_makes_them_and_not_on_what_the_package_offers(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = digests_of_caves(monkeypatch)
-    others = "api", "benchmark", "cli", "envs", "evaluate", "policy", "sim/batch/craft.py", "train"
-    assert all((PACKAGE / place).exists() for place in others)
-    assert digests_of_caves(monkeypatch, *others) == before
-    for used in ("__init__.py", "cave/water/flow.py", "scenario/folder.py"):  # the front has the version
-        assert all(new != old for new, old in zip(digests_of_caves(monkeypatch, used), before, strict=True)), used
-    drawn, shipped = digests_of_caves(monkeypatch, "report")
-    assert drawn == before[0]
-    assert shipped != before[1]
 
 
 def test_no_module_takes_more_than_the_version_from_the_front() -> None:

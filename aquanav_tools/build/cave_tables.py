@@ -8,9 +8,11 @@ import numpy as np
 
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.source_words import words_for
+from aquanav_tools.cave.measure.sections import arc_lengths
 from aquanav_tools.cave.route.passability import NARROW_SHARE, Passability
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.html import Table
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Array
 
 
@@ -64,11 +66,30 @@ def narrow_table(passability: Passability) -> Table:
 
 
 def portal_table(built: BuiltCave) -> Table:
-    """Return the open ends."""
-    rows = tuple(
-        (str(lid.label), f"{lid.area:.2f}", _row(lid.centre), _row(lid.normal)) for lid in built.scenario.cavity.portals
-    )
-    return Table("Portals", ("label", "area (m²)", "centre (m)", "normal out of the water"), rows)
+    """Return the open ends with their names, and where along the route each is nearest."""
+    scenario = built.scenario
+    line = scenario.guide.centreline
+    rows = []
+    for name, lid in zip(end_names(scenario), scenario.cavity.portals, strict=True):
+        nearest = int(np.argmin(np.linalg.norm(line - lid.centre, axis=1)))
+        along = f"{arc_lengths(line)[nearest]:.1f}"
+        rows.append((str(lid.label), name, along, f"{lid.area:.2f}", _row(lid.centre), _row(lid.normal)))
+    columns = ("label", "name", "nearest place of the route (m)", "area (m²)", "centre (m)", "normal out of the water")
+    return Table("Open ends (portals)", columns, tuple(rows))
+
+
+def end_names(scenario: Scenario) -> list[str]:
+    """Return the name of each portal: "entrance" and "goal", where the route begins and ends, or "side end 3"."""
+    portals, panels = scenario.cavity.portals, scenario.guide.centres
+    names = [f"side end {lid.label}" for lid in portals]
+    if not portals:
+        return names
+    distances = np.linalg.norm(panels[:, None] - np.array([lid.centre for lid in portals]), axis=2)
+    for panel, name in ((0, "entrance"), (len(panels) - 1, "goal")):
+        nearest = int(np.argmin(distances[panel]))
+        if np.argmin(distances[:, nearest]) == panel:  # else the route only passes by
+            names[nearest] = name
+    return names
 
 
 def station_table(cave: CaveMap) -> Table:

@@ -85,7 +85,7 @@ def builder_pool(num_workers: int, transport: Transport | None = None, *, nicene
 
 def _versions() -> dict[str, str]:
     """Return what must be the same on all nodes of a cluster."""
-    return {"cave generator": code_digest(GENERATOR), "cache folder": str(cache_dir().resolve())}
+    return {"cave generator": code_digest(*GENERATOR), "cache folder": str(cache_dir().resolve())}
 
 
 def built_by(pool: WorkerPool, tasks: Iterator[CaveTask | None]) -> Iterator[tuple[CaveTask, BuiltCave]]:

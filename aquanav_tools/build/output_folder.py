@@ -36,6 +36,15 @@ from aquanav_tools.scenario.shipped import SETTINGS_FILE
 from aquanav_tools.sim.vehicle import vehicle_path
 from aquanav_tools.store import LOCK_FILE, check_room, full_disk, locked
 
+PHOTO_CODE = (
+    "aquanav_tools.build.photo_intake:take_in",
+    "aquanav_tools.reconstruct.reconstruction:reconstruct",
+    "aquanav_tools.build.photo_stages",
+    "aquanav_tools.build.photo_evidence:photo_evidence",
+    "aquanav_tools.build.kept_cave:kept_scenario",
+    "aquanav_tools.scenario.folder:write_scenario",
+)
+"""What a scenario from photos rests on; not its report and pictures, which are for people."""
 WORK_DIR = "work"
 """Where stages keep what a later run can take up; safe to delete."""
 
@@ -71,7 +80,7 @@ def build_key(options: BuildOptions) -> str:
     files.append(vehicle_path(options.vehicle))
     content = [(str(path), file_hash(path)) for path in files]
     photos = [(name, file_hash(path)) for name, path in _input_files(options.input)]
-    return digest(code_digest("aquanav_tools.build.recipe"), settings, content, photos)
+    return digest(code_digest(*PHOTO_CODE), settings, content, photos)
 
 
 def _input_files(source: Path) -> Iterator[tuple[str, Path]]:

@@ -32,6 +32,7 @@ from aquanav_tools.build.photo_evidence import photo_evidence
 from aquanav_tools.build.photo_intake import Intake, take_in
 from aquanav_tools.build.photo_report import PhotoWork, partial_section, photo_section
 from aquanav_tools.build.photo_stages import check_has_scale, in_metres, look_for_cave, write_found
+from aquanav_tools.build.route_cuts import with_planes
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
 from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import Evidence
@@ -86,6 +87,7 @@ def build_cave(
     if not options.input.exists():
         raise InputError(f"There is no file or folder {options.input}. Check the path.")
     load_vehicle(options.vehicle)
+    options = with_planes(options, announce or (lambda sentence: None))
     key = build_key(options) if options.kind == "photos" else ""
     journal = Journal(display) if announce is None else Journal(display, announce)
     build = {"photos": _build_from_photos, "scan": _build_from_scan, "survey": _build_from_survey}[options.kind]

@@ -37,6 +37,9 @@ from aquanav_tools.types import Stages, silent
 Split = Literal["train", "validation", "test"]
 MERGED_VOXELS = 0.1
 """Triangles are merged where that moves the wall by no more than this, voxels."""
+FAR_SHARE = 0.6
+"""Starts of shipped caves lie in this share of the way, at its far end, so that their results stay comparable; caves
+that are drawn, and those that users build, have them everywhere."""
 TURN_LENGTH = 1.0
 """Turns are measured between stretches of the way of this length, m."""
 
@@ -54,7 +57,7 @@ class ShippedScenario:
     vehicle: str = "bluerov2"
     """Vehicle that must be able to pass."""
     panels: PanelOptions = field(default_factory=PanelOptions)
-    starts: StartOptions = field(default_factory=StartOptions)
+    starts: StartOptions = field(default_factory=lambda: StartOptions(last_share=FAR_SHARE))
     water: WaterOptions = field(default_factory=WaterOptions)
 
 
@@ -105,7 +108,7 @@ def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, jour
     """
     name = recipe_path.stem
     with journal.stage("Making up the cave"):
-        closing = _made_up(name, recipe)
+        closing = made_up(name, recipe)
     options = BuildOptions(
         input=recipe_path,
         output=folder,
@@ -119,7 +122,7 @@ def build_gallery(recipe: ShippedScenario, recipe_path: Path, folder: Path, jour
     return build_made_up(closing, options, journal, {recipe_path.name: file_hash(recipe_path)})
 
 
-def _made_up(name: str, recipe: ShippedScenario) -> Closing:
+def made_up(name: str, recipe: ShippedScenario) -> Closing:
     """Return the cavity of a recipe. It is closed from the start and proven; nothing has to be resampled."""
     try:
         cave = gallery_cave(recipe.cave)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal
 
 
@@ -33,6 +34,12 @@ class ClosingOptions:
     cut: tuple[tuple[float, float, float, float, float, float], ...] = ()
     """Planes X Y Z NX NY NZ that end the cave in a portal: through a point in the water, with the direction that is cut
     away."""
+    cut_at: tuple[float, ...] = ()
+    """Places where the cave ends in a portal, in metres along the route of an earlier build of the same input; the
+    shorter part of that route is cut away. The earlier build is the one in the output folder (then with --overwrite),
+    or in the folder of --route-of."""
+    route_of: Path | None = None
+    """Scenario folder whose route the metres of --cut-at count along."""
     accept_open: bool = False
     """Go on where so little of the wall was seen, or its points scatter so much, that it may be no cave. The cavity is
     closed around the water that was seen; wall that nobody saw is invented, and marked so (`observed`)."""
@@ -83,8 +90,9 @@ class StartOptions:
 
     count: int = 40
     """Number of start poses."""
-    last_share: float = 0.6
-    """Starts lie in the far part of the cave: this share of the longest way to the goal; 1 is all of it."""
+    last_share: float = 1.0
+    """Starts lie in all the water that the vehicle can reach; or, below 1, in this share of the longest way to the goal
+    alone, at its far end. A task can choose among them: --start-range."""
     min_goal_distance: float = 2.0
     """No start is nearer to the goal than this, along the shortest way, m."""
     margin: float = 0.1

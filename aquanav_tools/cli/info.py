@@ -22,6 +22,7 @@ from aquanav_tools.cli.generate import Generate, run_generate
 from aquanav_tools.cli.import_original import ImportOriginal, run_import
 from aquanav_tools.cli.leaderboard import Leaderboard, run_leaderboard
 from aquanav_tools.cli.render import Render, run_render
+from aquanav_tools.cli.report import Report, run_report
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.cli.water_impact import WaterImpact, run_water_impact
 from aquanav_tools.errors import ResourceError
@@ -116,6 +117,7 @@ class Options:
         | Annotated[Leaderboard, tyro.conf.subcommand("leaderboard")]
         | Annotated[Card, tyro.conf.subcommand("card")]
         | Annotated[Export, tyro.conf.subcommand("export")]
+        | Annotated[Report, tyro.conf.subcommand("report")]
     )
     """What to do."""
 
@@ -183,6 +185,8 @@ def _run(options: Options) -> None:
             run_card(card)
         case Export() as scene:
             run_export(scene)
+        case Report() as report:
+            run_report(report)
 
 
 def _print_table(rows: Iterable[tuple[str, str]]) -> None:

@@ -57,11 +57,13 @@ def _size(folder: Path) -> int:
 
 def _built(name: str) -> Path:
     from aquanav_tools.build.shipped_scenarios import build_shipped
+    from aquanav_tools.compile_ahead import compiling_on_second_core
     from aquanav_tools.scenario.shipped import named_folder, scenario_folder, slot_names
 
     if name in slot_names():
         return scenario_folder(name)
-    build_shipped(name, stage_bar, announce=lambda sentence: print(sentence, file=sys.stderr))
+    with compiling_on_second_core():
+        build_shipped(name, stage_bar, announce=lambda sentence: print(sentence, file=sys.stderr))
     return named_folder(name)
 
 

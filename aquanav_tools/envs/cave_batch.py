@@ -154,7 +154,7 @@ class CaveBatch(ExtendedBatch):
 
     def _room(self, scenario: Scenario, vehicle: Vehicle) -> _Room:
         """Return what is made of a cave and the vehicle in it."""
-        starts = Starts(scenario, vehicle.capsule, self.task.starts)
+        starts = Starts(scenario, vehicle.capsule, self.task.starts, self.task.start_range)
         setup = _setup(scenario, vehicle, self.task, self._own.reward, starts, self._max_decisions)
         return _Room(scenario, vehicle, starts, setup)
 
@@ -353,6 +353,7 @@ def _setup(
         entrance=scenario.guide.centres[0],
         water=_water_of(scenario, options.current),
         progress=options.progress,
+        start_numbers=starts.numbers,
     )
     return CaveSetup(scenario, vehicle, task, partial(_drawn, starts) if options.starts == "anywhere" else None)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +14,7 @@ from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
 from aquanav_tools.task import TaskOptions, task_options
-from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
+from aquanav_tools.types import Array, Capsule, IntArray, Pose, yaw_quaternion
 
 CONDITIONS = ("sensor_noise", "sensor_dropout", "current_range")
 """Options of the task that an episode may have of its own: `reset(options={"sensor_noise": 0.1})`."""
@@ -29,21 +30,40 @@ MIN_WAY = 2.0
 """Starts keep this way to the goal beyond its tolerance, m: a second at the original's speed."""
 MAX_YAW_ERROR = float(np.deg2rad(45.0))
 MAX_TRIES = 1000
+EVERYWHERE = (0.0, 1.0)
+"""Range of the way in which all starts are."""
 
 
 class Starts:
     """Chooses the start of an episode."""
 
-    def __init__(self, scenario: Scenario, capsule: Capsule, rule: str) -> None:
-        """Prepare the starts of a scenario for a vehicle's capsule, by one of START_RULES."""
+    def __init__(
+        self, scenario: Scenario, capsule: Capsule, rule: str, start_range: tuple[float, float] = EVERYWHERE
+    ) -> None:
+        """Prepare the starts of a scenario for a vehicle's capsule.
+
+        Args:
+            scenario: Where they are.
+            capsule: Of the vehicle.
+            rule: One of START_RULES.
+            start_range: As of the task's options.
+
+        Raises:
+            InputError: there is no such rule, or no listed start in the range.
+        """
         check_choice("rule for starts", rule, START_RULES)
         self._scenario = scenario
+        shares = [start.difficulty for start in scenario.starts]
+        self.numbers = listed_numbers(scenario.name, shares, start_range) if rule == "listed" else None
+        """Of the listed starts that may be drawn."""
         self._capsule = capsule
         self._paths: ShortestPaths | None = None
         if rule == "anywhere":
             goal = np.array(scenario.settings.goal.position, dtype=np.float64)
             self._paths = shortest_paths(scenario.field, goal, capsule.radius)
-            enough = self._paths.place_lengths > scenario.settings.goal.tolerance + MIN_WAY
+            lengths = self._paths.place_lengths
+            near, far = np.array(start_range) * lengths.max(initial=0.0)
+            enough = (lengths > scenario.settings.goal.tolerance + MIN_WAY) & (lengths >= near) & (lengths <= far)
             self._places = self._paths.places[enough]
             self._half_cell = 0.5 * self._paths.lengths.spacing
 
@@ -63,7 +83,8 @@ class Starts:
         elif self._paths is not None:
             return self.draw(rng), NOWHERE_LISTED
         else:
-            index = int(rng.integers(len(starts)))
+            assert self.numbers is not None, "starts are drawn anywhere"
+            index = int(self.numbers[rng.integers(len(self.numbers))])
         return starts[index].pose, index
 
     def way_to_goal(self, position: Array, index: int) -> float:
@@ -94,6 +115,29 @@ class Starts:
             f"No free start was found in {MAX_TRIES} tries: the cave is hardly wider than the vehicle, or no place is "
             f"{MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller vehicle."
         )
+
+
+def listed_numbers(name: str, shares: Sequence[float], start_range: tuple[float, float]) -> IntArray:
+    """Return the numbers of the listed starts in a range of the way.
+
+    Args:
+        name: Of the scenario.
+        shares: Of the longest way to the goal, ahead of each start.
+        start_range: As of the task's options.
+
+    Raises:
+        InputError: there is none; the message says where they are.
+    """
+    if start_range == EVERYWHERE:
+        return np.arange(len(shares))
+    numbers = np.flatnonzero([start_range[0] <= share <= start_range[1] for share in shares])
+    if len(shares) and not len(numbers):
+        raise InputError(
+            f"None of the {len(shares)} starts of {name} has {start_range[0]:g} to {start_range[1]:g} of the longest "
+            f"way to the goal ahead: they have {min(shares):.2f} to {max(shares):.2f}. Choose another --start-range, "
+            "or build the scenario anew: --starts.last-share 1 spreads starts over all of it."
+        )
+    return numbers
 
 
 def _heading(paths: ShortestPaths, position: Array, step: float) -> float | None:

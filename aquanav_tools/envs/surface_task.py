@@ -15,6 +15,7 @@ from aquanav_tools.envs.episode import COLLISION_RULES
 from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.reward import TERMS, boat_weights
 from aquanav_tools.envs.seas import Seas
+from aquanav_tools.envs.starting import EVERYWHERE
 from aquanav_tools.envs.surface_observation import DISTANCE_SCALE, SPEED_SCALE, surface_size
 from aquanav_tools.errors import InputError
 from aquanav_tools.sea.generate import MapSettings
@@ -70,6 +71,8 @@ class SurfaceTask:
             ScenarioError: the bay cannot be read, or has no start.
             InputError: an option is unknown or senseless.
         """
+        if options.start_range != EVERYWHERE:
+            raise InputError("Bays have no share of the way to begin in: leave out start_range.")
         self._ranges = None if options.randomisation is None else read_randomisation(options.randomisation)
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)

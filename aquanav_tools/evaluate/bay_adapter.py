@@ -48,6 +48,7 @@ class BayAdapter:
         self._bays = Bays(bay.map_path or bay.settings.rocks, self._width, "listed")
         self._fixed = self._bays.fixed
         self.path_lengths = () if self._fixed is None else tuple(path.length for path in self._fixed.paths)
+        self.start_shares = (1.0,) * len(self.path_lengths)
 
     @functools.cached_property
     def reference(self) -> EpisodeReference:

@@ -38,6 +38,7 @@ class CaveAdapter:
         self._cave, self._vehicle = cave, vehicle_of(cave)
         self._ideals: dict[Any, Callable[[float], float]] = {}
         self.path_lengths = tuple(start.geodesic_to_goal for start in cave.starts)
+        self.start_shares = tuple(start.difficulty for start in cave.starts)
 
     @functools.cached_property
     def reference(self) -> EpisodeReference:

@@ -28,6 +28,7 @@ from aquanav_tools.evaluate.sequential import Sequential
 from aquanav_tools.evaluate.statistics import stratified_iqm
 from aquanav_tools.evaluate.summary import summarise
 from aquanav_tools.report.trajectory import FAILED
+from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import Array
 
 RESULTS = "results.json"
@@ -193,8 +194,9 @@ def _in_order(method: Method, tasks: Sequence[str]) -> Array:
 def _notes(first: Method, second: Method) -> Iterator[str]:
     """Yield what the reader of a comparison must know."""
     rules = [method.tables[0]["protocol"] for method in (first, second)]
+    usual = json.loads(json.dumps(choices_of(TaskOptions())))  # of an option that was added since
     for name in sorted({*rules[0], *rules[1]} - FREE_RULES):
-        one, two = (table.get(name) for table in rules)
+        one, two = (table.get(name, usual.get(name)) for table in rules)
         if one != two:
             yield f"They were run under different rules: {name} {one} for {first.name}, {two} for {second.name}."
     files = [method.tables[0].get("own_files", {}) for method in (first, second)]

@@ -135,7 +135,7 @@ def _num_possible(
         possible_episodes(
             scenario,
             task_under(condition, options),
-            len(starts_in(scenario, condition)),
+            len(starts_in(scenario, condition, options)),
             policy.draws,
             options.observation,
         )

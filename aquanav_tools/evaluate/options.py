@@ -33,8 +33,8 @@ class Grid:
     """Ranges of the vehicle's dynamics: mild, wide or a TOML file; none is the vehicle as its file has it. Those that
     draw the delay of actions themselves are evaluated once, not with each action_delay."""
     region: tuple[Region, ...] = ()
-    """Thirds of the route to start in, by the path to the goal; needs the scenario's own starts, of which those that
-    aquanav chooses keep off the last third."""
+    """Thirds of the route to start in, by the path to the goal; needs the scenario's own starts. The caves that
+    aquanav makes up have none in the last third."""
 
 
 @dataclass(frozen=True)
@@ -236,10 +236,12 @@ class StressOptions(TaskOptions):
         for name in ("max_noise", "max_current"):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise InputError(f"--{name.replace('_', '-')} is {getattr(self, name)}; choose 0 or more.")
-        if self.starts == "anywhere" or self.sensor_noise or self.current_range != (1.0, 1.0):
+        usual = TaskOptions()
+        names = ("starts", "start_range", "sensor_noise", "current_range")
+        if any(getattr(self, name) != getattr(usual, name) for name in names):
             raise InputError(
                 "The search chooses starts, sensor noise and the fraction of the current itself: leave out --starts, "
-                "--sensor-noise and --current-range. --max-noise and --max-current bound the search."
+                "--start-range, --sensor-noise and --current-range. --max-noise and --max-current bound the search."
             )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.envs.factory import AnyScenario
+from aquanav_tools.envs.starting import listed_numbers
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.episode_counts import usual_episodes
 from aquanav_tools.evaluate.metrics import region_of
@@ -149,7 +150,7 @@ def plan_condition(scenario: AnyScenario, options: ProtocolOptions, condition: C
     Raises:
         InputError: none of the scenario's starts lies in the condition's region.
     """
-    starts = starts_in(scenario, condition)
+    starts = starts_in(scenario, condition, options)
     is_anywhere = options.starts == "anywhere" or not adapter_of(scenario).path_lengths
     if not starts and (condition.region is not None or not is_anywhere):
         raise InputError(
@@ -162,12 +163,17 @@ def plan_condition(scenario: AnyScenario, options: ProtocolOptions, condition: C
     return tuple(_mapped(plan_episodes(len(starts), count, options.seed, is_anywhere), starts))
 
 
-def starts_in(scenario: AnyScenario, condition: Condition) -> list[int]:
-    """Return the numbers of the scenario's listed starts in the condition's region."""
+def starts_in(scenario: AnyScenario, condition: Condition, options: TaskOptions) -> list[int]:
+    """Return the numbers of the scenario's listed starts in the task's range and the condition's region.
+
+    Raises:
+        InputError: none is in the task's range.
+    """
     adapter = adapter_of(scenario)
     return [
         index
-        for index, length in enumerate(adapter.path_lengths)
+        for index in listed_numbers(scenario.name, adapter.start_shares, options.start_range).tolist()
+        for length in adapter.path_lengths[index : index + 1]
         if condition.region in (None, region_of(length, adapter.reference.route_length or length))
     ]
 

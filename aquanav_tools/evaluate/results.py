@@ -1,13 +1,15 @@
 """results.json and episodes.parquet: what an evaluation found, in forms that other programs can rely on.
 
 Both follow from the policy, the scenarios and the options alone: repeated on the same machine, they are the same to the
-byte. results.schema.json describes the first; the second has a row per episode with the same columns.
+byte. results.schema.json describes the first; the second has a row per episode with the same columns, and is left out
+where PyArrow is not installed.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import logging
 import os
 import platform
 import textwrap
@@ -22,7 +24,7 @@ from aquanav_tools.evaluate.episode_table import DYNAMICS
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.own_files import OwnFiles
 from aquanav_tools.evaluate.summary import Group, Summary
-from aquanav_tools.libraries import installed_version
+from aquanav_tools.libraries import installed_version, lack_of
 from aquanav_tools.text_files import read_json
 
 FORMAT = 5
@@ -32,6 +34,7 @@ ROWS_AT_A_TIME = 1000
 """Of the Parquet file; memory need not hold them all."""
 DIGITS = 6
 """Decimals kept: micrometres and microseconds."""
+logger = logging.getLogger(__name__)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,7 +156,10 @@ def read_episode_rows(rows: Any, where: str) -> list[EpisodeMetrics]:
 
 
 def write_episodes(episodes: Sequence[EpisodeMetrics], path: Path) -> None:
-    """Write a row per episode as Parquet, whole or not at all."""
+    """Write a row per episode as Parquet, whole or not at all; say so where the library for it is not installed."""
+    if lack := lack_of("A table of episodes as Parquet", "pyarrow"):
+        logger.warning("%s is left out; results.json has the same episodes. %s", path.name, lack)
+        return
     import pyarrow as pa
     import pyarrow.parquet as pq
 

@@ -37,6 +37,8 @@ class TaskAdapter(Protocol):
     """One of the tasks in `presets`: a policy must have been made for it."""
     path_lengths: tuple[float, ...]
     """Length of the shortest path to the goal from each listed start, m; none where each episode has another map."""
+    start_shares: tuple[float, ...]
+    """Of the longest way to the goal, ahead of each listed start."""
 
     @property
     def reference(self) -> EpisodeReference:

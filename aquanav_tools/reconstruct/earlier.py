@@ -45,7 +45,7 @@ def find_earlier(folder: Path, database: str, content: Mapping[str, str], maker:
         content: For every file, a hash of its content and of the options that count for it alone.
         maker: The function whose code counts.
     """
-    keys = {file: digest(one, code_digest(maker.__module__)) for file, one in content.items()}
+    keys = {file: digest(one, code_digest(maker)) for file, one in content.items()}
     if is_finished(folder):
         return NOTHING_EARLIER
     write_whole(folder / _MANIFEST, json.dumps(keys, indent=1))

@@ -32,11 +32,17 @@ SLOT_PREFIX = "cave-real-"
 NUM_SLOTS = 3
 WORK_SUFFIX = ".work"
 """Of the folder beside a scenario's that is locked while it is built."""
-BUILDER = "aquanav_tools.build.shipped_scenarios"
-"""Module whose code, with all that it imports, the content of a scenario rests on."""
+_WRITER = "aquanav_tools.scenario.folder:write_scenario"
+BUILDER = (
+    "aquanav_tools.build.shipped_scenarios:read_shipped",
+    "aquanav_tools.build.shipped_scenarios:made_up",
+    "aquanav_tools.build.cave_stages:scenario_in",
+    _WRITER,
+)
+"""The code that the content of a scenario rests on; its report and pictures, for people, are no part of that."""
 GENERATED = "generated"
 """First part of the names of caves that are drawn: generated/STYLE/SEED."""
-GENERATOR = "aquanav_tools.build.generated"
+GENERATOR = ("aquanav_tools.build.generated:generate", _WRITER)
 """The same for a drawn cave."""
 DRAWN_LIMIT = 10_000_000_000
 """Bytes that drawn caves may take up in the cache: some thousands of them."""
@@ -103,8 +109,8 @@ def named_folder(name: str) -> Path:
     drawn = drawn_from(name)
     if drawn is not None:
         style, seed = style_of(*drawn), drawn[1]
-        return cache_dir() / GENERATED / f"{style}-{seed}-{digest(style, seed, code_digest(GENERATOR))}"
-    key = digest(file_hash(shipped_path(CONTENT, name)), code_digest(BUILDER))
+        return cache_dir() / GENERATED / f"{style}-{seed}-{digest(style, seed, code_digest(*GENERATOR))}"
+    key = digest(file_hash(shipped_path(CONTENT, name)), code_digest(*BUILDER))
     return cache_dir() / f"{name}-{key}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,9 +11,11 @@ import numpy as np
 import pytest
 
 from aquanav_tools.build.cave_report import cave_page, heading, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_tables import end_names
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.outputs import draw_failure, failure_page
+from aquanav_tools.cave.cavity import Portal
 from aquanav_tools.cave.measure.statistics import ScanFit, measure_cave
 from aquanav_tools.cave.route.passability import Narrow, Passability, RouteClearance
 from aquanav_tools.cave.survey.svx import read_svx
@@ -21,7 +24,7 @@ from aquanav_tools.report.faults import MAX_GRAINS, grains
 from aquanav_tools.report.html import Page, write_page
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import PointCloud, silent
-from tests.caves import TUBE_RADIUS
+from tests.caves import TUBE_RADIUS, tube_scenario
 
 WIDE = Narrow(np.array([2.0, 0.0, 0.0]), 1.0, 1.4, 0.457)
 PASSABLE = Narrow(np.array([7.0, 0.0, 0.0]), 6.0, 0.6, 0.457)
@@ -91,6 +94,21 @@ def test_narrow_places_have_their_verdict(page: Page) -> None:
         ("6.0", "0.600", "0.457", "passes"),
         ("11.0", "0.410", "0.457", "does not pass"),
     ]
+
+
+def test_ends_have_names_and_the_metres_of_the_route_that_a_cut_takes(page: Page) -> None:
+    assert [row[:3] for row in table_of(page, "Open ends")] == [
+        ("1", "entrance", "0.0"),
+        ("2", "goal", "18.0"),
+    ]  # panels at 1 to 19 m
+
+
+def test_an_end_that_the_route_passes_by_is_a_side_end() -> None:
+    tube = tube_scenario()
+    side = Portal(3, np.array([10.0, 2.0, 0.0]), np.array([0.0, 1.0, 0.0]), 1.0)
+    cavity = dataclasses.replace(tube.cavity, portals=(*tube.cavity.portals, side))
+    assert end_names(dataclasses.replace(tube, cavity=cavity)) == ["entrance", "goal", "side end 3"]
+    assert end_names(dataclasses.replace(tube, cavity=dataclasses.replace(cavity, portals=()))) == []
 
 
 def test_statistics_are_those_of_the_tube(page: Page) -> None:

@@ -5,8 +5,10 @@ from __future__ import annotations
 import functools
 import json
 import re
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +21,10 @@ from aquanav_tools.build import recipe
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
+from aquanav_tools.cli.info import main as aquanav_command
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.values import kept_value
 from tests.build.pictures import leave_out_pictures
 from tests.cave.open_caves import wavy_sheet
 from tests.commands import run_here
@@ -289,6 +293,62 @@ def test_a_cut_ends_the_cave_and_the_route_goes_where_it_is_told(scan: Path, tmp
     assert scenario.guide.centres[0][0] > scenario.guide.centres[-1][0]
     fit = json.loads((tmp_path / "out" / "report.json").read_text())["fit"]
     assert fit["percentile_95"] < 1e-4  # a twelfth of the points lies in the part that was cut off
+
+
+def test_a_report_is_drawn_anew_without_closing_or_measuring_again(
+    scan: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    assert run(scan, "-o", out, "--starts.count", 4).returncode == 0
+    before = {name: (out / name).read_bytes() for name in ("cave.ply", "field.npz", "guide.json", "starts.json")}
+    (out / "report.html").unlink()
+
+    def never(*arguments: object) -> None:
+        raise AssertionError("made again")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("aquanav_tools.build.kept_cave.kept_value", functools.partial(_read_alone, never))
+        done = run_here(aquanav_command, "report", out)
+    assert done.returncode == 0, done.stderr
+    assert "report.html" in done.stdout and (out / "report.html").is_file()
+    assert {name: (out / name).read_bytes() for name in before} == before
+    shutil.rmtree(out / "work")
+    gone = run_here(aquanav_command, "report", out)
+    assert gone.returncode == 2 and "Nothing is kept in" in gone.stderr
+    assert "no build.json" in run_here(aquanav_command, "report", tmp_path / "none").stderr
+
+
+def _read_alone(make: Callable[[], None], kind: type, path: Path, _make: object) -> object:
+    """Return a kept value as the build reads it; one that is not there is not made."""
+    return kept_value(kind, path, make)
+
+
+def test_a_cut_in_metres_along_the_route_ends_the_cave_there(built: Path, scan: Path, tmp_path: Path) -> None:
+    route = read_scenario(built).guide.centreline
+    step = np.sign(route[-1, 0] - route[0, 0])
+    flags = ("--cut-at", 0.1, "--route-of", built, "--starts.count", 4, "--panels.min-spacing", 0.1)
+    result = run(scan, "-o", tmp_path / "out", *flags)
+    assert result.returncode == 0, result.stderr
+    place = route[0, 0] + step * 0.1  # in a straight tube, a metre of route is one along x
+    ends = sorted(portal.centre[0] for portal in read_scenario(tmp_path / "out").cavity.portals)
+    assert ends == pytest.approx(sorted([place, LENGTH if step > 0 else 0.0]), abs=0.02)  # the route sways by a sample
+    planes = json.loads((tmp_path / "out" / "build.json").read_text())["options"]["closing"]["cut"]
+    assert len(planes) == 1 and f"--cut {planes[0][0]:.3f}" in result.stderr  # as planes, for once more
+    again = run(scan, "-o", tmp_path / "out", "--overwrite", "--cut-at", 1.0)
+    assert again.returncode == 2 and "was cut itself" in again.stderr and f"--cut {planes[0][0]:.3f}" in again.stderr
+
+
+def test_a_cut_along_a_route_that_there_is_not_is_refused(built: Path, scan: Path, tmp_path: Path) -> None:
+    other = scan.with_name("other.stl")
+    other.write_bytes(scan.read_bytes())
+    for flags, sentence in (
+        ((scan, "--cut-at", 1.0), "There is no scenario in"),
+        ((scan, "--cut-at", 99.0, "--route-of", built), "--cut-at is 99 m, and the route in"),
+        ((other, "--cut-at", 1.0, "--route-of", built), "was built from tube.stl, not from other.stl"),
+    ):
+        result = run(*flags, "-o", tmp_path / "out")
+        assert result.returncode == 2 and sentence in result.stderr
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_cut_that_takes_most_of_the_cave_is_told_with_its_share(scan: Path, tmp_path: Path) -> None:

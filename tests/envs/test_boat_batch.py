@@ -110,7 +110,8 @@ def test_boat_has_the_episodes_that_it_has_alone(num: int, place: str, rng: np.r
         env.close()
 
 
-@pytest.mark.parametrize("num", [1024, pytest.param(16384, marks=pytest.mark.slow)])
+# A thousand show it too, in the default tests.
+@pytest.mark.parametrize("num", [1024, pytest.param(16384, marks=[pytest.mark.slow, pytest.mark.nightly])])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_boat_among_thousands_has_the_episodes_that_it_has_alone(
     num: int, threads: int, rng: np.random.Generator

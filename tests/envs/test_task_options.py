@@ -136,6 +136,48 @@ def test_the_same_seed_draws_the_same_start_anywhere(tube: Scenario) -> None:
                 assert one[1] == other[1]
 
 
+def test_episodes_begin_in_the_chosen_share_of_the_way(tube: Scenario) -> None:
+    with opened(tube, start_range=(0.7, 0.85)) as env:
+        infos = [env.reset(seed=seed)[1] for seed in range(60)]
+        asked = env.reset(options={"start": 0})[1]["start_index"]
+    # Of the 18 m from the first panel to the goal at x = 19 m.
+    wanted = {n for n, start in enumerate(tube.starts) if 0.7 <= (19.0 - start.pose.position[0]) / 18.0 <= 0.85}
+    assert {info["start_index"] for info in infos} == wanted and 0 < len(wanted) < len(tube.starts)
+    for info in infos:  # numbers stay those of the scenario
+        np.testing.assert_array_equal(info["position"], tube.starts[info["start_index"]].pose.position)
+    assert asked == 0  # a start by number is taken as it is
+
+
+def test_a_share_that_has_all_starts_changes_no_draw(tube: Scenario) -> None:
+    def drawn(**task: tuple[float, float]) -> list[int]:
+        with opened(tube, **task) as env:
+            return [env.reset(seed=seed)[1]["start_index"] for seed in range(30)]
+
+    assert drawn(start_range=(0.5, 0.99)) == drawn()
+
+
+def test_starts_anywhere_keep_to_the_chosen_share(tube: Scenario) -> None:
+    with opened(tube, starts="anywhere", start_range=(0.0, 0.5)) as env:
+        places = np.array([env.reset(seed=seed)[1]["position"] for seed in range(60)])
+    # The longest way is 18.6 m and 1 m aside; half a cell is 0.2 m.
+    assert places[:, 0].min() > 19.0 - 0.5 * np.hypot(18.8, 1.9) - 0.3
+    assert np.linalg.norm(places - [19.0, 0.0, 0.0], axis=1).min() >= 2.3
+
+
+@pytest.mark.parametrize(
+    ("share", "sentence"),
+    [
+        ((0.0, 0.3), r"None of the 20 starts .* has 0 to 0.3 .* they have 0.61 to 0.97.*--starts.last-share 1"),
+        ((0.5, 0.5), "start_range is 0.5 to 0.5; it rises"),
+        ((-0.1, 0.5), "start_range is -0.1 to 0.5; it rises"),
+    ],
+)
+def test_a_share_without_starts_is_told(tube: Scenario, share: tuple[float, float], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        with opened(tube, start_range=share):
+            pass
+
+
 def test_a_listed_start_can_be_asked_for_when_they_are_drawn_anywhere(tube: Scenario) -> None:
     with opened(tube, starts="anywhere") as env:
         assert env.reset(options={"start": 4})[1]["start_index"] == 4

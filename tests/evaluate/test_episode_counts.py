@@ -13,6 +13,7 @@ import pytest
 
 from aquanav_tools.cli.evaluate import main
 from aquanav_tools.envs.factory import read_any_scenario
+from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, open_env_cache
 from aquanav_tools.evaluate.episode_counts import USUAL, is_drawn, possible_episodes, usual_episodes
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
@@ -115,6 +116,15 @@ def test_usual_number_follows_the_condition_and_leaves_a_given_one_alone(tube: S
     (regional,) = conditions_of(Grid(region=("first third",)))
     starts = [plan.start_index for plan in plan_condition(tube, ProtocolOptions(), regional)]
     assert len(starts) == len(set(starts)) < NUM_STARTS
+
+
+def test_an_evaluation_flies_every_start_of_the_chosen_share_once(tube: Scenario) -> None:
+    (condition,) = conditions_of(Grid())
+    plans = plan_condition(tube, ProtocolOptions(start_range=(0.7, 0.85)), condition)
+    wanted = {n for n, start in enumerate(tube.starts) if 0.7 <= (19.0 - start.pose.position[0]) / 18.0 <= 0.85}
+    assert len(plans) == len(wanted) and {plan.start_index for plan in plans} == wanted
+    with pytest.raises(InputError, match="None of the 20 starts"):
+        plan_condition(tube, ProtocolOptions(start_range=(0.0, 0.1)), condition)
 
 
 def test_evaluation_of_all_there_is_says_so_in_terminal_and_report(folder: Path, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from aquanav_tools.cave.scan.stations import enclosed_stations
 from aquanav_tools.cave.scan.thinning import MAX_POINTS, EvenThinner, thinned_caution
 from aquanav_tools.cave.scan.wall_samples import sample_wall
 from aquanav_tools.errors import InputError
-from aquanav_tools.types import Array, Mesh, PointCloud, Sim3
+from aquanav_tools.types import Array, IntArray, Mesh, PointCloud, Sim3
 
 FAR_FROM_ORIGIN = 1000.0
 """Beyond this, float32 coordinates are coarser than 0.1 mm and the scan is moved to the origin, m."""
@@ -33,6 +33,21 @@ class Scan:
     """Codes and sentences about what was changed while reading."""
     stations: Array = field(default_factory=lambda: np.zeros((0, 3)))
     """(K, 3) where scanners stood inside the cave, m; none where the files do not tell."""
+
+    @property
+    def points(self) -> Array:
+        """(N, 3) vertices of its triangles, or its points where it has none, m."""
+        return self.surface.vertices if isinstance(self.surface, Mesh) else self.surface.points
+
+    @property
+    def faces(self) -> IntArray | None:
+        """(F, 3) vertex indices; None for a cloud of points."""
+        return self.surface.faces if isinstance(self.surface, Mesh) else None
+
+    @property
+    def normals(self) -> Array | None:
+        """(N, 3) of a cloud's points, None where unknown and for triangles."""
+        return None if isinstance(self.surface, Mesh) else self.surface.normals
 
 
 def read_scan(path: Path, options: ScanOptions, further: Sequence[Path] = ()) -> Scan:

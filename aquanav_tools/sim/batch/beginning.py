@@ -57,7 +57,7 @@ def begin(i: int, state: BatchState, unlisted: Starts, cave: Cave, craft: Craft)
     seed = state.seeds[i]
     start = state.wanted_starts[i]
     if start == DRAWN:
-        start = choice(words(seed, START, 0)[0], cave.starts.gates.shape[0])
+        start = cave.start_numbers[choice(words(seed, START, 0)[0], cave.start_numbers.shape[0])]
     state.wanted_starts[i] = DRAWN
     state.episodes[i] = state.episodes[i] + 1
     if start == UNLISTED:

@@ -22,7 +22,7 @@ from aquanav_tools.sim.batch.water import Water, make_water
 from aquanav_tools.sim.vehicle_base import Vehicle
 from aquanav_tools.sim.water import WaterParts
 from aquanav_tools.task import ProgressMeasure
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, IntArray, Mesh
 
 wp.set_module_options(OPTIONS)
 
@@ -58,6 +58,8 @@ class CaveTask:
     """Its currents and waves; each vehicle has gusts and eddies of its own."""
     progress: ProgressMeasure = "panels"
     """What the reward's progress is measured by."""
+    start_numbers: IntArray | None = None
+    """Of the scenario's listed starts those that episodes draw from; all when not given."""
 
 
 @wp.struct
@@ -91,6 +93,8 @@ class Cave:
     measure: Measure
     starts: Starts
     """The scenario's."""
+    start_numbers: wp.array(dtype=wp.int32)
+    """Those of them that episodes draw from."""
     rules: Rules
 
 
@@ -115,6 +119,8 @@ def make_cave(scenario: Scenario, vehicle: Vehicle, task: CaveTask, *, has_exact
     states = np.array([vehicle.state_at(start.pose) for start in scenario.starts])
     gates = shared(scenario, "gates", lambda: _listed_gates(scenario))
     cave.starts = make_starts(states, gates, device)
+    numbers = np.arange(len(states)) if task.start_numbers is None else task.start_numbers
+    cave.start_numbers = wp.array(numbers, dtype=wp.int32, device=device)
     rules = cave.rules
     rules.goal, rules.tolerance, rules.max_decisions = wp.vec3d(*task.goal), task.tolerance, task.max_decisions
     rules.ends_on_collision = int(task.ends_on_collision)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import igl
 import numpy as np
 import pytest
+import trimesh
 
 from aquanav_tools.cave.options import PanelOptions, StartOptions
 from aquanav_tools.cave.route.guide import Guide
@@ -53,7 +54,7 @@ def test_every_start_is_free_with_its_heading(forked: Cave) -> None:
 
 
 def test_each_of_the_equal_ranges_of_the_way_to_the_goal_has_one_start(turn: Cave) -> None:
-    starts = draw(turn, count=12)
+    starts = draw(turn, count=12, last_share=0.6)
     assert len(starts) == 12
     difficulty = np.array([start.difficulty for start in starts])
     assert np.all((difficulty > 0.0) & (difficulty <= 1.0))
@@ -67,7 +68,8 @@ def test_difficulty_is_the_share_of_the_longest_way_in_a_straight_tube() -> None
     longest = np.linalg.norm([goal[0] - 0.27, 0.73, 0.0])  # a vehicle with its margin fits to 0.27 m before the walls
     for start in draw(cave, count=20):
         straight = np.linalg.norm(start.pose.position - goal)
-        assert start.geodesic_to_goal == pytest.approx(straight, rel=0.02)
+        # 2 %, or half the diagonal of a sample, of which one stands for the goal.
+        assert start.geodesic_to_goal == pytest.approx(straight, rel=0.02, abs=0.5 * np.sqrt(3.0) * 0.15)
         # Half a sample at either end of the longest way.
         assert start.difficulty == pytest.approx(straight / longest, abs=0.03)
 
@@ -102,6 +104,68 @@ def test_dead_ends_have_starts_that_are_located_where_they_leave_the_route(forke
     for place in deep:
         gate = guide.locate(place, field)
         assert 2.0 <= guide.arc_lengths[gate] <= 5.5
+
+
+def test_starts_lie_in_all_the_water_that_a_flood_reaches_and_in_no_other() -> None:
+    # A passage, and beside it a chamber behind a gap of 0.2 m, which is too narrow for the vehicle.
+    def radius(x: np.ndarray) -> np.ndarray:
+        return np.asarray(1.0 - 0.9 * np.exp(-(((x - 4.0) / 0.4) ** 2)))
+
+    def room_at(points: np.ndarray) -> np.ndarray:  # by the formula: to the nearest of 3201 circles, and to the ends
+        along = np.linspace(0.0, 16.0, 3201)
+        aside = np.hypot(points[:, 1], points[:, 2])
+        to_wall = np.min(
+            [np.hypot(points[:, 0] - x, aside - r) for x, r in zip(along, radius(along), strict=True)], axis=0
+        )
+        to_ends = np.minimum(points[:, 0], 16.0 - points[:, 0])
+        return np.where((aside < radius(points[:, 0])) & (to_ends > 0.0), np.minimum(to_wall, to_ends), -1.0)
+
+    cave = lathe(16.0, radius)
+    field = field_of(cave, 0.1)
+    line = walk((5.0, 0, 0), (16, 0, 0))
+    guide = place_panels(cave, field, route_along(line, field), 0.6, PanelOptions(), CAPSULE.radius)
+    starts = draw((cave, field, guide), count=30)
+    triangles, places = cave.mesh.to_trimesh().triangles, positions(starts)
+    rooms = []
+    for place in places:
+        nearest = trimesh.triangles.closest_point(triangles, np.broadcast_to(place, (len(triangles), 3)))
+        rooms.append(np.linalg.norm(nearest - place, axis=1).min())
+    assert min(rooms) >= CAPSULE.radius + MARGIN - 1e-6
+    assert [start.clearance for start in starts] == pytest.approx(rooms, abs=0.01)  # of the field's samples at 0.1 m
+    # The flood: places on a grid of 0.2 m with room for the vehicle, from the goal to its six neighbours and on.
+    step, goal = 0.2, guide.centres[-1]
+    axes = [goal[n] + step * np.arange(-80 if n == 0 else -5, 6) for n in range(3)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    has_room = room_at(grid.reshape(-1, 3)).reshape(grid.shape[:3]) >= CAPSULE.radius
+    ways = flood(has_room, (80, 5, 5)) * step
+    reached = np.isfinite(ways)
+    assert has_room[~reached].any()  # behind the gap
+    nearest = np.linalg.norm(places[:, None] - grid[reached], axis=2).min(axis=1)
+    assert nearest.max() <= 0.5 * step * np.sqrt(3.0)
+    # Each third of what is reached has its share of the starts; 2 m before the goal there are none.
+    farthest = ways[reached].max() / 1.05  # steps along the axes are longer than the way; this tube is straight
+    lengths = np.linalg.norm(places - goal, axis=1)
+    counts = np.histogram(lengths, np.linspace(2.0, farthest, 4))[0]
+    assert counts.sum() >= 29 and counts.min() >= 8
+
+
+def flood(is_free: np.ndarray, start: tuple[int, ...]) -> np.ndarray:
+    """Return the steps from one cell to every other through free cells; inf for those that are not reached."""
+    steps = np.full(is_free.shape, np.inf)
+    steps[start], front, count = 0.0, [start], 0
+    while front:
+        count += 1
+        ahead = []
+        for cell in front:
+            for axis in range(3):
+                for move in (-1, 1):
+                    other = tuple(c + move * (n == axis) for n, c in enumerate(cell))
+                    inside = all(0 <= c < size for c, size in zip(other, is_free.shape, strict=True))
+                    if inside and is_free[other] and np.isinf(steps[other]):
+                        steps[other] = count
+                        ahead.append(other)
+        front = ahead
+    return steps
 
 
 def test_starts_look_along_the_way_to_the_goal(forked: Cave) -> None:
