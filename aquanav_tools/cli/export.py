@@ -14,7 +14,8 @@ class Export:
     """Write a scenario for another simulator: aquanav export cave-test-1 --to mjcf -o out/scene.
 
     Formats: sdf (Gazebo), urdf (PyBullet, ROS), mjcf (MuJoCo), stonefish, usd, gltf, obj. All come with the meshes as
-    OBJ, with scene.json (portals, starts, route, panels, water, vehicle) and with the current as CSV and VTK, where there is one.
+    OBJ, with scene.json (portals, starts, route, panels, water, vehicle) and with the current as CSV and VTK, where
+    there is one.
     """
 
     scenario: Annotated[str, tyro.conf.Positional]
