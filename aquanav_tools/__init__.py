@@ -6,6 +6,7 @@ first asked for, so that importing this package takes no time.
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:

@@ -15,10 +15,14 @@ from tests.conftest import REPOSITORY
 
 PAGES = sorted(
     path.relative_to(REPOSITORY).as_posix()
-    for folder in (".", "docs", "docs/reference", "examples")
+    for folder in (".", "docs", "docs/design", "docs/decisions", "docs/reference", "examples")
     for path in REPOSITORY.glob(f"{folder}/*.md")
 )
-USERS_PAGES = [name for name in PAGES if name.startswith(("docs/", "examples/", "README")) and name != "docs/design.md"]
+BUILDERS_PAGES = [name for name in PAGES if name.startswith(("docs/design/", "docs/decisions/"))]
+"""How the package is built, and why."""
+USERS_PAGES = [
+    name for name in PAGES if name.startswith(("docs/", "examples/", "README")) and name not in BUILDERS_PAGES
+]
 """Those whose blocks are to be copied and run; the others are about the project."""
 BLOCK = re.compile(
     r"(?:^<!-- not run: (?P<reason>[^\n]+) -->\n)?^```(?P<language>\w*)\n(?P<code>.*?)^```$", re.M | re.S

@@ -13,14 +13,15 @@ import tyro
 class Export:
     """Write a scenario for another simulator: aquanav export cave-test-1 --to mjcf -o out/scene.
 
-    Formats: sdf (Gazebo), urdf (PyBullet, ROS), mjcf (MuJoCo), usd, gltf, obj. All come with the meshes as OBJ, with
-    scene.json (portals, starts, route, panels, water, vehicle) and with the current as CSV and VTK, where there is one.
+    Formats: sdf (Gazebo), urdf (PyBullet, ROS), mjcf (MuJoCo), stonefish, usd, gltf, obj. All come with the meshes as
+    OBJ, with scene.json (portals, starts, route, panels, water, vehicle) and with the current as CSV and VTK, where
+    there is one.
     """
 
     scenario: Annotated[str, tyro.conf.Positional]
     """A scenario's folder or name."""
     to: str
-    """The format: sdf, urdf, mjcf, usd, gltf or obj."""
+    """The format: sdf, urdf, mjcf, stonefish, usd, gltf or obj."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
     """Folder for the scene, new or empty."""
 

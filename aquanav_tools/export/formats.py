@@ -16,6 +16,7 @@ from aquanav_tools.export.meshes import write_obj, write_palette
 from aquanav_tools.export.mjcf import write_mjcf
 from aquanav_tools.export.scene import Craft, Scene, scene_of
 from aquanav_tools.export.sdf import write_sdf
+from aquanav_tools.export.stonefish import write_stonefish
 from aquanav_tools.export.urdf import write_urdf
 from aquanav_tools.export.usd import write_usd
 from aquanav_tools.scenario.schema import Scenario
@@ -28,7 +29,8 @@ def _only_meshes(scene: Scene, folder: Path) -> tuple[str, ...]:
 
 
 FORMATS: dict[str, Writer] = {
-    "gltf": write_gltf, "mjcf": write_mjcf, "obj": _only_meshes, "sdf": write_sdf, "urdf": write_urdf, "usd": write_usd,
+    "gltf": write_gltf, "mjcf": write_mjcf, "obj": _only_meshes, "sdf": write_sdf,
+    "stonefish": write_stonefish, "urdf": write_urdf, "usd": write_usd,
 }  # fmt: skip
 """By name; each writes its files into a folder that has the meshes already, and returns those to open."""
 

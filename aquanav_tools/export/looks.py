@@ -32,7 +32,7 @@ def looks_of(scenario: Scenario) -> tuple[tuple[Mesh, ...], bool]:
     path = scenario.folder / PICTURED if scenario.folder is not None else None
     if path is not None and path.is_file():
         coarser = sorted(path.parent.glob(f"{path.stem}-lod*{path.suffix}"))
-        levels = tuple(_pictured(one) for one in (path, *coarser))
+        levels = tuple(read_pictured(one) for one in (path, *coarser))
         _check_box(levels[0], scenario.cavity.mesh, path)
     else:
         count = len(scenario.cavity.mesh.faces)
@@ -48,8 +48,12 @@ def _made(scenario: Scenario, max_faces: int) -> Mesh:
     return Mesh(part.points, np.ascontiguousarray(part.faces[:, ::-1].astype(np.int64)), colours)
 
 
-def _pictured(path: Path) -> Mesh:
-    """Return the first mesh of a GLB that `viewer_model.write_glb` wrote, turned back to z up."""
+def read_pictured(path: Path) -> Mesh:
+    """Return the first mesh of a GLB that `viewer_model.write_glb` wrote, turned back to z up.
+
+    Raises:
+        InputError: it is damaged, or another program's.
+    """
     content = path.read_bytes()
     try:
         (length,) = struct.unpack_from("<I", content, HEAD)
@@ -61,7 +65,9 @@ def _pictured(path: Path) -> Mesh:
         faces = _values(table, body, primitive["indices"], "<u4", 1).reshape(-1, 3).astype(np.int64)
         if faces.min() < 0 or faces.max() >= len(points) or len(linear) != len(points):
             raise ValueError(f"faces name vertex {faces.max()} of {len(points)}")
-    except (KeyError, IndexError, TypeError, ValueError, struct.error) as cause:
+        if not np.isfinite(points).all():
+            raise ValueError("a vertex has no finite place")
+    except (LookupError, OverflowError, RecursionError, TypeError, ValueError, struct.error) as cause:
         raise InputError(
             f"{path} is not a GLB of a cave: {cause!r}. Build the scenario again, or delete it."
         ) from cause

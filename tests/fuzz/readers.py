@@ -20,6 +20,7 @@ from aquanav_tools.evaluate import network, onnx_file  # noqa: F401
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import read_protocol
 from aquanav_tools.evaluate.results import episodes_of, read_results
+from aquanav_tools.export.looks import read_pictured
 from aquanav_tools.reconstruct.georeference.camera_positions import read_positions
 from aquanav_tools.scenario.bay import read_bay
 from aquanav_tools.scenario.folder import read_scenario
@@ -37,6 +38,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "fbx": read_fbx,
     "map": read_map,
     "original": lambda path: read_original_map(path / "made_up.json", 0.5),
+    "pictured": read_pictured,
     "pipeline": lambda path: read_pipeline(path, {}),
     "policy": lambda path: load_policy(str(path)),
     "positions": lambda path: read_positions(path, [f"{number}.jpg" for number in range(4)]),

@@ -14,6 +14,7 @@ from aquanav_tools.cave.water.field import field_from_dense
 from aquanav_tools.evaluate.options import Grid
 from aquanav_tools.evaluate.results import Provenance, results_table, write_results
 from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.report.viewer_model import write_glb
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sea.generate import generate_map
 from aquanav_tools.sea.sea_map import write_map
@@ -134,6 +135,11 @@ def _write_scenario(path: Path) -> None:
     write_scenario(dataclasses.replace(tube_scenario(), field=field, vehicle_toml=vehicle), path)
 
 
+def _write_picture(path: Path) -> None:
+    made = tube_scenario()
+    write_glb(made.cavity, made.collision, path)
+
+
 def _write_policy(path: Path) -> None:
     from tests.evaluate.models import make_model
 
@@ -252,6 +258,7 @@ WRITERS: dict[str, Writer] = {
     "survey-v3.3d": _text(version_3()),
     "survey-main.th": _text(THERION),
     "scenario": _write_scenario,
+    "pictured-tube.glb": _write_picture,
     "vehicle-bluerov2.toml": _copied("aquanav_tools", "sim", "vehicles", "bluerov2.toml"),
     "vehicle-boat.toml": _copied("aquanav_tools", "sim", "vehicles", "boat.toml"),
     "policy-sb3.zip": _write_policy,
