@@ -78,6 +78,7 @@ def whole(page: Path) -> str:
         "commands": builder("site_commands").commands,
         "results": builder("site_files").results,
         "shipped": builder("site_files").shipped,
+        "notebooks": builder("site_files").notebooks,
         "programs": builder("site_files").programs,
     }
     return re.sub(

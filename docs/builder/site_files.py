@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,22 @@ def programs() -> str:
     """Return each example program whole, under its own heading."""
     paths = sorted((ROOT / "examples").glob("*.py"))
     return "\n".join(f"## {path.name}\n\n{_block(path, 'python')}\n" for path in paths)
+
+
+def notebooks() -> str:
+    """Return each notebook under a heading, its headings a level lower."""
+    return "\n".join(
+        part for path in sorted((ROOT / "examples" / "notebooks").glob("*.ipynb")) for part in _cells(path)
+    )
+
+
+def _cells(path: Path) -> Iterator[str]:
+    for cell in json.loads(path.read_text(encoding="utf-8"))["cells"]:
+        text = "".join(cell["source"])
+        if cell["cell_type"] == "code":
+            yield f"```python\n{text}\n```\n"
+        else:
+            yield re.sub("^#", "##", text, flags=re.M) + "\n"
 
 
 def _folded(title: str, path: Path, language: str) -> str:

@@ -41,6 +41,7 @@ MADE = {
     "commands": site_commands.commands,
     "results": site_files.results,
     "shipped": site_files.shipped,
+    "notebooks": site_files.notebooks,
     "programs": site_files.programs,
 }
 """What takes the place of a mark in a page."""
