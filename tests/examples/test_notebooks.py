@@ -41,6 +41,7 @@ def test_a_notebook_is_kept_without_outputs(path: Path) -> None:
     assert cells and all(cell["outputs"] == [] and cell["execution_count"] is None for cell in cells)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_from_top_to_bottom(path: Path, tmp_path: Path) -> None:
     """In a process of its own, as a kernel is one."""
