@@ -77,10 +77,11 @@ def carve(field: Array, distance: Array, origin: Array, voxel: float, carving: C
         voxel: spacing of the samples, m.
         carving: corrections.
     """
+    field = field.copy()
     for column in carving.columns:
-        points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
-        depth = column.depth(points.reshape(-1, 3)).reshape(field.shape)
-        field = np.minimum(field, np.clip(-depth / voxel, -BAND_VOXELS, BAND_VOXELS))
+        part = _part(field.shape, (column.box - origin) / voxel, BAND_VOXELS)
+        depth = column.depth(_points(part, origin, voxel).reshape(-1, 3)).reshape(field[part].shape)
+        field[part] = np.minimum(field[part], np.clip(-depth / voxel, -BAND_VOXELS, BAND_VOXELS))
     field = _without_faults(field, distance, origin, voxel, carving)
     return _with_legs(field, origin, voxel, carving)
 
@@ -107,30 +108,57 @@ def with_seen_through(field: Array, seen: BoolArray) -> Array:
 
 
 def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, carving: Carving) -> Array:
-    """Return the field with the wall closed and opened by a ball inside the faulty places."""
-    from scipy.ndimage import distance_transform_edt
-
+    """Change a field, in place: inside the faulty places the wall is closed and opened by a ball. Return it."""
     if not len(carving.faults):
         return field
-    points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
     is_faulty = np.zeros(field.shape, dtype=bool)
-    for x, y, z, radius, untouched in carving.faults:
-        is_faulty |= (((points - (x, y, z)) ** 2).sum(axis=-1) < radius**2) & (distance * voxel >= untouched)
+    for *centre, ball, untouched in carving.faults:
+        part = _part(field.shape, (np.array([centre, centre]) - origin) / voxel, ball / voxel)
+        squared = ((_points(part, origin, voxel) - centre) ** 2).sum(axis=-1)
+        is_faulty[part] |= (squared < ball**2) & (distance[part] * voxel >= untouched)
+    if not is_faulty.any():
+        return field
     radius = carving.fault_radius / voxel
-    water = distance_transform_edt(field >= 0) <= radius  # grown: pillars drown
-    water = distance_transform_edt(water) > radius  # shrunk back
-    water = distance_transform_edt(water) > radius  # shrunk: windows close
-    water = distance_transform_edt(~water) <= radius  # grown back
-    smooth = np.where(water, -1.0, 1.0)
-    return np.where(is_faulty, smooth, field)
+    places = np.argwhere(is_faulty)
+    # Four passes with the ball look no farther than four of its radii.
+    part = _part(field.shape, np.stack([places.min(axis=0), places.max(axis=0)]), 4.0 * radius + 1.0)
+    water = _depth(field[part] >= 0) <= radius  # grown: pillars drown
+    water = _depth(water) > radius  # shrunk back
+    water = _depth(water) > radius  # shrunk: windows close
+    water = _depth(~water) <= radius  # grown back
+    field[part] = np.where(is_faulty[part], np.where(water, -1.0, 1.0), field[part])
+    return field
+
+
+def _depth(flags: BoolArray) -> Array:
+    """Return the distances from the nearest sample that is not set, in samples; inf where every one is set."""
+    from scipy.ndimage import distance_transform_edt
+
+    return np.full(flags.shape, np.inf) if flags.all() else np.asarray(distance_transform_edt(flags))
 
 
 def _with_legs(field: Array, origin: Array, voxel: float, carving: Carving) -> Array:
-    """Return the field with water around the legs."""
+    """Change a field, in place: water around the legs. Return it."""
     for start, end in carving.legs:
-        points = origin + voxel * np.stack(np.meshgrid(*[np.arange(n) for n in field.shape], indexing="ij"), axis=-1)
+        reach = carving.leg_radius / voxel + BAND_VOXELS
+        part = _part(field.shape, (np.stack([np.minimum(start, end), np.maximum(start, end)]) - origin) / voxel, reach)
+        points = _points(part, origin, voxel)
         along = end - start
         share = np.clip((points - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
         distance = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-        field = np.minimum(field, (distance - carving.leg_radius) / voxel)
+        field[part] = np.minimum(field[part], (distance - carving.leg_radius) / voxel)
     return field
+
+
+def _part(shape: tuple[int, ...], box: Array, margin: float) -> tuple[slice, ...]:
+    """Return the samples of a grid within a margin of a (2, 3) box, all in samples; none where it lies outside."""
+    low = np.floor(box[0] - margin).astype(np.int64)
+    high = np.ceil(box[1] + margin).astype(np.int64) + 1
+    low, high = np.clip(low, 0, shape), np.clip(high, 0, shape)
+    return tuple(slice(int(first), int(max(first, end))) for first, end in zip(low, high, strict=True))
+
+
+def _points(part: tuple[slice, ...], origin: Array, voxel: float) -> Array:
+    """Return the (X, Y, Z, 3) places of some samples, m."""
+    axes = [np.arange(along.start, along.stop) for along in part]
+    return np.asarray(origin + voxel * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
