@@ -15,7 +15,9 @@ from tests.conftest import REPOSITORY
 
 NOTEBOOKS = sorted((REPOSITORY / "examples" / "notebooks").glob("*.ipynb"))
 PRINTED = {
+    "own-cave": ("2 portals", "0.0% off the exact 18.73 m3"),
     "quick-start": ("nearer to the goal", "trained: 100% without a touch"),
+    "results": ("4 episodes", "difference"),
 }
 """What each prints, among others."""
 
