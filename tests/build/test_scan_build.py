@@ -17,7 +17,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from aquanav_tools.build import recipe
+from aquanav_tools.build import scenario_folder
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
@@ -194,13 +194,13 @@ def test_a_disk_that_fills_up_leaves_the_scenario_it_was_to_replace_as_it_was(
         assert run(scan, "-o", disk / "mine", "--starts.count", 5).returncode == 0
         before = content(disk / "mine")
 
-        record_cave = recipe.record_cave
+        record_cave = scenario_folder.record_cave
 
         def fill_and_record(*arguments: Any) -> None:
             fill(disk, leave_megabytes=0)
             record_cave(*arguments)
 
-        monkeypatch.setattr(recipe, "record_cave", fill_and_record)
+        monkeypatch.setattr(scenario_folder, "record_cave", fill_and_record)
         result = run(scan, "-o", disk / "mine", "--starts.count", 4, "--overwrite")
         assert result.returncode == 6
         assert f"disk under {disk}" in result.stderr

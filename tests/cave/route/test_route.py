@@ -219,6 +219,14 @@ def test_free_height_in_a_tube_is_its_diameter() -> None:
     assert free_height(straight(), np.array([[5.0, 0.0, 0.3]])) == pytest.approx(2 * RADIUS, rel=0.01)
 
 
+def test_a_passage_with_room_between_the_samples_alone_is_not_called_narrower_than_the_vehicle() -> None:
+    tube = straight()
+    squeeze = 1.0 - 0.77 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 4))
+    cavity = cavity_of(Mesh(tube.vertices * np.hstack([np.ones_like(squeeze), squeeze, squeeze]), tube.faces))
+    with pytest.raises(MeshError, match=r"0\.400 m wide, all but fits: .* 0\.4\d m are free, .* every 0\.20 m none"):
+        find_route(cavity, distance_field(cavity, 0.2), CAPSULE.radius)
+
+
 def test_a_passage_that_is_too_tight_names_the_place_and_the_largest_vehicle() -> None:
     tube = straight()
     squeeze = 1.0 - 0.85 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 2))
