@@ -18,13 +18,16 @@ from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import (
     MIN_ENCLOSURE,
     MIN_FACING,
+    NUM_DIRECTIONS,
     check_enclosure,
     enclosure,
     facing,
     free_height,
     seen_height,
+    sphere_directions,
 )
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
+from aquanav_tools.cave.scan.sight import OUTSIDE, Sight
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
 from aquanav_tools.reconstruct.georeference.gps import has_fix
 from aquanav_tools.reconstruct.georeference.place import UNUSED
@@ -47,6 +50,12 @@ SEEN_HEIGHT_ERROR = 0.5
 """The same where floor or ceiling were not seen; chosen."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
+
+NARROW = (
+    " All photos together look into only {share:.0%} of all directions; wall in the others shows only where the camera "
+    "moved on past it."
+)
+TURN_ROUND = "If it is a cave, take photos that look the other ways too: back, to both sides, up and down."
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +145,11 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
 
     def accept_here(error: UnseenWallsError) -> None:
         unit = "" if reconstruction.is_metric else " (The scale comes later: lengths here are in the model's own unit.)"
-        accept(UnseenWallsError(error.code, f"{error.facts}{unit}", error.advice, error.places))
+        share = 1.0 if reconstruction.sight is None else filmed_directions(reconstruction.sight)
+        cause, advice = "", error.advice
+        if error.code == "open-walls" and share < MIN_ENCLOSURE:
+            cause, advice = NARROW.format(share=share), TURN_ROUND
+        accept(UnseenWallsError(error.code, f"{error.facts}{cause}{unit}", advice, error.places))
 
     try:
         preview = preview_surface(reconstruction.cloud)
@@ -153,6 +166,19 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
     # Where walls are missing they do not tell who stood outside, and wherever a camera was there is room.
     is_inside = shares >= MIN_ENCLOSURE if share >= MIN_ENCLOSURE else np.ones(len(centres), dtype=bool)
     return FilmedCave(preview, is_inside, share, between)
+
+
+def filmed_directions(sight: Sight) -> float:
+    """Return the share of all directions, seen from wherever, that the frame of some photo holds."""
+    directions = sphere_directions(NUM_DIRECTIONS)
+    is_filmed = np.zeros(len(directions), dtype=bool)
+    for pose, (fx, fy, cx, cy), depth in zip(sight.poses, sight.pinholes, sight.depth, strict=True):
+        right, down, ahead = pose[:, :3] @ directions.T
+        rows, columns = np.nonzero(depth != OUTSIDE)
+        ahead = np.where(ahead > 0.0, ahead, np.nan)
+        u, v = fx * right / ahead + cx, fy * down / ahead + cy
+        is_filmed |= (u >= 0.0) & (u < columns.max(initial=-1) + 1) & (v >= 0.0) & (v < rows.max(initial=-1) + 1)
+    return float(is_filmed.mean())
 
 
 def in_metres(
