@@ -21,10 +21,10 @@ from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.sim.batch.sensors.inertial import InertialUnit
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.vehicle import load_vehicle
-from tests.build.pictures import leave_out_pictures
 from tests.build.test_survey_build import survey_of_a_tube
 from tests.commands import run_here
 from tests.conftest import REPOSITORY
+from tests.lighter import lighten_builds
 from tests.pages import BUILDERS_PAGES, PAGES, USERS_PAGES, Block, blocks, modules, text
 from tests.project import commands
 from tests.sim.test_water import flowing
@@ -94,7 +94,7 @@ def folder(materials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     shutil.copytree(materials, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
-    leave_out_pictures(monkeypatch)
+    lighten_builds(monkeypatch)
     yield tmp_path
     for path in tmp_path.glob("*.py"):
         sys.modules.pop(path.stem, None)

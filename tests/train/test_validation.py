@@ -89,8 +89,7 @@ def test_a_worker_that_read_a_policy_while_it_changed_reads_it_again(tmp_path: P
     assert row["metrics"]["outcome"] == "success"
 
 
-def test_figures_are_those_of_aquanav_eval_on_the_same_starts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+def test_figures_are_those_of_aquanav_eval_on_the_same_starts(tmp_path: Path) -> None:
     # Of starts 11 to 17.5 m away, some are near enough for 130 decisions in a current that each episode draws.
     folder = tiny_tube(tmp_path / "tube", decisions=130)
     task = dataclasses.replace(TINY, current=(0.3, 0.1, 0.0), current_range=(0.0, 1.0), sensor_noise=0.05)
@@ -102,7 +101,13 @@ def test_figures_are_those_of_aquanav_eval_on_the_same_starts(tmp_path: Path, mo
             trials.append(validation.trial(policy, 1, 0))
     (tmp_path / "policy.zip").write_bytes(policy)
     options = EvaluateOptions(
-        (str(tmp_path / "policy.zip"),), (folder,), tmp_path / "eval", episodes=12, record="none", **choices_of(task)
+        (str(tmp_path / "policy.zip"),),
+        (folder,),
+        tmp_path / "eval",
+        episodes=12,
+        record="none",
+        workers=1,
+        **choices_of(task),
     )
     summary = evaluate(options, ignore_progress).summary
     assert summary.distinct_episodes == 12 and 0.0 < summary.success.rate < 1.0
