@@ -33,6 +33,7 @@ from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
@@ -144,13 +145,14 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
         accept = noting_guesswork(journal) if kind == "photos" else accepting(options.closing, journal)
         share = median_enclosure(surface.mesh, _roomy_places(field, rng), accept)
     with journal.stage("Finding the route"):
-        guide = _find_guide(cavity, field, vehicle.capsule, options)
+        graph = WaterGraph(field, vehicle.capsule.radius)
+        guide = _find_guide(cavity, field, graph, vehicle.capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
     flow = find_currents(cavity, field, guide, options.water, journal)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
     with journal.stage("Placing the starts"):
-        starts = draw_starts(cavity, field, guide, vehicle.capsule, options.starts, rng)
+        starts = draw_starts(cavity, field, guide, vehicle.capsule, options.starts, rng, graph)
     with journal.stage("Simplifying the collision mesh"):
         collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * vehicle.capsule.radius)
     with journal.stage("Measuring the cave"):
@@ -178,10 +180,12 @@ def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -
         journal.warn("large-cut", sentence)
 
 
-def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
+def _find_guide(
+    cavity: Cavity, field: DistanceField, graph: WaterGraph, capsule: Capsule, options: BuildOptions
+) -> Guide:
     """Return the panels along the way from the entrance to the goal."""
     ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
-    route = find_route(cavity, field, capsule.radius, *ends)
+    route = find_route(cavity, field, capsule.radius, *ends, graph)
     # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
     return place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
 
