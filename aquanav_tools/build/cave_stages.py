@@ -34,6 +34,7 @@ from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
+from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
@@ -203,11 +204,12 @@ def _find_way(
     rng: np.random.Generator,
 ) -> _Way:
     with journal.stage("Finding the route"):
-        guide = _find_guide(cavity, field, capsule, options)
+        graph = WaterGraph(field, capsule.radius)
+        guide = _find_guide(cavity, field, graph, capsule, options)
         passability = measure_passability(cavity, field, guide.centreline, 2.0 * capsule.radius)
     flow = find_currents(cavity, field, guide, options.water, journal)
     with journal.stage("Placing the starts"):
-        starts = draw_starts(cavity, field, guide, capsule, options.starts, rng)
+        starts = draw_starts(cavity, field, guide, capsule, options.starts, rng, graph)
     return _Way(guide, passability, flow, starts)
 
 
@@ -223,10 +225,12 @@ def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -
         journal.warn("large-cut", sentence)
 
 
-def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
+def _find_guide(
+    cavity: Cavity, field: DistanceField, graph: WaterGraph, capsule: Capsule, options: BuildOptions
+) -> Guide:
     """Return the panels along the way from the entrance to the goal."""
     ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
-    route = find_route(cavity, field, capsule.radius, *ends)
+    route = find_route(cavity, field, capsule.radius, *ends, graph)
     # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
     return place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -45,6 +47,16 @@ class Cavity:
     def walls(self) -> Mesh:
         """The rock alone, without the lids of portals."""
         return Mesh(self.mesh.vertices, np.ascontiguousarray(self.mesh.faces[self.labels == WALL]))
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Exact distances from the rock and the lids."""
+        return Surface(self.mesh)
+
+    @cached_property
+    def wall_surface(self) -> Surface:
+        """Exact distances from the rock alone."""
+        return Surface(self.walls)
 
     @property
     def volume(self) -> float:

@@ -89,12 +89,21 @@ def neighbour_table(indices: IntArray, offsets: IntArray) -> Table:
     stride = np.array([shape[1] * shape[2], shape[2], 1])
     keys = (indices - low) @ stride
     table = np.full((len(indices), len(offsets)), -1, dtype=np.int32)
-    for column, offset in enumerate((offsets @ stride)[: len(offsets) // 2]):
-        place = np.minimum(np.searchsorted(keys, keys + offset), len(keys) - 1)
-        rows = np.flatnonzero(keys[place] == keys + offset)
-        table[rows, column] = place[rows]
-        table[place[rows], -1 - column] = rows
+    _note_neighbours(keys, (offsets @ stride)[: len(offsets) // 2], table)
     return table
+
+
+@numba.njit(cache=True)
+def _note_neighbours(keys, steps, table):  # type: ignore[no-untyped-def]
+    """Note for each of the rising keys where the one that lies a step further is, and the way back."""
+    for column in range(len(steps)):
+        place = 0
+        for row in range(len(keys)):
+            while place < len(keys) - 1 and keys[place] < keys[row] + steps[column]:
+                place += 1
+            if keys[place] == keys[row] + steps[column]:
+                table[row, column] = place
+                table[place, -1 - column] = row
 
 
 @numba.njit(cache=True)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, prove_watertight
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces
 from aquanav_tools.cave.mesh.deviation import Deviation, measure_deviation
 from aquanav_tools.cave.mesh.intersections import self_intersections
@@ -72,8 +73,8 @@ def collision_mesh(cavity: Cavity, bound: float) -> CollisionMesh:
         is_protected = np.zeros(len(cavity.mesh.faces), dtype=np.bool_)
         for _ in range(MAX_ROUNDS):
             mesh = merge_faces(cavity.mesh, _labels(cavity, is_protected), share * bound)
-            there = measure_deviation(mesh, cavity.mesh, NUM_PLACES)
-            back = measure_deviation(cavity.mesh, mesh, NUM_PLACES)
+            there = measure_deviation(mesh, cavity.surface, NUM_PLACES)
+            back = measure_deviation(cavity.mesh, Surface(mesh), NUM_PLACES)
             faulty = np.union1d(self_intersections(mesh), there.faces_beyond(bound))
             is_fault = faces_near(cavity.mesh, mesh, faulty, PROTECTED_SHARE * bound)
             is_fault[back.faces_beyond(bound)] = True

@@ -72,7 +72,7 @@ def widest_path(
     if not _spread_widest(first, last, field.bricks, field.samples, came_by, enough):
         return None
     path = field.positions(_trace_back(first, last, field.bricks, came_by))
-    walls = Surface(cavity.walls)
+    walls = cavity.wall_surface
     clearance = walls.distance(path)
     narrow = np.flatnonzero(clearance <= clearance.min() + field.spacing)
     path[narrow], clearance[narrow] = _centred(walls, path, narrow, field.spacing)
@@ -81,11 +81,9 @@ def widest_path(
 
 def _water_samples(field: DistanceField, points: Array) -> IntArray:
     """Return the (N, 3) indices of the water's samples nearest to points."""
-    from scipy.spatial import cKDTree
-
     indices, _ = field.water()
-    nearest: IntArray = indices[cKDTree(field.positions(indices)).query(points)[1]]
-    return nearest
+    places = field.positions(indices)
+    return indices[[int(np.argmin(((places - point) ** 2).sum(axis=1))) for point in points]]
 
 
 def _centred(walls: Surface, path: Array, narrow: IntArray, spacing: float) -> tuple[Array, Array]:

@@ -11,8 +11,8 @@ from aquanav_tools.cave.closing.enclosure import MIN_FACING, check_enclosure, en
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
-from aquanav_tools.cave.mesh.contact import CapsuleChecker
 from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
