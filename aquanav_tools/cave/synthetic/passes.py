@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from aquanav_tools.cave.synthetic.damage import DamagedScan
-from aquanav_tools.types import Array, BoolArray, Mesh, PointCloud
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, PointCloud
 
 
 def scan_from_stations(scan: DamagedScan, spacing: float, number: int, reach: float, seed: int) -> DamagedScan:
@@ -47,7 +47,8 @@ def drift_passes(scan: DamagedScan, number: int, drift: float, share: float, see
         seed: of every draw.
     """
     mesh, rng = scan.mesh, np.random.default_rng(seed)
-    vertices, faces = [], []
+    vertices: list[Array] = []
+    faces: list[IntArray] = []
     for _ in range(number):
         direction = rng.normal(size=3)
         shift = drift * _place_along(mesh)[:, None] ** 1.5 * direction / np.linalg.norm(direction)
