@@ -15,8 +15,8 @@ from aquanav_tools.cave.synthetic.networks import Network, fork, straight
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
-from tests.build.pictures import leave_out_pictures
 from tests.commands import run_here
+from tests.lighter import lighten_builds
 
 run = functools.partial(run_here, main)
 LENGTH = 5.0
@@ -28,7 +28,7 @@ BEFORE_ENDS = 1.5
 @pytest.fixture(scope="module", autouse=True)
 def _no_pictures() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        leave_out_pictures(patch)
+        lighten_builds(patch)
         yield
 
 
