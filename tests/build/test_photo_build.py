@@ -19,8 +19,8 @@ from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
-from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import MIN_FACING
+from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
-from aquanav_tools.cave.closing.close import ClosedSurface, faces_near, refuse
 from aquanav_tools.cave.closing.ends import End
+from aquanav_tools.cave.closing.solid import ClosedSurface, faces_within, refuse
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.cave.mesh.proximity import surface_tree
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, Mesh
@@ -95,7 +96,7 @@ def cut_portals(
             continue
         labels[on_lid] = len(portals) + 1
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
-    observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
+    observed = faces_within(mesh, surface_tree(surface), OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.cave.mesh.box_tree import build_tree, next_leaf
+from aquanav_tools.cave.mesh.box_tree import boxes_of, build_tree, next_leaf
 from aquanav_tools.cave.mesh.predicates import side_of_line, side_of_plane
 from aquanav_tools.types import IntArray, Mesh
 
@@ -25,7 +25,7 @@ def self_intersections(mesh: Mesh) -> IntArray:
         return np.zeros((0, 2), dtype=np.int64)
     vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     corners = mesh.triangles
-    tree, order = build_tree(corners.min(axis=1), corners.max(axis=1))
+    tree, order = build_tree(*boxes_of(corners))
     sorted_faces = faces[order]
     counts = _count_crossings(tree, vertices, sorted_faces)
     pairs = order[_list_crossings(tree, vertices, sorted_faces, np.concatenate([[0], np.cumsum(counts)]))]

@@ -51,12 +51,14 @@ def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True)
     mesh = patches.mesh
     areas, normals = face_areas(mesh)
     asked = _choose_faces(patches.ids, areas)
-    votes = _side_votes(mesh, asked, normals[asked], offset)
+    caster = Caster(mesh)
+    votes = _side_votes(caster, mesh.triangles[asked].mean(axis=1), normals[asked], offset)
     is_turned = _turns(patches, areas, asked, votes)
     turned = Mesh(mesh.vertices, np.where(is_turned[:, None], mesh.faces[:, ::-1], mesh.faces))
     hidden = np.zeros(len(areas), dtype=bool)
     if drop_hidden:
-        hidden = _hidden_faces(turned, patches, areas, asked, offset)
+        turned_normals = np.where(is_turned[:, None], -normals, normals)
+        hidden = _hidden_faces(caster, turned, turned_normals, patches, areas, asked, offset)
     total = max(float(areas.sum()), 1e-15)
     return FacingSurface(
         Mesh(turned.vertices, turned.faces[~hidden]),
@@ -108,10 +110,8 @@ def _choose_faces(ids: IntArray, areas: Array) -> IntArray:
     return chosen
 
 
-def _side_votes(mesh: Mesh, faces: IntArray, normals: Array, offset: float) -> Array:
+def _side_votes(caster: Caster, middles: Array, normals: Array, offset: float) -> Array:
     """Return one vote in [-1, 1] per face: positive when the water is behind its normal, as it should be."""
-    caster = Caster(mesh)
-    middles = mesh.triangles[faces].mean(axis=1)
     scores, shares = [], []
     for side in (-1.0, 1.0):
         distance, _ = caster.cast(middles + side * offset * normals, side * normals)
@@ -140,11 +140,11 @@ def _turns(patches: Patches, areas: Array, asked: IntArray, votes: Array) -> Boo
     return is_turned
 
 
-def _hidden_faces(mesh: Mesh, patches: Patches, areas: Array, asked: IntArray, offset: float) -> BoolArray:
+def _hidden_faces(
+    caster: Caster, mesh: Mesh, normals: Array, patches: Patches, areas: Array, asked: IntArray, offset: float
+) -> BoolArray:
     """Return the (F,) flags of faces from whose water most other walls are seen from behind."""
-    _, normals = face_areas(mesh)
     starts = mesh.triangles[asked].mean(axis=1) - offset * normals[asked]
-    caster = Caster(mesh)
     distance, struck = caster.cast(starts, -normals[asked])
     is_hit = np.isfinite(distance)
     from_behind = is_hit & (np.einsum("frk,frk->fr", normals[struck], caster.directions(-normals[asked])) < 0.0)
