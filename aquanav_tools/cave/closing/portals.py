@@ -17,7 +17,7 @@ from aquanav_tools.cave.closing.ends import End
 from aquanav_tools.cave.closing.solid import ClosedSurface, faces_within, refuse
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.mesh.intersections import self_intersections
-from aquanav_tools.cave.mesh.proximity import surface_tree
+from aquanav_tools.cave.mesh.proximity import SurfaceTree, surface_tree
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, Mesh
@@ -68,6 +68,7 @@ def cut_portals(
     cuts: tuple[Cut, ...] = (),
     accept: Callable[[UnseenWallsError], None] = refuse,
     max_share: float = MAX_CUT_SHARE,
+    tree: SurfaceTree | None = None,
 ) -> Cavity:
     """Return the cavity with every open end cut flat, and where the user wants it, and labelled.
 
@@ -79,6 +80,7 @@ def cut_portals(
         cuts: the user's own.
         accept: raises what it is given, or notes it; an end that no flat cut fits then stays wall.
         max_share: a flat cut of an end that would remove more of the volume than this is a mistake.
+        tree: over the triangles of `surface`, where it is at hand.
 
     Raises:
         MeshError: a cut of the user misses the cave, does not divide it, or makes no portal because another cut takes
@@ -96,7 +98,7 @@ def cut_portals(
             continue
         labels[on_lid] = len(portals) + 1
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
-    observed = faces_within(mesh, surface_tree(surface), OBSERVED_VOXELS * voxel) & (labels == WALL)
+    observed = faces_within(mesh, tree or surface_tree(surface), OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
 
 

@@ -225,8 +225,9 @@ def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
     """Return the solid with its ends cut, proven."""
     options = scan.options
     kept = without_gaps(scan.surface, closed.mesh, options.voxel)
+    tree = scan.tree if kept is scan.surface else None
     max_share = MAX_ACCEPTED_CUT_SHARE if options.accept_open else MAX_CUT_SHARE
-    cavity = cut_portals(closed, kept.mesh, draft.ends or (), options.voxel, options.cuts, scan.accept, max_share)
+    cavity = cut_portals(closed, kept.mesh, draft.ends or (), options.voxel, options.cuts, scan.accept, max_share, tree)
     return ClosedScan(kept, replace(closed, cautions=(*closed.cautions, *scan.accepted.items())), cavity)
 
 

@@ -34,6 +34,29 @@ def self_intersections(mesh: Mesh) -> IntArray:
     return ascending
 
 
+def crossing_share(mesh: Mesh, num_samples: int) -> float:
+    """Return the share of faces that meet others, at least: about half as many, out of some that are looked at."""
+    if not len(mesh.faces):
+        return 0.0
+    tree, order = build_tree(*boxes_of(mesh.triangles))
+    asked = np.arange(0, len(order), max(1, len(order) // num_samples))
+    is_crossing = _are_crossing(tree, np.ascontiguousarray(mesh.vertices), mesh.faces[order], asked)
+    return float(is_crossing.mean())
+
+
+@numba.njit(cache=True, parallel=True)
+def _are_crossing(tree, vertices, faces, asked):  # type: ignore[no-untyped-def]
+    """Return for each face that is asked whether it crosses a later one."""
+    found = np.zeros(len(asked), np.bool_)
+    for n in numba.prange(len(asked)):
+        i = asked[n]
+        j = next_leaf(tree, i, i)
+        while j >= 0 and not found[n]:
+            found[n] = faces_cross(vertices, faces, i, j)
+            j = next_leaf(tree, i, j)
+    return found
+
+
 @numba.njit(cache=True, parallel=True)
 def _count_crossings(tree, vertices, faces):  # type: ignore[no-untyped-def]
     """Return for each face with how many later ones it crosses."""

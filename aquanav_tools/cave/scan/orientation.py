@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches
@@ -70,10 +71,23 @@ def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True)
 
 def face_areas(mesh: Mesh) -> tuple[Array, Array]:
     """Return the (F,) areas, m^2, and (F, 3) unit normals of a mesh's faces."""
-    corners = mesh.triangles
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(vectors, axis=1)
-    return 0.5 * doubled, vectors / np.maximum(doubled, 1e-15)[:, None]
+    areas, normals = np.empty(len(mesh.faces)), np.empty((len(mesh.faces), 3))
+    _measure_faces(mesh.vertices, mesh.faces, areas, normals)
+    return areas, normals
+
+
+@numba.njit(cache=True, parallel=True)
+def _measure_faces(vertices, faces, areas, normals):  # type: ignore[no-untyped-def]
+    """Fill the areas and unit normals of faces; a face without an area has next to no normal."""
+    for n in numba.prange(len(faces)):
+        a, b, c = faces[n]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        doubled = np.sqrt(x * x + y * y + z * z)
+        areas[n] = 0.5 * doubled
+        size = max(doubled, 1e-15)
+        normals[n, 0], normals[n, 1], normals[n, 2] = x / size, y / size, z / size
 
 
 def is_gap(mesh: Mesh, faces: IntArray, width: float, offset: float) -> BoolArray:

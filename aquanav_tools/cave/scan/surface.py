@@ -30,6 +30,9 @@ MAX_SPIKES = 0.05
 """Where more vertices than this share look like spikes, that is what the surface is like."""
 GAP_VOXELS = 4.0
 """Space between two layers of wall that is thinner than this is no passage, voxels."""
+MIN_FAR_SHARE = 1e-3
+"""Where less of the scan than this share lies off the closed surface, no fit and no share of it tells whether it is a
+second layer."""
 RAY_OFFSET = 0.1
 """Rays that look for the water start this far from a face, voxels: beyond its noise, before the other side."""
 
@@ -102,12 +105,12 @@ def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
     """
     mesh = surface.mesh
     far = np.flatnonzero(~are_within(surface_tree(closed), mesh.triangles.mean(axis=1), voxel))
-    if not len(far):
+    areas = face_areas(mesh)[0]
+    if areas[far].sum() <= MIN_FAR_SHARE * areas.sum():
         return surface
     gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
     is_kept = np.ones(len(mesh.faces), dtype=bool)
     is_kept[gaps] = False
-    areas = face_areas(mesh)[0]
     kept = _without_unused(Mesh(mesh.vertices, mesh.faces[is_kept]))
     share = surface.dropped_share + (1.0 - surface.dropped_share) * float(areas[gaps].sum() / areas.sum())
     points = kept.vertices if surface.points is mesh.vertices else surface.points
