@@ -16,12 +16,12 @@ from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.build.weaknesses import MAX_MEDIAN_VOXELS, note_weaknesses
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
-from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.closing.enclosure import check_is_hollow
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
-from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
 from aquanav_tools.cave.closing.portals import Cut
+from aquanav_tools.cave.closing.reconstruct import ClosedScan, ReconstructionOptions, close_scan
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.guide import Guide
@@ -306,16 +306,14 @@ def _close_at(
         lamps = np.concatenate([evidence.inside, evidence.legs.mean(axis=1)])
         surface = surface_of(scan, voxel, lamps, accepting(options.closing, journal))
     with journal.stage("Closing the cavity") as progress:
-        found = close_scan(
-            surface,
+        how = ReconstructionOptions(
             voxel,
+            min_portal,
             keep_triangles=isinstance(scan, Mesh),
-            min_portal=min_portal,
             cuts=tuple(_cut(plane) for plane in options.closing.cut),
-            evidence=evidence,
             accept_open=options.closing.accept_open,
-            progress=progress,
         )
+        found = close_scan(surface, how, evidence, progress)
         if not len(evidence.inside) and not len(evidence.legs):
             check_is_hollow(found.cavity, float(found.closed.is_scan.mean()))
     return found

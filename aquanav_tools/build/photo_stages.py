@@ -14,7 +14,6 @@ from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
 from aquanav_tools.build.photo_evidence import ways_ahead
-from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import (
     MIN_ENCLOSURE,
     MIN_FACING,
@@ -26,6 +25,7 @@ from aquanav_tools.cave.closing.enclosure import (
     seen_height,
     sphere_directions,
 )
+from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.sight import OUTSIDE, Sight
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError

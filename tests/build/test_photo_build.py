@@ -26,8 +26,8 @@ from aquanav_tools.build.photo_stages import (
     preview_surface,
     write_found,
 )
-from aquanav_tools.cave.closing.close import refuse
 from aquanav_tools.cave.closing.enclosure import MIN_FACING
+from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.scan.sight import Sight, make_sight
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube

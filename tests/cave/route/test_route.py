@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.enclosure import MIN_FACING, check_enclosure, enclosure, facing, free_height
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
 from aquanav_tools.cave.options import PanelOptions, StartOptions
 from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.panels import place_panels
@@ -31,7 +31,7 @@ TURN_RADIUS = 4.0
 
 def cavity_of(mesh: Mesh) -> Cavity:
     surface = surface_from_mesh(mesh, 0.1).mesh
-    closed = close_surface(surface, 0.1, keep_triangles=True, min_portal=0.8)
+    closed = close_surface(surface, ReconstructionOptions(0.1, 0.8))
     return cut_portals(closed, surface, find_ends(find_openings(closed, 0.8), closed.mesh, 0.1), 0.1)
 
 
