@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from aquanav_tools.build import cave_report, outputs, recipe, water_stage
+from aquanav_tools.build import cave_report, outputs, scenario_folder, water_stage
 from aquanav_tools.cave.water import flow
 from aquanav_tools.evaluate import bay_adapter, cave_adapter, comparison_report, reporting, stress_report
 from aquanav_tools.report import learning_plot
@@ -21,9 +21,9 @@ def lighten_builds(patch: pytest.MonkeyPatch) -> None:
 
     Finding them in as many cells as a small cave has by default takes a quarter of its time.
     """
-    names = ("plan", "long_section", "sections", "elevation", "sizes", "rose", "views")
+    names = ("plan", "long_section", "sections", "elevation", "sizes", "rose", "views", "ends")
     drawings = [(cave_report, f"draw_{name}") for name in names]
-    for place in (*drawings, (recipe, "draw_cave"), (outputs, "draw_stages"), (water_stage, "draw_flow")):
+    for place in (*drawings, (scenario_folder, "draw_cave"), (outputs, "draw_stages"), (water_stage, "draw_flow")):
         patch.setattr(*place, blank)
     patch.setattr("matplotlib.figure.Figure.savefig", blank)
     patch.setattr(flow, "FEW_CELLS", 20_000)
