@@ -17,16 +17,21 @@ from aquanav_tools.report import learning_plot
 
 
 def lighten_builds(patch: pytest.MonkeyPatch) -> None:
-    """Let every drawing of a build be an empty picture, whatever else is drawn be saved as one, and currents be coarse.
+    """Leave out a build's pictures, and let its currents be coarse.
 
     Finding them in as many cells as a small cave has by default takes a quarter of its time.
     """
+    leave_out_pictures(patch)
+    patch.setattr(flow, "FEW_CELLS", 20_000)
+
+
+def leave_out_pictures(patch: pytest.MonkeyPatch) -> None:
+    """Let every drawing of a build be an empty picture, and whatever else is drawn be saved as one."""
     names = ("plan", "long_section", "sections", "elevation", "sizes", "rose", "views", "ends")
     drawings = [(cave_report, f"draw_{name}") for name in names]
     for place in (*drawings, (scenario_folder, "draw_cave"), (outputs, "draw_stages"), (water_stage, "draw_flow")):
         patch.setattr(*place, blank)
     patch.setattr("matplotlib.figure.Figure.savefig", blank)
-    patch.setattr(flow, "FEW_CELLS", 20_000)
 
 
 def lighten_reports(patch: pytest.MonkeyPatch) -> None:

@@ -26,6 +26,7 @@ from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.values import kept_value
 from tests.commands import run_here
+from tests.conftest import REPOSITORY
 from tests.disks import fill, small_disk
 from tests.lighter import lighten_builds
 
@@ -41,9 +42,13 @@ OUTPUTS = {
 run = functools.partial(run_here, main)
 
 
-def run_as_a_process(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", "from aquanav_tools.cli.build_cave import main; main()", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
+BUILD = "from aquanav_tools.cli.build_cave import main; main()"
+WITHOUT_PICTURES = "import pytest; from tests import lighter; lighter.leave_out_pictures(pytest.MonkeyPatch())"
+
+
+def run_as_a_process(*arguments: object, code: str = BUILD) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, cwd=REPOSITORY, capture_output=True, text=True, timeout=300, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +121,8 @@ def test_noise_that_a_first_surface_shows_makes_the_voxel_larger(tmp_path: Path)
 
 
 def test_the_same_scan_and_seed_give_the_same_bytes(scan: Path, built: Path, tmp_path: Path) -> None:
-    again = run_as_a_process(scan, "-o", tmp_path / "again", "--name", "tube", "--starts.count", 20)
+    words = (scan, "-o", tmp_path / "again", "--name", "tube", "--starts.count", 20)
+    again = run_as_a_process(*words, code=f"{WITHOUT_PICTURES}; {BUILD}")
     assert again.returncode == 0, again.stderr
     assert read_scenario(tmp_path / "again").content_hash == read_scenario(built).content_hash
 
