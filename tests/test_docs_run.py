@@ -24,7 +24,7 @@ from aquanav_tools.sim.vehicle import load_vehicle
 from tests.build.test_survey_build import survey_of_a_tube
 from tests.commands import run_here
 from tests.conftest import REPOSITORY
-from tests.lighter import lighten_builds
+from tests.lighter import lighten_builds, lighten_reports
 from tests.pages import BUILDERS_PAGES, PAGES, USERS_PAGES, Block, blocks, modules, text
 from tests.project import commands
 from tests.sim.test_water import flowing
@@ -80,8 +80,11 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tube(1.2, 6.0, sections=32, rings=31).mesh.to_trimesh().apply_scale(100.0).export(folder / "scan.stl")
     survey_of_a_tube(folder / "survey.svx")
     cave, run = folder / "caves" / "mine", folder / "out" / "train"
-    aquanav.train(cave, steps=256, n_steps=16, num_envs=8, hidden=(8,), final_episodes=0, output=run)
-    aquanav.evaluate(run, cave, episodes=3, max_decisions=30, record="none", workers=1, output=folder / "out" / "eval")
+    with pytest.MonkeyPatch.context() as patch:
+        lighten_reports(patch)
+        aquanav.train(cave, steps=256, n_steps=16, num_envs=8, hidden=(8,), final_episodes=0, output=run)
+        less: dict[str, Any] = {"episodes": 3, "max_decisions": 30, "record": "none", "workers": 1}
+        aquanav.evaluate(run, cave, output=folder / "out" / "eval", **less)
     for name in ("policy.zip", "a.zip", "b.zip"):
         shutil.copy(run / "policy.zip", folder / name)
     shutil.copy(run / "policy.onnx", folder)
