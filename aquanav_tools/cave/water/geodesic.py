@@ -167,9 +167,7 @@ def distance_to(field: DistanceField, goal: Array, min_clearance: float) -> Ways
 
 
 @numba.njit(cache=True)
-def _find_neighbours(
-    indices, step, offsets, points, min_clearance, bricks, samples, origin, spacing, numbers, ahead, counts
-):  # type: ignore[no-untyped-def]
+def _find_neighbours(indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts):  # type: ignore[no-untyped-def]
     """Note the neighbours at half of the offsets in `ahead`, and how many each node has in all in counts[n + 1]."""
     for n in range(len(indices)):
         i, j, k = indices[n]
@@ -184,7 +182,7 @@ def _find_neighbours(
             other = numbers[brick, i % BRICK, j % BRICK, k % BRICK]
             if other == NO_NODE:
                 continue
-            if step == 1 or sees(points[n], points[other], min_clearance, bricks, samples, origin, spacing):
+            if step == 1 or sees(points[n], points[other], least, bricks, samples, origin, spacing):
                 ahead[n, m] = other
                 counts[n + 1] += 1
                 counts[other + 1] += 1
