@@ -132,9 +132,20 @@ def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray,
     part = _parts(table)
     kept = (np.bincount(part) >= MIN_SHARE * len(indices))[part]
     if not kept.all():
-        number = np.append(np.cumsum(kept, dtype=np.int32) - 1, np.int32(-1))
-        table = number[table[kept]]
+        table = _renumbered(table, kept, np.cumsum(kept, dtype=np.int32) - 1)
     return indices[kept], clearance[kept], table
+
+
+@numba.njit(cache=True)
+def _renumbered(table, kept, number):  # type: ignore[no-untyped-def]
+    """Return the rows of a table that are kept, with their new numbers; neighbours are kept together."""
+    fewer = np.empty((number[-1] + 1, table.shape[1]), np.int32)
+    for row in range(len(table)):
+        if kept[row]:
+            for n in range(table.shape[1]):
+                other = table[row, n]
+                fewer[number[row], n] = number[other] if other >= 0 else -1
+    return fewer
 
 
 def _drowned(indices: IntArray, clearance: Array, table: Table) -> tuple[IntArray, Array, Table]:

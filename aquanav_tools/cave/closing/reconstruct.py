@@ -22,9 +22,9 @@ from aquanav_tools.cave.closing.fairing import fair_holes
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
-from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, faces_within, main_water
+from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, check_is_cave, faces_within, main_water
 from aquanav_tools.cave.closing.tiles import ImplicitField, TileCache, implicit_field, water_surface
-from aquanav_tools.cave.mesh.decimation import without_excess
+from aquanav_tools.cave.mesh.decimation import merge_faces, without_excess
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.mesh.proximity import SurfaceTree, are_within, surface_tree
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
@@ -201,6 +201,8 @@ def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSu
             return None, replace(draft, carving=carving, num_smoothed=draft.num_smoothed + 1)
     merged = without_excess(_faired(scan, mesh, draft.holes), SIMPLIFY_VOXELS * voxel)
     is_scan = faces_within(merged, scan.tree, SCAN_VOXELS * voxel)
+    if not len(scan.evidence.inside):
+        check_is_cave(merged, is_scan, scan.surface.mesh, scan.accept)
     return ClosedSurface(merged, is_scan, "winding", cautions + _handles_left(spurious)), draft
 
 
@@ -274,9 +276,12 @@ def _carved(before: Carving, blocked: Array, spurious: tuple[Handle, ...], radiu
 
 def _spurious_handles(mesh: Mesh, tree: SurfaceTree, voxel: float) -> tuple[Handle, ...]:
     """Return the tunnels and pillars of a closed mesh that the scan did not see, or cannot tell from its noise."""
+    if 2 * len(mesh.vertices) - len(mesh.faces) == 4:  # Euler: in one piece and without a handle
+        return ()
+    merged = merge_faces(mesh, np.zeros(len(mesh.faces), dtype=np.int64), SIMPLIFY_VOXELS * voxel)
     return tuple(
         handle
-        for handle in find_handles(mesh)
+        for handle in find_handles(merged)
         if handle.diameter < NOISE_VOXELS * voxel or are_within(tree, handle.points, voxel).mean() < MIN_SEEN_SHARE
     )
 

@@ -23,6 +23,9 @@ MAX_HOLLOW_SHARE = 0.3
 waves 0.1 to 0.8 m high 90 to 33 %, passages four times as long as wide 8 %."""
 NUM_VIEWPOINTS = 200
 """Places in a body of water from which is told whether it is a cave."""
+MIN_THICKNESS = 0.5
+"""Twice its volume over its area: water of less than so many voxels is what noise leaves between two samples. Round
+passages have their radius, so that this is one voxel wide."""
 CHORD_OFFSET = 1e-3
 """A ray across the water starts this far from its wall, m."""
 MIN_FLOATING_ROCK = 1e-4
@@ -45,6 +48,14 @@ class ClosedSurface:
 def refuse(error: UnseenWallsError) -> None:
     """Accept no open surface."""
     raise error
+
+
+def no_space(surface: Mesh, voxel: float) -> MeshError:
+    """Return the error that a scan encloses no water."""
+    return MeshError(
+        f"The scan of {len(surface.faces)} triangles encloses no space at {voxel:.3g} m. It is a single wall or floor "
+        "and no passage. Scan the surroundings too, or give a smaller --voxel if the passage is narrower."
+    )
 
 
 def faces_within(mesh: Mesh, surface: SurfaceTree, distance: float) -> BoolArray:
@@ -83,9 +94,28 @@ def main_water(
     chosen = max(range(len(bodies)), key=lambda n: (_num_inside(bodies[n], inside), -n))
     if len(waters) > 1 and not len(inside) and volumes[waters[1]] > MIN_SECOND_CAVE * volumes[waters[0]]:
         _check_is_the_cave(bodies, volumes[waters[:2]], len(waters), surface, tree, voxel, accept)
+    if 2.0 * volumes[waters[chosen]] < MIN_THICKNESS * voxel * face_areas(bodies[chosen])[0].sum():
+        raise no_space(surface, voxel)
     is_rock = volumes < -MIN_FLOATING_ROCK * volumes[waters[chosen]]
     rocks = [(component(mesh, ids == rock), float(-volumes[rock])) for rock in np.flatnonzero(is_rock)]
     return bodies[chosen], tuple(_floating_rock(rocks))
+
+
+def check_is_cave(closed: Mesh, is_scan: BoolArray, surface: Mesh, accept: Callable[[UnseenWallsError], None]) -> None:
+    """Refuse water around which much of the surface was invented, unless scanned wall is all around its middle.
+
+    Args:
+        closed: the water, in one piece.
+        is_scan: (F,) its faces that follow the scan.
+        surface: the scan.
+        accept: raises what it is given, or notes it.
+    """
+    areas = face_areas(closed)[0]
+    if areas[~is_scan].sum() > MAX_HOLLOW_SHARE * areas.sum():
+        try:
+            check_enclosure(surface, _middles(closed), "the middle of the closed water")
+        except UnseenWallsError as error:
+            accept(error)
 
 
 def _check_is_the_cave(

@@ -24,12 +24,12 @@ from aquanav_tools.cave.closing.carving import (
     is_seen_through,
     with_seen_through,
 )
+from aquanav_tools.cave.closing.solid import no_space
 from aquanav_tools.cave.closing.winding import COARSE_STEP, WATER_LEVEL, WindingField, winding_field, winding_in_box
 from aquanav_tools.cave.mesh.box_tree import boxes_of
 from aquanav_tools.cave.mesh.marching_cubes import WITHIN_CELL, marching_cubes
 from aquanav_tools.cave.mesh.rasterise import band_distances
 from aquanav_tools.cave.scan.sight import Sight
-from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
 Float32Array = npt.NDArray[np.float32]
@@ -46,8 +46,10 @@ FAULTS_HALO = 28
 """... and where faults are smoothed, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles with water that was only looked through."""
-SMOOTHING = 0.6
-"""Standard deviation of the filter that removes the staircase, voxels."""
+SMOOTHING = 0.35
+"""Standard deviation of the filter that rounds off where distance and winding number meet, voxels. It also rounds off
+rock: of a scan with 3 mm of noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 5.3 at 0.4 and
+1.9 / 7.3 at 0.6."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
 SMALLEST_VALUE = 1e-3
@@ -132,11 +134,7 @@ def water_surface(
         progress(len(found), len(found) + len(waiting))
     mesh = _weld(list(found.values()), lattice.num_samples)
     if not len(mesh.faces):
-        raise MeshError(
-            f"The scan of {len(water.surface.faces)} triangles encloses no space at {water.voxel:.3g} m. It is a "
-            "single wall or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the "
-            "passage is narrower."
-        )
+        raise no_space(water.surface, water.voxel)
     return Mesh(lattice.origin + water.voxel * mesh.vertices, mesh.faces)
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array, IntArray, Mesh
 
 MIN_AXIS = 1e-9
 """Shorter axes have no direction, m: the capsule is a sphere."""
@@ -41,6 +41,11 @@ class Surface:
         """Return the (N,) distances of (N, 3) points from the surface, m."""
         squared: Array = self._tree.squared_distance(self._mesh.vertices, self._mesh.faces, points)[0]
         return np.sqrt(squared)
+
+    def nearest_faces(self, points: Array) -> IntArray:
+        """Return the (N,) faces that are nearest to (N, 3) points."""
+        faces = self._tree.squared_distance(self._mesh.vertices, self._mesh.faces, points)[1]
+        return np.asarray(faces, dtype=np.int64)
 
     def gap(self, start: Array, end: Array, radius: float) -> float:
         """Return the distance from the surface to the capsule of `radius` around a segment, m; 0 when they touch.

@@ -168,7 +168,7 @@ def distance_to(field: DistanceField, goal: Array, min_clearance: float) -> Ways
 
 @numba.njit(cache=True)
 def _find_neighbours(  # type: ignore[no-untyped-def]
-    indices, step, offsets, points, min_clearance, bricks, samples, origin, spacing, numbers, ahead, counts
+    indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts
 ):
     """Note the neighbours at half of the offsets in `ahead`, and how many each node has in all in counts[n + 1]."""
     for n in range(len(indices)):
@@ -184,7 +184,7 @@ def _find_neighbours(  # type: ignore[no-untyped-def]
             other = numbers[brick, i % BRICK, j % BRICK, k % BRICK]
             if other == NO_NODE:
                 continue
-            if step == 1 or sees(points[n], points[other], min_clearance, bricks, samples, origin, spacing):
+            if step == 1 or sees(points[n], points[other], least, bricks, samples, origin, spacing):
                 ahead[n, m] = other
                 counts[n + 1] += 1
                 counts[other + 1] += 1
