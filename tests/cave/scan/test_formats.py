@@ -330,7 +330,6 @@ def test_a_3mf_of_more_points_than_can_be_loaded_is_refused_unread(tmp_path: Pat
         read_scan(path, AS_FILED)
 
 
-@pytest.mark.usefixtures("decoded_here")
 def test_a_usd_without_a_mesh_and_one_with_wrong_corners_are_refused(tmp_path: Path) -> None:
     need("usda")
     path = tmp_path / "a.usda"
