@@ -48,9 +48,8 @@ SCALE_OPTIONS = (
 )
 SEEN_HEIGHT_ERROR = 0.5
 """The same where floor or ceiling were not seen; chosen."""
-PREVIEW_CELLS = (100, 50)
-"""Cells along the longest side of the coarse surface that tells whether the photos show a cave; the fewer ones where
-the points scatter too much for the others. Photos of a kitchen 4 m long err by 2 cm: half a cell of the finer ones."""
+PREVIEW_CELLS = 100
+"""Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
 NARROW = (
     " All photos together look into only {share:.0%} of all directions; wall in the others shows only where the camera "
@@ -113,13 +112,7 @@ def check_has_scale(options: BuildOptions) -> None:
 def preview_surface(cloud: PointCloud, *, accept_thick: bool = False) -> Mesh:
     """Return a coarse surface of a cloud of any scale; arguments and errors as of `surface_from_cloud`."""
     extent = np.percentile(cloud.points, 99, axis=0) - np.percentile(cloud.points, 1, axis=0)
-    finest, coarsest = (float(extent.max()) / number for number in PREVIEW_CELLS)
-    if accept_thick:
-        return surface_from_cloud(cloud, coarsest, accept_thick=True).mesh
-    try:
-        return surface_from_cloud(cloud, finest).mesh
-    except UnseenWallsError:
-        return surface_from_cloud(cloud, coarsest).mesh
+    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS, accept_thick=accept_thick).mesh
 
 
 def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:

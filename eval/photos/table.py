@@ -56,8 +56,8 @@ def markdown(results: list[dict[str, Any]]) -> str:
     lines = [
         "# Photos",
         "",
-        f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave, by the "
-        "code of the commit that the third table names; "
+        f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave, at the "
+        "commit that the third table names (of rows older than that column, the one that recorded them); "
         "centres and rotations after the similarity transform that fits the true centres best. COLMAP is its own "
         "command line: features, exhaustive matching, incremental mapping.",
         "",

@@ -29,7 +29,6 @@ from aquanav_tools.build.photo_stages import (
 from aquanav_tools.cave.closing.enclosure import MIN_FACING
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
-from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.sight import Sight, make_sight
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
@@ -125,22 +124,6 @@ def test_a_hall_of_which_ceiling_and_ends_were_not_seen_is_a_cave_half_seen() ->
     code, sentence = found.caution
     assert code == "half-seen"
     assert f"{found.facing:.0%} of all lines meet walls that face each other" in sentence
-
-
-def noisy_room(noise: float) -> PointCloud:
-    """A room of 4 x 2 x 2 m as three photos a point see it, each coordinate off by some noise, m."""
-    samples, faces = trimesh.sample.sample_surface(box := trimesh.creation.box((4.0, 2.0, 2.0)), 280_000, seed=1)
-    points = np.asarray(samples) + np.random.default_rng(0).normal(0.0, noise, (280_000, 3))
-    return PointCloud(points, -box.face_normals[faces], None, np.full(280_000, 3), np.zeros(280_000))
-
-
-def test_a_room_is_told_through_noise_of_a_hundredth_of_its_length_but_not_of_a_tenth() -> None:
-    with pytest.raises(UnseenWallsError, match="lie on no surface"):
-        surface_from_cloud(noisy_room(0.03), 0.04)
-    corners = preview_surface(noisy_room(0.03)).vertices
-    np.testing.assert_allclose(np.percentile(corners, [2.0, 98.0], axis=0).T, [[-2, 2], [-1, 1], [-1, 1]], atol=0.1)
-    with pytest.raises(UnseenWallsError, match="lie on no surface"):
-        preview_surface(noisy_room(0.4))
 
 
 def test_photos_all_around_an_object_on_the_ground_show_no_cave() -> None:
