@@ -165,8 +165,11 @@ def is_imported(frame: FrameType | None) -> bool:
     return False
 
 
-def test_every_function_that_a_build_runs_is_among_the_code_it_is_said_to_use(tmp_path: Path) -> None:
+def test_every_function_that_a_build_runs_is_among_the_code_it_is_said_to_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The truth is what Python itself calls while a damaged tube is closed and made a scenario."""
+    monkeypatch.setattr("aquanav_tools.cave.water.flow.FEW_CELLS", 20_000)  # it takes longer while it is watched
     ran: set[tuple[str, str]] = set()
 
     def note(frame: FrameType, event: str, _argument: object) -> None:

@@ -16,7 +16,7 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_made_up
 from aquanav_tools.cave.cavity import WALL
-from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
 from aquanav_tools.cave.route.passability import route_clearance
 from aquanav_tools.cave.scan.resolution import Resolution

@@ -15,8 +15,8 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.centreline.graph import CentrelineGraph
 from aquanav_tools.cave.closing.evidence import Evidence
-from aquanav_tools.cave.closing.from_scan import close_scan
 from aquanav_tools.cave.closing.portals import Cut
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.measure.sections import Section, cross_sections
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.cave.route.passability import measure_passability
@@ -113,16 +113,14 @@ def close(
         surface = surface_from_mesh(scan, size, known)
     else:
         surface = surface_from_cloud(scan, size, known, accept_thick=accept_open)
-    found = close_scan(
-        surface,
+    options = ReconstructionOptions(
         size,
+        2.0 * width,
         keep_triangles=isinstance(scan, Mesh),
-        min_portal=2.0 * width,
         cuts=tuple(Cut(plane[:3], plane[3:] / np.linalg.norm(plane[3:])) for plane in planes),
-        evidence=Evidence(known),
         accept_open=accept_open,
     )
-    return found.cavity
+    return close_scan(surface, options, Evidence(known)).cavity
 
 
 def centreline(water: Cavity, *, narrowest: float = NARROWEST) -> CentrelineGraph:

@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity, to_manifold
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, from_manifold, to_manifold
 from aquanav_tools.cave.route.route import Route, resample
 from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.cave.water.distance import distance_field

@@ -5,8 +5,7 @@ from __future__ import annotations
 import manifold3d
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, from_manifold
 from aquanav_tools.types import Mesh
 
 SIDES = 64

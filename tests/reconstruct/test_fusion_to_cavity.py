@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.closing.evidence import Evidence, contradictions
-from aquanav_tools.cave.closing.from_scan import close_scan
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, demo_cave
 from aquanav_tools.photograph.lens import Lens
@@ -56,7 +56,7 @@ def test_exact_depth_gives_the_cave_back(tmp_path: Path) -> None:
     fused = fuse_exact(cave, shots, tmp_path)
     surface = surface_from_cloud(fused.cloud, VOXEL)
     evidence = Evidence(fused.sight.centres, sight=fused.sight)
-    cavity = close_scan(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence).cavity
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence).cavity
     assert sorted(round(float(portal.normal[0])) for portal in cavity.portals) == [-1, 1]  # the ends at x = 0 and 9
     assert cavity.mesh.to_trimesh().euler_number == cave.truth.to_trimesh().euler_number
     assert cavity.volume == pytest.approx(abs(cave.truth.volume), rel=0.03)

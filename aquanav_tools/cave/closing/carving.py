@@ -6,12 +6,17 @@ All of it changes the field before its surface is drawn, so that water that is a
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.cave.closing.columns import Column
 from aquanav_tools.cave.scan.sight import Sight
 from aquanav_tools.types import Array, BoolArray
+
+Samples: TypeAlias = npt.NDArray[np.floating]
+"""Values or distances of a box of samples, of any precision."""
 
 BAND_VOXELS = 2.0
 """Distances from the wall are cut off beyond: the smoothing looks no farther."""
@@ -67,7 +72,7 @@ class Carving:
 NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
 
 
-def carve(field: Array, distance: Array, origin: Array, voxel: float, carving: Carving) -> Array:
+def carve(field: Samples, distance: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
     """Return the field of a box of samples with all corrections that reach into it.
 
     Args:
@@ -93,7 +98,7 @@ def is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
     return seen
 
 
-def with_seen_through(field: Array, seen: BoolArray) -> Array:
+def with_seen_through(field: Samples, seen: BoolArray) -> Samples:
     """Return an (X, Y, Z) field with water where (X, Y, Z) flags are set, its border as smooth as noise allows."""
     from scipy.ndimage import gaussian_filter
 
@@ -107,7 +112,7 @@ def with_seen_through(field: Array, seen: BoolArray) -> Array:
     return np.where(beside > MIN_CARVED, np.minimum(field, level), field)
 
 
-def _without_faults(field: Array, distance: Array, origin: Array, voxel: float, carving: Carving) -> Array:
+def _without_faults(field: Samples, distance: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
     """Change a field, in place: inside the faulty places the wall is closed and opened by a ball. Return it."""
     if not len(carving.faults):
         return field
@@ -137,7 +142,7 @@ def _depth(flags: BoolArray) -> Array:
     return np.full(flags.shape, np.inf) if flags.all() else np.asarray(distance_transform_edt(flags))
 
 
-def _with_legs(field: Array, origin: Array, voxel: float, carving: Carving) -> Array:
+def _with_legs(field: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
     """Change a field, in place: water around the legs. Return it."""
     for start, end in carving.legs:
         reach = carving.leg_radius / voxel + BAND_VOXELS

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from aquanav_tools.cave.closing.close import ClosedSurface
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
-from aquanav_tools.cave.closing.close import ClosedSurface, faces_near, refuse
 from aquanav_tools.cave.closing.ends import End
+from aquanav_tools.cave.closing.solid import ClosedSurface, faces_within, refuse
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.cave.mesh.proximity import SurfaceTree, surface_tree
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, Mesh
@@ -67,6 +68,7 @@ def cut_portals(
     cuts: tuple[Cut, ...] = (),
     accept: Callable[[UnseenWallsError], None] = refuse,
     max_share: float = MAX_CUT_SHARE,
+    tree: SurfaceTree | None = None,
 ) -> Cavity:
     """Return the cavity with every open end cut flat, and where the user wants it, and labelled.
 
@@ -78,6 +80,7 @@ def cut_portals(
         cuts: the user's own.
         accept: raises what it is given, or notes it; an end that no flat cut fits then stays wall.
         max_share: a flat cut of an end that would remove more of the volume than this is a mistake.
+        tree: over the triangles of `surface`, where it is at hand.
 
     Raises:
         MeshError: a cut of the user misses the cave, does not divide it, or makes no portal because another cut takes
@@ -95,7 +98,7 @@ def cut_portals(
             continue
         labels[on_lid] = len(portals) + 1
         portals.append(_portal(mesh, labels == len(portals) + 1, len(portals) + 1, lid.normal))
-    observed = faces_near(mesh, surface, OBSERVED_VOXELS * voxel) & (labels == WALL)
+    observed = faces_within(mesh, tree or surface_tree(surface), OBSERVED_VOXELS * voxel) & (labels == WALL)
     return Cavity(mesh, labels, observed, tuple(portals))
 
 

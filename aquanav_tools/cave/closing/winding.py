@@ -1,309 +1,263 @@
-"""Resampling a damaged surface: winding numbers tell water from rock, marching cubes draws the wall between them.
+"""Winding numbers of a damaged surface on a grid of samples: near 1 in the water and near 0 in rock.
 
-The generalised winding number of the surface is near 1 in the water and near 0 in the rock even where the surface has
-holes, crosses itself or is a mere soup (Jacobson et al. 2013, Barill et al. 2018). Space is sampled in tiles, of which
-only those with wall in them are ever held, so that memory follows the area of the walls and not the box around them.
+The generalised winding number tells the two apart even where a surface has holes, crosses itself or is a mere soup
+(Jacobson et al. 2013, Barill et al. 2018). It jumps by one where a wall is crossed, and changes smoothly elsewhere,
+over about the distance from the nearest rim. So few samples are computed: others count the walls on the way from there.
 """
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from dataclasses import dataclass
+from typing import Any
 
+import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.closing.carving import (
-    BAND_VOXELS,
-    NO_CARVING,
-    Carving,
-    carve,
-    is_seen_through,
-    with_seen_through,
-)
-from aquanav_tools.cave.mesh.rasterise import band_distances
-from aquanav_tools.cave.scan.sight import Sight
-from aquanav_tools.errors import MeshError
-from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
+from aquanav_tools.cave.mesh.piercings import signed_piercings
+from aquanav_tools.types import Array, BoolArray, Mesh
+
+Float32Array = npt.NDArray[np.float32]
 
 WATER_LEVEL = 0.5
-TILE = 96
-"""Cells along a tile's edge."""
 COARSE_STEP = 4
-"""Away from the walls the winding number is sampled on every fourth sample only."""
-CROSSED_VOXELS = 0.9
-"""Every point of a wall is this near to a sample, half a cell's diagonal and a little more."""
-HALO = 4
-"""Samples around a tile that smoothing may look at; a multiple of COARSE_STEP."""
-CARVING_HALO = 8
-"""The same where something is carved, which looks farther ..."""
-FAULTS_HALO = 28
-"""... and where faults are smoothed, with balls of up to five samples four times over."""
-BETWEEN_STEP = 12
-"""Samples of which one is asked to find tiles that the water's border crosses away from any wall."""
+"""Away from walls and rims only every fourth sample is computed, ..."""
+ANCHOR_STEP = 16
+"""... and where no rim is near at all, one in sixteen."""
+UNSURE = 0.35
+"""A number that is counted, not computed, stands where it is at least this far from the level."""
+RIM_REACH, FAR_RIM_REACH = 3, 8
+"""Coarse steps from a rim within which numbers are not counted from coarse samples; and from anchors. At 8 samples from
+a straight rim the number changes by 0.02 per sample."""
 NEAR_ACCURACY, HOLE_ACCURACY = 1.3, 2.0
 """Of igl's fast winding number: within 0.04 at the first (measured), enough to tell the sides of a wall apart, and
 within 0.005 at the second, where the number itself shapes the fill; the first costs less than half."""
-SMOOTHING = 0.6
-"""Standard deviation of the filter that removes the staircase, voxels."""
-UNSURE = 0.35
-"""Winding numbers within this of the level are computed at every sample: a hole's middle passes there."""
-HOLE_SLOPE = 20.0
-"""Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
-SMALLEST_VALUE = 1e-3
-"""Marching cubes makes degenerate faces where a sample lies on the level; none comes nearer than this, voxels."""
+CROSSED_VOXELS = 0.9
+"""Every point of a wall is this near to a sample, half a cell's diagonal and a little more."""
+ON_WALL = 1e-4
+"""On which side of a wall a sample nearer than this lies, voxels, is a matter of rounding: no count goes past it."""
+COUNTED, ASKED_NEAR, ASKED_IN_HOLE = 0, 1, 2
 
 
-_Piece: TypeAlias = tuple[Array, IntArray]
-"""Vertices, in samples, and faces."""
+@dataclass(frozen=True, eq=False)
+class WindingField:
+    """The winding number of one surface, ready to be asked."""
+
+    hierarchy: Any
+    """Of igl."""
+    rims: Array
+    """(R, 2, 3) ends of the edges at which the surface ends, m."""
 
 
-def water_surface(
-    surface: Mesh, voxel: float, carving: Carving = NO_CARVING, progress: Progress = ignore_progress
-) -> Mesh:
-    """Return the boundary of all water that a surface encloses, normals out of it.
+def winding_field(surface: Mesh) -> WindingField:
+    """Return the winding number of a surface with normals out of the water."""
+    import igl
+
+    hierarchy = igl.FastWindingNumberBVH()
+    hierarchy.init(surface.vertices, surface.faces)
+    return WindingField(hierarchy, surface.vertices[_rims(surface)])
+
+
+def _rims(surface: Mesh) -> npt.NDArray[np.int64]:
+    """Return the (R, 2) edges that more faces run along one way than the other: there the winding number turns."""
+    tails, heads = surface.faces.ravel(), np.roll(surface.faces, -1, axis=1).ravel()
+    low, high = np.minimum(tails, heads), np.maximum(tails, heads)
+    keys = low * len(surface.vertices) + high
+    order = np.argsort(keys)
+    keys = keys[order]
+    starts = np.flatnonzero(np.diff(keys, prepend=-1))
+    sums = np.add.reduceat(np.where(tails < heads, 1, -1)[order], starts) if len(keys) else keys
+    rims = keys[starts[sums != 0]]
+    return np.stack([rims // len(surface.vertices), rims % len(surface.vertices)], axis=1)
+
+
+def winding_in_box(
+    field: WindingField, triangles: Array, origin: Array, voxel: float, distance: Float32Array
+) -> Float32Array:
+    """Return the winding number at the samples of a box; away from the level and the walls only its side is exact.
 
     Args:
-        surface: walls with normals out of the water; may have holes, cracks and repetitions.
+        field: of the whole surface.
+        triangles: (K, 3, 3) all of it that reach into the box, m.
+        origin: (3,) of the first sample, m.
         voxel: spacing of the samples, m.
-        carving: corrections.
-        progress: called with (tiles done, tiles in all).
-
-    Raises:
-        MeshError: no space is enclosed.
+        distance: (N, N, N) from the surface, voxels, right where it is below 1; N - 1 is a multiple of COARSE_STEP.
     """
-    return Sampler(surface, voxel).water_surface(carving, progress)
-
-
-class Sampler:
-    """Samples the water in one surface, and again only where its corrections change.
-
-    Args:
-        surface: walls with normals out of the water; may have holes, cracks and repetitions.
-        voxel: spacing of the samples, m.
-        sight: what cameras looked through is water, whatever the surface says.
-    """
-
-    def __init__(self, surface: Mesh, voxel: float, sight: Sight | None = None) -> None:
-        import igl
-
-        self._surface, self._voxel, self._sight = surface, voxel, sight
-        self._lattice = _Lattice(surface, voxel, surface.vertices[:0] if sight is None else sight.centres)
-        self._winding = igl.FastWindingNumberBVH()
-        self._winding.init(surface.vertices, surface.faces)
-        self._tiles_with_level = self._lattice.tiles_with_level(self._winding, sight)
-        self._pieces: dict[tuple[int, ...], tuple[Carving, _Piece]] = {}
-        self._seen: dict[tuple[int, ...], npt.NDArray[np.uint8]] = {}
-
-    def water_surface(self, carving: Carving, progress: Progress = ignore_progress) -> Mesh:
-        """Return the boundary of all water; see the function of this name."""
-        lattice, found = self._lattice, {}
-        waiting = [tuple(tile) for tile in lattice.with_tiles_of(self._tiles_with_level, carving).tolist()]
-        while waiting:
-            key = waiting.pop(0)
-            if key in found:
-                continue
-            tile = np.array(key)
-            local = carving.near(*lattice.box(tile))
-            kept = self._pieces.get(key)
-            if kept is None or not kept[0].is_as(local):
-                self._pieces[key] = local, _march(self._field(tile, local), tile * TILE)
-            found[key] = self._pieces[key][1]
-            # Narrow water that was only looked through passes between the samples that told which tiles there are.
-            waiting += _across_borders(found[key][0], tile)
-            progress(len(found), len(found) + len(waiting))
-        mesh = _weld(list(found.values()), lattice.num_samples)
-        if not len(mesh.faces):
-            raise MeshError(
-                f"The scan of {len(self._surface.faces)} triangles encloses no space at {self._voxel:.3g} m. It is a "
-                "single wall or floor and no passage. Scan the surroundings too, or give a smaller --voxel if the "
-                "passage is narrower."
-            )
-        return Mesh(lattice.origin + self._voxel * mesh.vertices, mesh.faces)
-
-    def _field(self, tile: IntArray, carving: Carving) -> Array:
-        """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it.
-
-        The carving is what of it reaches there.
-        """
-        from scipy.ndimage import gaussian_filter
-
-        lattice, voxel = self._lattice, self._voxel
-        halo = CARVING_HALO if carving.columns or self._sight is not None else HALO
-        halo = FAULTS_HALO if len(carving.faults) else halo
-        count = TILE + 1 + 2 * halo
-        origin = lattice.origin + voxel * (tile * TILE - halo)
-        triangles = lattice.triangles_near(tile, around=1 if halo > CARVING_HALO else 0)
-        close, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
-        distance = close.astype(np.float64)
-        excess = _winding_in_tile(self._winding, origin, voxel, distance < CROSSED_VOXELS * voxel) - WATER_LEVEL
-        magnitude = np.minimum(np.minimum(distance / voxel, HOLE_SLOPE * np.abs(excess)), BAND_VOXELS)
-        field: Array = -np.sign(excess) * magnitude
-        if self._sight is not None:
-            field = with_seen_through(field, self._seen_through(tile, halo, field > 0.0))
-        field = carve(field, distance / voxel, origin, voxel, carving)
-        inner = slice(halo, -halo)
-        smooth: Array = gaussian_filter(field, SMOOTHING)[inner, inner, inner]
-        smooth[np.abs(smooth) < SMALLEST_VALUE] = SMALLEST_VALUE
-        for axis in range(3):  # no water leaves the samples
-            ends = np.moveaxis(smooth, axis, 0)
-            if tile[axis] == 0:
-                ends[0] = np.maximum(ends[0], SMALLEST_VALUE)
-            if tile[axis] == lattice.num_tiles[axis] - 1:
-                ends[-1] = np.maximum(ends[-1], SMALLEST_VALUE)
-        return smooth
-
-    def _seen_through(self, tile: IntArray, halo: int, is_rock: BoolArray) -> BoolArray:
-        """Return the flags of a tile's samples that are rock to the surface and that cameras looked through.
-
-        Asking costs more than all else about a tile, so the answer is kept, a bit per sample.
-        """
-        key = (*tile.tolist(), halo)
-        if self._sight is not None and key not in self._seen:
-            low = self._lattice.origin + self._voxel * (tile * TILE - halo)
-            sight = self._sight.near(low, low + self._voxel * np.array(is_rock.shape))
-            seen = np.zeros(is_rock.shape, dtype=bool)
-            seen[is_rock] = is_seen_through(sight, low + self._voxel * np.argwhere(is_rock), self._voxel)
-            self._seen[key] = np.packbits(seen)
-        return np.unpackbits(self._seen[key], count=is_rock.size).astype(bool).reshape(is_rock.shape)
-
-
-class _Lattice:
-    """The samples in space around a surface: their tiles, and which triangles come near each tile.
-
-    Around (N, 3) places, too, and with room to draw out ends towards them.
-    """
-
-    def __init__(self, surface: Mesh, voxel: float, places: Array) -> None:
-        self.voxel = voxel
-        margin = (TILE if len(places) else CARVING_HALO + COARSE_STEP) * voxel
-        within = np.concatenate([surface.vertices, places])
-        self.origin = within.min(axis=0) - margin
-        extent = within.max(axis=0) + margin - self.origin
-        self.num_tiles = np.ceil(extent / (TILE * voxel)).astype(np.int64)
-        self.num_samples = self.num_tiles * TILE + 1
-        self._corners = surface.triangles
-        reach = (CARVING_HALO + BAND_VOXELS + 1) * voxel
-        low = np.floor((self._corners.min(axis=1) - reach - self.origin) / (TILE * voxel)).astype(np.int64)
-        high = np.floor((self._corners.max(axis=1) + reach - self.origin) / (TILE * voxel)).astype(np.int64)
-        last = self.num_tiles - 1
-        members, tile_ids = _cover(np.clip(low, 0, last), np.clip(high, 0, last), self.num_tiles)
-        order = np.argsort(tile_ids, kind="stable")
-        self._members, self._tile_ids = members[order], tile_ids[order]
-
-    def tiles_with_level(  # type: ignore[no-untyped-def]  # igl ships no types
-        self, winding, sight: Sight | None
-    ) -> IntArray:
-        """Return the (T, 3) tiles with wall near them, and those through which the water's border may pass unseen."""
-        near = np.unique(self._tile_ids)
-        # Between two walls or across a hole the winding number changes over metres.
-        step = BETWEEN_STEP
-        counts = self.num_samples // step + 1
-        values = np.empty(counts)
-        y, z = np.meshgrid(np.arange(counts[1]), np.arange(counts[2]), indexing="ij")
-        for x in range(counts[0]):
-            samples = self.origin + self.voxel * step * np.stack([np.full(y.size, x), y.ravel(), z.ravel()], axis=1)
-            values[x] = winding.winding_number(samples).reshape(y.shape)
-            if sight is not None:
-                cameras = sight.near(samples[0], samples[-1])
-                # Water that was looked through where the surface has rock ends somewhere near.
-                is_carved = is_seen_through(cameras, samples, self.voxel).reshape(y.shape) & (values[x] < WATER_LEVEL)
-                values[x][is_carved] = WATER_LEVEL
-        unsure = np.argwhere(np.abs(values - WATER_LEVEL) < UNSURE)
-        touched = [np.clip((unsure + shift) * step // TILE, 0, self.num_tiles - 1) for shift in (-1, 0, 1)]
-        between = np.unique(np.ravel_multi_index(np.concatenate(touched).T, self.num_tiles))
-        return np.stack(np.unravel_index(np.union1d(near, between), self.num_tiles), axis=1)
-
-    def box(self, tile: IntArray) -> tuple[Array, Array]:
-        """Return the corners of all samples that are looked at for a tile, m."""
-        low = self.origin + self.voxel * (tile * TILE - CARVING_HALO)
-        return low, low + self.voxel * (TILE + 2 * CARVING_HALO)
-
-    def with_tiles_of(self, tiles: IntArray, carving: Carving) -> IntArray:
-        """Return (T, 3) tiles and those that legs and columns of water pass through far from any wall."""
-        around = carving.leg_radius
-        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg in carving.legs]
-        boxes += [column.box for column in carving.columns]
-        if not boxes:
-            return tiles
-        places = (np.array(boxes) - self.origin) / (TILE * self.voxel)
-        last = self.num_tiles - 1
-        low, high = (np.clip(np.floor(places[:, end]).astype(np.int64), 0, last) for end in (0, 1))
-        touched = np.union1d(np.ravel_multi_index(tiles.T, self.num_tiles), _cover(low, high, self.num_tiles)[1])
-        return np.stack(np.unravel_index(touched, self.num_tiles), axis=1)
-
-    def triangles_near(self, tile: IntArray, around: int) -> Array:
-        """Return the (K, 3, 3) triangles near a tile, or near any of those so many tiles around it."""
-        low, high = np.maximum(tile - around, 0), np.minimum(tile + around, self.num_tiles - 1)
-        ids = _cover(low[None], high[None], self.num_tiles)[1]
-        starts, ends = (np.searchsorted(self._tile_ids, ids, side=side) for side in ("left", "right"))
-        members = [self._members[start:end] for start, end in zip(starts, ends, strict=True)]
-        return self._corners[np.unique(np.concatenate(members))]
-
-
-def _cover(low: IntArray, high: IntArray, num_tiles: IntArray) -> tuple[IntArray, IntArray]:
-    """Return all pairs of a box and a tile it touches, the boxes given by their (N, 3) first and last tiles."""
-    spans = high - low + 1
-    counts = spans.prod(axis=1)
-    boxes = np.repeat(np.arange(len(low)), counts)
-    rank = np.arange(len(boxes)) - np.repeat(np.cumsum(counts) - counts, counts)
-    span = spans[boxes]
-    steps = np.stack([rank // (span[:, 1] * span[:, 2]), rank // span[:, 2] % span[:, 1], rank % span[:, 2]])
-    return boxes, np.ravel_multi_index(low[boxes].T + steps, num_tiles)
-
-
-def _winding_in_tile(winding, origin: Array, voxel: float, is_wall: BoolArray) -> Array:  # type: ignore[no-untyped-def]
-    """Return the winding number at all samples, away from walls and holes that of the nearest coarse sample."""
     from scipy.ndimage import maximum_filter
 
-    count = is_wall.shape[0]
-    coarse_count = (count - 1) // COARSE_STEP + 1
-    axis = np.arange(coarse_count) * COARSE_STEP
-    samples = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
-    coarse = winding.winding_number(origin + voxel * samples).reshape((coarse_count,) * 3)
-    nearest = np.minimum((np.arange(count) + COARSE_STEP // 2) // COARSE_STEP, coarse_count - 1)
-    values: Array = coarse[np.ix_(nearest, nearest, nearest)]
-    # No wall passes between any other sample and the coarse one that speaks for it.
-    is_near = maximum_filter(is_wall, size=COARSE_STEP + 1)
-    is_hole = ~is_near & (np.abs(values - WATER_LEVEL) < UNSURE)
-    for asked, accuracy in ((is_near, NEAR_ACCURACY), (is_hole, HOLE_ACCURACY)):
-        fine = np.argwhere(asked)
-        if len(fine):
-            values[tuple(fine.T)] = winding.winding_number(origin + voxel * fine, accuracy)
+    count = len(distance)
+    piercings = signed_piercings(triangles, origin, voxel, (count, count, count))
+    from_rim = _steps_from_rim(field.rims, origin, voxel, count)
+    is_blind = _parts_on_wall(distance, ANCHOR_STEP)
+    coarse = _coarse_numbers(field, piercings, from_rim < FAR_RIM_REACH, is_blind, origin, voxel)
+    is_near = maximum_filter(distance < CROSSED_VOXELS, size=COARSE_STEP + 1)
+    values, kinds = np.empty(distance.shape, dtype=np.float32), np.empty(distance.shape, dtype=np.uint8)
+    is_asked = (from_rim < RIM_REACH) | _parts_on_wall(distance, COARSE_STEP)
+    _count_numbers(coarse, *piercings, is_asked, is_near, _cells_with(is_near), values, kinds)
+    for kind, accuracy in ((ASKED_NEAR, NEAR_ACCURACY), (ASKED_IN_HOLE, HOLE_ACCURACY)):
+        asked = np.argwhere(kinds == kind)
+        if len(asked):
+            values[tuple(asked.T)] = field.hierarchy.winding_number(origin + voxel * asked, accuracy)
     return values
 
 
-def _march(field: Array, first: IntArray) -> _Piece:
-    """Return the vertices (in samples) and faces of the level in one tile."""
-    from skimage.measure import marching_cubes
+def _steps_from_rim(rims: Array, origin: Array, voxel: float, count: int) -> Float32Array:
+    """Return for each coarse sample about how many coarse steps it is from the nearest rim; FAR_RIM_REACH or more."""
+    from scipy.ndimage import distance_transform_edt
 
-    if field.min() > 0.0 or field.max() < 0.0:
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
-    vertices, faces, _, _ = marching_cubes(field, 0.0, gradient_direction="descent")
-    return vertices.astype(np.float64) + first, faces.astype(np.int64)
+    num_coarse = (count - 1) // COARSE_STEP + 1
+    step, around = voxel * COARSE_STEP, FAR_RIM_REACH
+    low, high = origin - around * step, origin + (num_coarse + around) * step
+    is_here = ((rims.max(axis=1) >= low) & (rims.min(axis=1) <= high)).all(axis=1)
+    if not is_here.any():
+        return np.full((num_coarse,) * 3, FAR_RIM_REACH, dtype=np.float32)
+    ends = rims[is_here]
+    pieces = int(np.ceil(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() / step)) + 1
+    shares = np.linspace(0.0, 1.0, pieces + 1)[:, None, None]
+    places = ((1.0 - shares) * ends[:, 0] + shares * ends[:, 1]).reshape(-1, 3)
+    places = places[((places >= low) & (places <= high)).all(axis=1)]
+    cells = np.rint((places - origin) / step).astype(np.int64) + around
+    is_free = np.ones((num_coarse + 2 * around,) * 3, dtype=bool)
+    cells = np.clip(cells, 0, num_coarse + 2 * around - 1)
+    is_free[tuple(cells.T)] = False
+    if is_free.all():
+        return np.full((num_coarse,) * 3, FAR_RIM_REACH, dtype=np.float32)
+    inner = slice(around, -around)
+    return np.asarray(distance_transform_edt(is_free)[inner, inner, inner], dtype=np.float32)
 
 
-def _across_borders(vertices: Array, tile: IntArray) -> list[tuple[int, ...]]:
-    """Return the tiles beside one into which its surface goes on, by its vertices in samples."""
-    beside = []
-    for axis in range(3):
-        for side in (0, 1):
-            if (vertices[:, axis] == (tile[axis] + side) * TILE).any():
-                neighbour = tile.copy()
-                neighbour[axis] += 2 * side - 1
-                beside.append(tuple(neighbour.tolist()))
-    return beside
+def _coarse_numbers(
+    field: WindingField,
+    piercings: tuple[Any, Any, Any],
+    is_near_rim: BoolArray,
+    is_blind: BoolArray,
+    origin: Array,
+    voxel: float,
+) -> Array:
+    """Return the winding number at every COARSE_STEP-th sample; those around blind anchors are all computed."""
+    num_anchors = len(is_blind)
+    places = np.indices((num_anchors,) * 3).reshape(3, -1).T * ANCHOR_STEP
+    anchors = np.asarray(field.hierarchy.winding_number(origin + voxel * places)).reshape((num_anchors,) * 3)
+    coarse = np.empty(is_near_rim.shape)
+    is_asked = np.empty(is_near_rim.shape, dtype=bool)
+    _count_coarse(anchors, *piercings, is_near_rim, is_blind, coarse, is_asked)
+    asked = np.argwhere(is_asked)
+    if len(asked):
+        coarse[is_asked] = field.hierarchy.winding_number(origin + voxel * COARSE_STEP * asked)
+    return coarse
 
 
-def _weld(pieces: list[_Piece], num_samples: IntArray) -> Mesh:
-    """Return the tiles' surfaces as one: vertices on the same edge of the lattice are the same vertex."""
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in pieces])
-    vertices = np.concatenate([vertices for vertices, _ in pieces])
-    faces = np.concatenate([faces + start for (_, faces), start in zip(pieces, starts, strict=False)])
-    whole = np.floor(vertices).astype(np.int64)
-    is_between = vertices != whole
-    # Two coordinates of a vertex on an edge are whole; others lie inside a cell, which belongs to one tile.
-    on_edge = is_between.sum(axis=1) == 1
-    sample = np.ravel_multi_index(whole.T, num_samples + 1)
-    keys = np.where(on_edge, 3 * sample + is_between.argmax(axis=1), -1 - np.arange(len(vertices)))
-    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
-    return Mesh(vertices[first], inverse[faces])
+@numba.njit(cache=True)
+def _gain(along_x, along_y, along_z, start, end):  # type: ignore[no-untyped-def]
+    """Return what walls add to the winding number from one sample to another, along x first, then y, then z."""
+    total = 0
+    for i in range(start[0], end[0]):
+        total += along_x[i, start[1], start[2]]
+    for i in range(end[0], start[0]):
+        total -= along_x[i, start[1], start[2]]
+    for j in range(start[1], end[1]):
+        total += along_y[end[0], j, start[2]]
+    for j in range(end[1], start[1]):
+        total -= along_y[end[0], j, start[2]]
+    for k in range(start[2], end[2]):
+        total += along_z[end[0], end[1], k]
+    for k in range(end[2], start[2]):
+        total -= along_z[end[0], end[1], k]
+    return total
+
+
+@numba.njit(cache=True)
+def _nearest(sample, step, count):  # type: ignore[no-untyped-def]
+    return min((sample + step // 2) // step, count - 1)
+
+
+@numba.njit(cache=True, parallel=True)
+def _count_coarse(anchors, along_x, along_y, along_z, is_near_rim, is_blind, coarse, is_asked):  # type: ignore[no-untyped-def]
+    """Fill the coarse numbers from those of anchors, and tell which are to be computed instead."""
+    count, num_anchors = len(coarse), len(anchors)
+    for a in numba.prange(count):
+        for b in range(count):
+            for c in range(count):
+                end = (COARSE_STEP * a, COARSE_STEP * b, COARSE_STEP * c)
+                p = _nearest(end[0], ANCHOR_STEP, num_anchors)
+                q = _nearest(end[1], ANCHOR_STEP, num_anchors)
+                r = _nearest(end[2], ANCHOR_STEP, num_anchors)
+                start = (ANCHOR_STEP * p, ANCHOR_STEP * q, ANCHOR_STEP * r)
+                value = anchors[p, q, r] + _gain(along_x, along_y, along_z, start, end)
+                coarse[a, b, c] = value
+                is_sure = abs(value - WATER_LEVEL) >= UNSURE and not is_blind[p, q, r]
+                is_asked[a, b, c] = is_near_rim[a, b, c] or not is_sure
+
+
+@numba.njit(cache=True, parallel=True)
+def _count_numbers(coarse, along_x, along_y, along_z, is_near_rim, is_near, has_wall, values, kinds):  # type: ignore[no-untyped-def]
+    """Fill the numbers of all samples from the coarse ones, and the kinds of those that are to be computed instead."""
+    count, num_coarse = len(values), len(coarse)
+    for i in numba.prange(count):
+        for j in range(count):
+            for k in range(count):
+                a, b, c = (
+                    _nearest(i, COARSE_STEP, num_coarse),
+                    _nearest(j, COARSE_STEP, num_coarse),
+                    _nearest(k, COARSE_STEP, num_coarse),
+                )
+                value = coarse[a, b, c]
+                kind = COUNTED
+                if is_near[i, j, k]:
+                    start = (COARSE_STEP * a, COARSE_STEP * b, COARSE_STEP * c)
+                    value += _gain(along_x, along_y, along_z, start, (i, j, k))
+                    if is_near_rim[a, b, c] or abs(value - WATER_LEVEL) < UNSURE:
+                        kind = ASKED_NEAR
+                elif abs(value - WATER_LEVEL) < UNSURE:
+                    # A hole: its middle passes here.
+                    last = len(has_wall) - 1
+                    x, y, z = min(i // COARSE_STEP, last), min(j // COARSE_STEP, last), min(k // COARSE_STEP, last)
+                    if is_near_rim[a, b, c] or has_wall[x, y, z]:
+                        kind = ASKED_IN_HOLE
+                    else:
+                        value = _between(coarse, i, j, k)
+                values[i, j, k] = value
+                kinds[i, j, k] = kind
+
+
+@numba.njit(cache=True)
+def _parts_on_wall(distance, step):  # type: ignore[no-untyped-def]
+    """Return for every step-th sample whether one of those that it is nearest to lies on a wall."""
+    count, num_parts = len(distance), (len(distance) - 1) // step + 1
+    found = np.zeros((num_parts, num_parts, num_parts), np.bool_)
+    for i in range(count):
+        for j in range(count):
+            for k in range(count):
+                if distance[i, j, k] < ON_WALL:
+                    found[_nearest(i, step, num_parts), _nearest(j, step, num_parts), _nearest(k, step, num_parts)] = (
+                        True
+                    )
+    return found
+
+
+@numba.njit(cache=True, parallel=True)
+def _cells_with(flags):  # type: ignore[no-untyped-def]
+    """Return which coarse cells have a flag at one of their samples, borders included."""
+    count = (len(flags) - 1) // COARSE_STEP
+    found = np.zeros((count, count, count), np.bool_)
+    for a in numba.prange(count):
+        for b in range(count):
+            for c in range(count):
+                x, y, z = COARSE_STEP * a, COARSE_STEP * b, COARSE_STEP * c
+                found[a, b, c] = flags[x : x + COARSE_STEP + 1, y : y + COARSE_STEP + 1, z : z + COARSE_STEP + 1].any()
+    return found
+
+
+@numba.njit(cache=True)
+def _between(coarse, i, j, k):  # type: ignore[no-untyped-def]
+    """Return the trilinear interpolation of the coarse numbers at a sample."""
+    last = len(coarse) - 2
+    a, b, c = min(i // COARSE_STEP, last), min(j // COARSE_STEP, last), min(k // COARSE_STEP, last)
+    x, y, z = i / COARSE_STEP - a, j / COARSE_STEP - b, k / COARSE_STEP - c
+    value = 0.0
+    for p in range(2):
+        for q in range(2):
+            for r in range(2):
+                weight = (x if p else 1.0 - x) * (y if q else 1.0 - y) * (z if r else 1.0 - z)
+                value += weight * coarse[a + p, b + q, c + r]
+    return value

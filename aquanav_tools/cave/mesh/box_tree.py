@@ -22,6 +22,12 @@ class BoxTree(NamedTuple):
     """(2 S, 3) upper corners."""
 
 
+def boxes_of(triangles: Array) -> tuple[Array, Array]:
+    """Return the (F, 3) lowest and highest corners of the boxes around (F, 3, 3) triangles."""
+    a, b, c = triangles[:, 0], triangles[:, 1], triangles[:, 2]  # many times faster than to reduce along an axis of 3
+    return np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
+
+
 def build_tree(low: Array, high: Array) -> tuple[BoxTree, IntArray]:
     """Return the tree over (N, 3) boxes, N > 0, and the (N,) box behind each of its leaves."""
     order = np.argsort(morton_codes(0.5 * (low + high)), kind="stable")
@@ -30,8 +36,8 @@ def build_tree(low: Array, high: Array) -> tuple[BoxTree, IntArray]:
     lows[size : size + len(low)], highs[size : size + len(low)] = low[order], high[order]
     while size > 1:
         size //= 2
-        lows[size : 2 * size] = lows[2 * size : 4 * size].reshape(size, 2, 3).min(axis=1)
-        highs[size : 2 * size] = highs[2 * size : 4 * size].reshape(size, 2, 3).max(axis=1)
+        np.minimum(lows[2 * size : 4 * size : 2], lows[2 * size + 1 : 4 * size : 2], out=lows[size : 2 * size])
+        np.maximum(highs[2 * size : 4 * size : 2], highs[2 * size + 1 : 4 * size : 2], out=highs[size : 2 * size])
     return BoxTree(lows, highs), order.astype(np.int64)
 
 

@@ -6,7 +6,9 @@ import logging
 
 import numpy as np
 
+from aquanav_tools.cave.mesh.box_tree import boxes_of
 from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.cave.mesh.proximity import are_within, surface_tree
 from aquanav_tools.types import BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)
@@ -69,13 +71,17 @@ def faces_near(mesh: Mesh, other: Mesh, faces: IntArray, distance: float) -> Boo
     is_near = np.zeros(len(mesh.faces), dtype=np.bool_)
     if not len(faces):
         return is_near
-    middles = mesh.triangles.mean(axis=1)
-    places = np.concatenate([mesh.vertices, middles])
-    squared = igl.point_mesh_squared_distance(places, other.vertices, other.faces[faces])[0]
-    is_place_near = np.asarray(squared) <= distance**2
-    is_near |= is_place_near[len(mesh.vertices) :] | is_place_near[mesh.faces].any(axis=1)
-    _, nearest, _ = igl.point_mesh_squared_distance(other.triangles[faces].mean(axis=1), mesh.vertices, mesh.faces)
-    is_near[nearest] = True
+    corners, some = mesh.triangles, Mesh(other.vertices, other.faces[faces])
+    tree = surface_tree(some)
+    is_near |= are_within(tree, corners.mean(axis=1), distance)
+    is_near |= are_within(tree, mesh.vertices, distance)[mesh.faces].any(axis=1)
+    low, high = boxes_of(corners)
+    around = some.triangles.reshape(-1, 3)
+    may_be = ((low <= around.max(axis=0) + distance) & (high >= around.min(axis=0) - distance)).all(axis=1)
+    candidates = np.flatnonzero(may_be) if may_be.any() else np.arange(len(mesh.faces))
+    middles = some.triangles.mean(axis=1)
+    _, nearest, _ = igl.point_mesh_squared_distance(middles, mesh.vertices, mesh.faces[candidates])
+    is_near[candidates[nearest]] = True
     return is_near
 
 

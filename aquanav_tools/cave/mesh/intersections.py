@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.cave.mesh.box_tree import build_tree, next_leaf
+from aquanav_tools.cave.mesh.box_tree import boxes_of, build_tree, next_leaf
 from aquanav_tools.cave.mesh.predicates import side_of_line, side_of_plane
 from aquanav_tools.types import IntArray, Mesh
 
@@ -25,13 +25,36 @@ def self_intersections(mesh: Mesh) -> IntArray:
         return np.zeros((0, 2), dtype=np.int64)
     vertices, faces = np.ascontiguousarray(mesh.vertices), np.ascontiguousarray(mesh.faces)
     corners = mesh.triangles
-    tree, order = build_tree(corners.min(axis=1), corners.max(axis=1))
+    tree, order = build_tree(*boxes_of(corners))
     sorted_faces = faces[order]
     counts = _count_crossings(tree, vertices, sorted_faces)
     pairs = order[_list_crossings(tree, vertices, sorted_faces, np.concatenate([[0], np.cumsum(counts)]))]
     pairs.sort(axis=1)
     ascending: IntArray = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return ascending
+
+
+def crossing_share(mesh: Mesh, num_samples: int) -> float:
+    """Return the share of faces that meet others, at least: about half as many, out of some that are looked at."""
+    if not len(mesh.faces):
+        return 0.0
+    tree, order = build_tree(*boxes_of(mesh.triangles))
+    asked = np.arange(0, len(order), max(1, len(order) // num_samples))
+    is_crossing = _are_crossing(tree, np.ascontiguousarray(mesh.vertices), mesh.faces[order], asked)
+    return float(is_crossing.mean())
+
+
+@numba.njit(cache=True, parallel=True)
+def _are_crossing(tree, vertices, faces, asked):  # type: ignore[no-untyped-def]
+    """Return for each face that is asked whether it crosses a later one."""
+    found = np.zeros(len(asked), np.bool_)
+    for n in numba.prange(len(asked)):
+        i = asked[n]
+        j = next_leaf(tree, i, i)
+        while j >= 0 and not found[n]:
+            found[n] = faces_cross(vertices, faces, i, j)
+            j = next_leaf(tree, i, j)
+    return found
 
 
 @numba.njit(cache=True, parallel=True)

@@ -40,8 +40,10 @@ def find_patches(mesh: Mesh) -> Patches:
 
 def crowded_faces(faces: IntArray) -> BoolArray:
     """Return the (F,) flags of faces at an edge that three or more faces share."""
-    _, inverse, counts = _edges(faces)
-    return np.asarray((counts[inverse] > 2).reshape(3, -1).any(axis=0))
+    order, _, counts = _edges(faces)
+    is_crowded = np.zeros(3 * len(faces), dtype=bool)
+    is_crowded[order] = np.repeat(counts > 2, counts)
+    return np.asarray(is_crowded.reshape(3, -1).any(axis=0))
 
 
 def split_touching(mesh: Mesh) -> Mesh:
@@ -51,9 +53,7 @@ def split_touching(mesh: Mesh) -> Mesh:
     each part it is.
     """
     corners = np.arange(mesh.faces.size).reshape(-1, 3)
-    _, inverse, counts = _edges(mesh.faces)
-    order = np.argsort(inverse, kind="stable")
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    order, first, counts = _edges(mesh.faces)
     shared = counts == 2
     one, other = order[first[shared]], order[first[shared] + 1]
     pairs = _corner_pairs(mesh.faces, corners, one, other)
@@ -82,19 +82,27 @@ def boundary_loops(mesh: Mesh) -> list[IntArray]:
 
 
 def _edges(faces: IntArray) -> tuple[IntArray, IntArray, IntArray]:
-    """Return the unique undirected edges' keys, the (3 F,) edge of every half edge (ab, bc, ca), and its face count."""
-    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    low, high = directed.min(axis=1), directed.max(axis=1)
-    keys, inverse, counts = np.unique(low * (faces.max(initial=0) + 1) + high, return_inverse=True, return_counts=True)
-    return keys, inverse, counts
+    """Return the half edges (ab of all faces, then bc, ca) ordered by edge, the first of each edge, and its number.
+
+    An edge's half edges are in ascending order.
+    """
+    tails, heads = faces.T.ravel(), np.roll(faces, -1, axis=1).T.ravel()
+    keys = np.minimum(tails, heads) * (faces.max(initial=0) + 1) + np.maximum(tails, heads)
+    order = np.argsort(keys)
+    keys = keys[order]
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    counts = np.diff(first, append=len(keys))
+    # Where two faces share an edge, sorting may have swapped them.
+    pairs = first[counts == 2]
+    one, other = order[pairs], order[pairs + 1]
+    order[pairs], order[pairs + 1] = np.minimum(one, other), np.maximum(one, other)
+    return order, first, counts
 
 
 def _neighbours(faces: IntArray) -> tuple[IntArray, BoolArray]:
     """Return the (F, 3) face across every edge, -1 at borders, and whether it is wound the same way."""
     count = len(faces)
-    _, inverse, counts = _edges(faces)
-    order = np.argsort(inverse, kind="stable")
-    first = np.concatenate([[0], np.cumsum(counts)[:-1]])
+    order, first, counts = _edges(faces)
     shared = counts == 2
     one, other = order[first[shared]], order[first[shared] + 1]
     begins = np.concatenate([faces[:, 0], faces[:, 1], faces[:, 2]])

@@ -12,6 +12,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.cave.mesh.box_tree import boxes_of
 from aquanav_tools.types import Array, IntArray
 
 SLAB = 8
@@ -53,7 +54,8 @@ def _slab_members(
 ) -> tuple[IntArray, IntArray]:
     """Return which triangles reach into each slab: those of slab s are members[starts[s]:starts[s + 1]], in order."""
     grid = (triangles - origin) / spacing
-    low, high = grid.min(axis=1) - reach / spacing, grid.max(axis=1) + reach / spacing
+    low, high = boxes_of(grid)
+    low, high = low - reach / spacing, high + reach / spacing
     is_near = ((high >= 0) & (low <= np.array(shape) - 1)).all(axis=1)
     num_slabs = -(-shape[0] // SLAB)
     first = np.clip(np.floor(low[:, 0] / SLAB), 0, num_slabs - 1).astype(np.int64)

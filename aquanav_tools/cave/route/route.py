@@ -155,6 +155,14 @@ def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, v
         )
     where = found.tightest
     along = float(np.linalg.norm(np.diff(found.points[: int(np.argmin(found.clearance)) + 1], axis=0), axis=1).sum())
+    if found.width >= 2.0 * vehicle_radius:
+        return MeshError(
+            f"The vehicle, {2.0 * vehicle_radius:.3f} m wide, all but fits: {along:.1f} m along the widest way, at "
+            f"{where.round(2)} m, {found.width:.2f} m are free, and of the places sampled there every "
+            f"{field.spacing:.2f} m none leaves it room. Choose a smaller vehicle with --vehicle, or end the cave "
+            "before that place with --cut.",
+            [(_place(where), f"{found.width:.2f} m wide")],
+        )
     return MeshError(
         f"The passage is too tight for the vehicle: {found.width:.2f} m at {along:.1f} m along the widest way, at "
         f"{where.round(2)} m: narrower than the vehicle's {2.0 * vehicle_radius:.3f} m. The largest vehicle that "

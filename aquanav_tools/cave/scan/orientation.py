@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches
@@ -51,12 +52,14 @@ def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True)
     mesh = patches.mesh
     areas, normals = face_areas(mesh)
     asked = _choose_faces(patches.ids, areas)
-    votes = _side_votes(mesh, asked, normals[asked], offset)
+    caster = Caster(mesh)
+    votes = _side_votes(caster, mesh.triangles[asked].mean(axis=1), normals[asked], offset)
     is_turned = _turns(patches, areas, asked, votes)
     turned = Mesh(mesh.vertices, np.where(is_turned[:, None], mesh.faces[:, ::-1], mesh.faces))
     hidden = np.zeros(len(areas), dtype=bool)
     if drop_hidden:
-        hidden = _hidden_faces(turned, patches, areas, asked, offset)
+        turned_normals = np.where(is_turned[:, None], -normals, normals)
+        hidden = _hidden_faces(caster, turned, turned_normals, patches, areas, asked, offset)
     total = max(float(areas.sum()), 1e-15)
     return FacingSurface(
         Mesh(turned.vertices, turned.faces[~hidden]),
@@ -68,10 +71,23 @@ def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True)
 
 def face_areas(mesh: Mesh) -> tuple[Array, Array]:
     """Return the (F,) areas, m^2, and (F, 3) unit normals of a mesh's faces."""
-    corners = mesh.triangles
-    vectors = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled = np.linalg.norm(vectors, axis=1)
-    return 0.5 * doubled, vectors / np.maximum(doubled, 1e-15)[:, None]
+    areas, normals = np.empty(len(mesh.faces)), np.empty((len(mesh.faces), 3))
+    _measure_faces(mesh.vertices, mesh.faces, areas, normals)
+    return areas, normals
+
+
+@numba.njit(cache=True, parallel=True)
+def _measure_faces(vertices, faces, areas, normals):  # type: ignore[no-untyped-def]
+    """Fill the areas and unit normals of faces; a face without an area has next to no normal."""
+    for n in numba.prange(len(faces)):
+        a, b, c = faces[n]
+        ux, uy, uz = vertices[b, 0] - vertices[a, 0], vertices[b, 1] - vertices[a, 1], vertices[b, 2] - vertices[a, 2]
+        vx, vy, vz = vertices[c, 0] - vertices[a, 0], vertices[c, 1] - vertices[a, 1], vertices[c, 2] - vertices[a, 2]
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        doubled = np.sqrt(x * x + y * y + z * z)
+        areas[n] = 0.5 * doubled
+        size = max(doubled, 1e-15)
+        normals[n, 0], normals[n, 1], normals[n, 2] = x / size, y / size, z / size
 
 
 def is_gap(mesh: Mesh, faces: IntArray, width: float, offset: float) -> BoolArray:
@@ -108,10 +124,8 @@ def _choose_faces(ids: IntArray, areas: Array) -> IntArray:
     return chosen
 
 
-def _side_votes(mesh: Mesh, faces: IntArray, normals: Array, offset: float) -> Array:
+def _side_votes(caster: Caster, middles: Array, normals: Array, offset: float) -> Array:
     """Return one vote in [-1, 1] per face: positive when the water is behind its normal, as it should be."""
-    caster = Caster(mesh)
-    middles = mesh.triangles[faces].mean(axis=1)
     scores, shares = [], []
     for side in (-1.0, 1.0):
         distance, _ = caster.cast(middles + side * offset * normals, side * normals)
@@ -140,11 +154,11 @@ def _turns(patches: Patches, areas: Array, asked: IntArray, votes: Array) -> Boo
     return is_turned
 
 
-def _hidden_faces(mesh: Mesh, patches: Patches, areas: Array, asked: IntArray, offset: float) -> BoolArray:
+def _hidden_faces(
+    caster: Caster, mesh: Mesh, normals: Array, patches: Patches, areas: Array, asked: IntArray, offset: float
+) -> BoolArray:
     """Return the (F,) flags of faces from whose water most other walls are seen from behind."""
-    _, normals = face_areas(mesh)
     starts = mesh.triangles[asked].mean(axis=1) - offset * normals[asked]
-    caster = Caster(mesh)
     distance, struck = caster.cast(starts, -normals[asked])
     is_hit = np.isfinite(distance)
     from_behind = is_hit & (np.einsum("frk,frk->fr", normals[struck], caster.directions(-normals[asked])) < 0.0)

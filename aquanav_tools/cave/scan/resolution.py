@@ -75,16 +75,18 @@ def choose_resolution(
             )
         return Resolution(wanted, "as given", _memory(area, wanted))
     finest = vehicle_radius / VOXELS_PER_RADIUS
+    edge = float(np.median(_edge_lengths(scan))) if isinstance(scan, Mesh) else 0.0
     if isinstance(scan, Mesh):
-        edge, coarsest = float(np.median(_edge_lengths(scan))), vehicle_radius / MESH_VOXELS_PER_RADIUS
+        coarsest = vehicle_radius / MESH_VOXELS_PER_RADIUS
         detail, reason = min(
             (edge, "the median edge of the surface"),
             (coarsest, f"half of the vehicle's radius; the surface's median edge is {1000.0 * edge:.0f} mm"),
         )
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
-    noise = min(VOXELS_OF_NOISE * _noise(scan), vehicle_radius / NOISE_VOXELS_PER_RADIUS)
-    is_relief = isinstance(scan, Mesh) and _noise(scan) < MIN_MESH_NOISE * float(np.median(_edge_lengths(scan)))
+    unevenness = _noise(scan)
+    noise = min(VOXELS_OF_NOISE * unevenness, vehicle_radius / NOISE_VOXELS_PER_RADIUS)
+    is_relief = isinstance(scan, Mesh) and unevenness < MIN_MESH_NOISE * edge
     if detail < noise and not is_relief:
         detail, reason = noise, "the noise of the surface"
     if detail < finest:
@@ -129,7 +131,7 @@ def _noise(scan: Mesh | PointCloud) -> float:
     from scipy.spatial import cKDTree
 
     is_mesh = isinstance(scan, Mesh)
-    points = np.unique(scan.vertices, axis=0) if isinstance(scan, Mesh) else scan.points
+    points = _distinct(scan.vertices) if isinstance(scan, Mesh) else scan.points
     num_neighbours = NUM_MESH_NEIGHBOURS if is_mesh else NUM_CLOUD_NEIGHBOURS
     if len(points) <= num_neighbours:
         return 0.0
@@ -139,6 +141,13 @@ def _noise(scan: Mesh | PointCloud) -> float:
     middles = around.mean(axis=1)
     normals = np.linalg.svd(around - middles[:, None], full_matrices=False)[2][:, 2]
     return float(np.median(np.abs(np.einsum("nk,nk->n", asked - middles, normals))))
+
+
+def _distinct(points: Array) -> Array:
+    """Return (N, 3) points without repetitions, in ascending order."""
+    ordered = points[np.lexsort(points.T[::-1])]
+    distinct: Array = ordered[np.append(True, (ordered[1:] != ordered[:-1]).any(axis=1))]
+    return distinct
 
 
 def _spacing(points: Array) -> float:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.mesh.patches import Patches, find_patches
+from aquanav_tools.cave.mesh.proximity import are_within, surface_tree
+from aquanav_tools.cave.mesh.welding import weld
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_areas, face_the_water, is_gap
 from aquanav_tools.errors import InputError
@@ -28,6 +30,9 @@ MAX_SPIKES = 0.05
 """Where more vertices than this share look like spikes, that is what the surface is like."""
 GAP_VOXELS = 4.0
 """Space between two layers of wall that is thinner than this is no passage, voxels."""
+MIN_FAR_SHARE = 1e-3
+"""Where less of the scan than this share lies off the closed surface, no fit and no share of it tells whether it is a
+second layer."""
 RAY_OFFSET = 0.1
 """Rays that look for the water start this far from a face, voxels: beyond its noise, before the other side."""
 
@@ -98,17 +103,14 @@ def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
         closed: the closed surface made from it.
         voxel: resolution of the scan, m.
     """
-    import igl
-
     mesh = surface.mesh
-    squared = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), closed.vertices, closed.faces)[0]
-    far = np.flatnonzero(np.asarray(squared) > voxel**2)
-    if not len(far):
+    far = np.flatnonzero(~are_within(surface_tree(closed), mesh.triangles.mean(axis=1), voxel))
+    areas = face_areas(mesh)[0]
+    if areas[far].sum() <= MIN_FAR_SHARE * areas.sum():
         return surface
     gaps = far[is_gap(mesh, far, GAP_VOXELS * voxel, RAY_OFFSET * voxel)]
     is_kept = np.ones(len(mesh.faces), dtype=bool)
     is_kept[gaps] = False
-    areas = face_areas(mesh)[0]
     kept = _without_unused(Mesh(mesh.vertices, mesh.faces[is_kept]))
     share = surface.dropped_share + (1.0 - surface.dropped_share) * float(areas[gaps].sum() / areas.sum())
     points = kept.vertices if surface.points is mesh.vertices else surface.points
@@ -117,11 +119,7 @@ def without_gaps(surface: Surface, closed: Mesh, voxel: float) -> Surface:
 
 def clean_mesh(mesh: Mesh) -> Mesh:
     """Return the mesh with equal vertices merged and degenerate and repeated faces removed."""
-    solid = mesh.to_trimesh()
-    solid.merge_vertices()
-    solid.update_faces(solid.nondegenerate_faces() & solid.unique_faces())
-    solid.remove_unreferenced_vertices()
-    return Mesh(np.array(solid.vertices), np.array(solid.faces, dtype=np.int64))
+    return weld(mesh)
 
 
 def _spikes(mesh: Mesh) -> BoolArray:
@@ -130,19 +128,26 @@ def _spikes(mesh: Mesh) -> BoolArray:
     corners = mesh.faces.ravel()
     shortest = np.full(len(mesh.vertices), np.inf)
     np.minimum.at(shortest, corners, lengths.min(axis=1))
-    around = _median_by(corners, opposite, len(mesh.vertices))
-    is_spike = (shortest > SPIKE_RATIO * around) & (_angles_around(mesh) < MAX_SPIKE_ANGLE)
+    narrowest = np.full(len(mesh.vertices), np.inf)
+    np.minimum.at(narrowest, corners, opposite)
+    # Where the shortest edge at a vertex is no longer than that many times the shortest around it, it is no spike.
+    may_be = shortest > SPIKE_RATIO * narrowest
+    is_asked = may_be[corners]
+    around = _median_by(corners[is_asked], opposite[is_asked], len(mesh.vertices))
+    is_spike = may_be & (shortest > SPIKE_RATIO * around)
+    is_spike[is_spike] = _angles_around(mesh, is_spike)[is_spike] < MAX_SPIKE_ANGLE
     if is_spike.mean() > MAX_SPIKES:
         return np.zeros(len(mesh.faces), dtype=bool)
     return np.asarray(is_spike[mesh.faces].any(axis=1))
 
 
-def _angles_around(mesh: Mesh) -> Array:
-    """Return the (V,) sums of the faces' angles at each vertex, rad."""
-    corners = mesh.triangles
+def _angles_around(mesh: Mesh, asked: BoolArray) -> Array:
+    """Return the (V,) sums of the faces' angles at each vertex, rad; right only at those that are asked."""
+    faces = mesh.faces[asked[mesh.faces].any(axis=1)]
+    corners = mesh.vertices[faces]
     ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     angles = np.arctan2(np.linalg.norm(np.cross(ahead, back), axis=2), (ahead * back).sum(axis=2))
-    sums = np.bincount(mesh.faces.ravel(), angles.ravel(), minlength=len(mesh.vertices))
+    sums = np.bincount(faces.ravel(), angles.ravel(), minlength=len(mesh.vertices))
     return sums.astype(np.float64)
 
 

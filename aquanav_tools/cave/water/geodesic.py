@@ -167,7 +167,9 @@ def distance_to(field: DistanceField, goal: Array, min_clearance: float) -> Ways
 
 
 @numba.njit(cache=True)
-def _find_neighbours(indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts):  # type: ignore[no-untyped-def]
+def _find_neighbours(  # type: ignore[no-untyped-def]
+    indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts
+):
     """Note the neighbours at half of the offsets in `ahead`, and how many each node has in all in counts[n + 1]."""
     for n in range(len(indices)):
         i, j, k = indices[n]

@@ -6,10 +6,11 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.cavity import WALL, from_manifold, prove_watertight
-from aquanav_tools.cave.closing.close import ClosedSurface, close_surface
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.resolution import choose_resolution
 from aquanav_tools.cave.scan.surface import surface_from_mesh
@@ -23,7 +24,7 @@ MIN_PORTAL = 0.8
 
 def close(mesh: Mesh):
     surface = surface_from_mesh(mesh, VOXEL).mesh
-    closed = close_surface(surface, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
+    closed = close_surface(surface, ReconstructionOptions(VOXEL, MIN_PORTAL))
     return closed, cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL), VOXEL)
 
 
@@ -71,7 +72,7 @@ def test_an_open_end_that_runs_into_a_hole_in_the_floor_is_cut_straight_across()
     middles = mesh.triangles.mean(axis=1)
     is_floor = (middles[:, 0] > 5.0) & (middles[:, 2] < -0.7 * RADIUS)
     surface = surface_from_mesh(Mesh(mesh.vertices, mesh.faces[~is_floor]), VOXEL).mesh
-    closed = close_surface(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
+    closed = close_surface(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False))
     cavity = cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, VOXEL), VOXEL)
     assert len(cavity.portals) == 2
     end = max(cavity.portals, key=lambda portal: portal.centre[0])
@@ -104,7 +105,7 @@ def test_a_noisy_cloud_becomes_the_tube(has_normals: bool, rng: np.random.Genera
     cloud = PointCloud(noisy, -tube.face_normals[faces] if has_normals else None)
     voxel = choose_resolution(cloud, 0.2, 4.0).voxel
     surface = surface_from_cloud(cloud, voxel).mesh
-    closed = close_surface(surface, voxel, keep_triangles=False, min_portal=MIN_PORTAL)
+    closed = close_surface(surface, ReconstructionOptions(voxel, MIN_PORTAL, keep_triangles=False))
     cavity = cut_portals(closed, surface, find_ends(find_openings(closed, MIN_PORTAL), closed.mesh, voxel), voxel)
     prove_watertight(cavity.mesh)
     assert len(cavity.portals) == 2

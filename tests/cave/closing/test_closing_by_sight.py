@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
-from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
 from tests.cave.open_caves import LENGTH, RADIUS, disc, joined, straight, tube_volume, without_faces_near
@@ -28,9 +28,9 @@ def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
     # Two discs 0.4 m apart: to the scan alone, a plug of rock between two caves.
     plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
     with pytest.raises(MeshError, match="two separate caves"):
-        close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL)
+        close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False))
     evidence = Evidence(sight=sight_of(straight(), places(1.0, 2.0, 3.0, 4.0), 0.0))
-    closed = close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
+    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence)
     cavity = cut_portals(
         closed, straight(), find_ends(find_openings(closed, MIN_PORTAL, evidence.sight), closed.mesh, VOXEL), VOXEL
     )
@@ -45,7 +45,7 @@ def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
 def test_rock_that_one_camera_looked_through_stays_rock() -> None:
     plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
     evidence = Evidence(places(2.0), sight=sight_of(straight(), places(2.0), 0.0))
-    closed = close_surface(plugged, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence)
+    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence)
     assert closed.mesh.vertices[:, 0].max() < 5.0 + VOXEL
 
 
@@ -54,7 +54,7 @@ def test_an_end_with_a_swollen_rim_is_one_where_cameras_looked_into_the_dark(loo
     inner = RADIUS / 1.5
     assert MAX_REACH < RADIUS / inner < MAX_REACH_IN_VAIN
     scan = surface_from_mesh(joined(straight(), disc(LENGTH, inner, 1.0)), VOXEL).mesh
-    closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
+    closed = close_surface(scan, ReconstructionOptions(VOXEL, MIN_PORTAL))
     sight = sight_of(straight(), places(6.0, 7.0, 8.0), 0.0 if looks_out else 180.0)
     assert (
         len(
@@ -70,7 +70,7 @@ def test_an_end_with_a_swollen_rim_is_one_where_cameras_looked_into_the_dark(loo
 @pytest.mark.parametrize("pitch_deg", [-60.0, 0.0])
 def test_a_hole_in_the_wall_is_filled_and_unobserved_whether_anyone_looked_or_not(pitch_deg: float) -> None:
     scan = surface_from_mesh(without_faces_near(straight(), np.array([5.0, 0.0, RADIUS]), 0.6), VOXEL).mesh
-    closed = close_surface(scan, VOXEL, keep_triangles=True, min_portal=MIN_PORTAL)
+    closed = close_surface(scan, ReconstructionOptions(VOXEL, MIN_PORTAL))
     sight = sight_of(scan, places(2.0, 2.5, 3.0, 3.5), 0.0, pitch_deg)
     cavity = cut_portals(closed, scan, find_ends(find_openings(closed, MIN_PORTAL, sight), closed.mesh, VOXEL), VOXEL)
     assert len(cavity.portals) == 2

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave.cavity import WALL, Cavity, Portal, prove_watertight
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
 from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.deviation import measure_deviation

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.close import ClosedSurface
-from aquanav_tools.cave.closing.from_scan import close_scan
 from aquanav_tools.cave.closing.portals import Cut, cut_portals
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.measure.statistics import measure_fit
 from aquanav_tools.cave.scan.surface import NO_LAMPS, surface_from_mesh
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, sweep, without
@@ -49,7 +49,7 @@ def test_cuts_near_both_ends_of_a_long_wide_gallery_make_its_two_portals(slant: 
     scan = without(cave.mesh, (middles[:, 0] < before) | (middles[:, 0] > beyond))
     cuts = cut_across(cave, 4.5 * slant + 4.0, -1.0), cut_across(cave, LENGTH - 4.5 * slant - 9.0, 1.0)
     surface = surface_from_mesh(scan, VOXEL, NO_LAMPS)
-    cavity = close_scan(surface, VOXEL, keep_triangles=True, min_portal=1.4, cuts=cuts).cavity
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, 1.4, cuts=cuts)).cavity
     assert len(cavity.portals) == 2
     for portal, cut in zip(cavity.portals, cuts, strict=True):
         assert np.abs((portal.centre - cut.point) @ cut.normal) < VOXEL  # a cut moves inwards by a voxel at most

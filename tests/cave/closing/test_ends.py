@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import Cavity, from_manifold, prove_watertight
-from aquanav_tools.cave.closing.close import ClosedSurface
 from aquanav_tools.cave.closing.ends import CAMERA_VOXELS, End, find_ends
 from aquanav_tools.cave.closing.evidence import Evidence
-from aquanav_tools.cave.closing.from_scan import close_scan
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
+from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.types import Array, Mesh
@@ -122,7 +122,7 @@ def slanted_scan() -> Mesh:
 def closed_with(scan: Mesh, cameras: Array) -> Cavity:
     evidence = Evidence(sight=sight_of(scan, cameras, 0.0))
     surface = surface_from_mesh(scan, VOXEL)
-    return close_scan(surface, VOXEL, keep_triangles=False, min_portal=MIN_PORTAL, evidence=evidence).cavity
+    return close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence).cavity
 
 
 def test_a_slanted_end_is_drawn_out_along_the_way_that_cameras_took_and_past_them() -> None:

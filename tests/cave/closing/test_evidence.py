@@ -3,9 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.evidence import Evidence, contradictions
-from aquanav_tools.cave.closing.from_scan import ClosedScan, close_scan
+from aquanav_tools.cave.closing.reconstruct import ClosedScan, ReconstructionOptions, close_scan, close_surface
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Mesh
@@ -24,7 +23,7 @@ def two_tubes(gap: float) -> Mesh:
 
 def close(mesh: Mesh, evidence: Evidence):
     surface = surface_from_mesh(mesh, VOXEL).mesh
-    return close_surface(surface, VOXEL, keep_triangles=True, min_portal=0.8, evidence=evidence)
+    return close_surface(surface, ReconstructionOptions(VOXEL, 0.8), evidence)
 
 
 def test_points_and_legs_in_rock_are_found() -> None:
@@ -57,7 +56,7 @@ def test_a_leg_through_a_stretch_that_was_not_scanned_keeps_it_open() -> None:
 
 def cavity_in(mesh: Mesh, evidence: Evidence, *, keep_triangles: bool = True) -> ClosedScan:
     surface = surface_from_mesh(mesh, VOXEL)
-    return close_scan(surface, VOXEL, keep_triangles=keep_triangles, min_portal=0.8, evidence=evidence)
+    return close_scan(surface, ReconstructionOptions(VOXEL, 0.8, keep_triangles=keep_triangles), evidence)
 
 
 def test_water_that_the_scan_contradicts_is_an_error() -> None:
@@ -68,7 +67,7 @@ def test_water_that_the_scan_contradicts_is_an_error() -> None:
 def test_water_that_the_scan_contradicts_is_a_caution_where_that_is_accepted() -> None:
     evidence = Evidence(np.array([[5.0, 5.0, 0.0]]))
     surface = surface_from_mesh(straight(), VOXEL)
-    scan = close_scan(surface, VOXEL, keep_triangles=True, min_portal=0.8, evidence=evidence, accept_open=True)
+    scan = close_scan(surface, ReconstructionOptions(VOXEL, 0.8, accept_open=True), evidence)
     assert [code for code, _ in scan.closed.cautions] == ["known-water-in-rock"]
     assert scan.cavity.volume == pytest.approx(tube_volume(LENGTH), rel=0.05)  # resampled, its ends cut a voxel inwards
 
@@ -85,7 +84,7 @@ def test_an_end_is_drawn_out_to_the_cameras_that_were_shut_out_of_it() -> None:
     legs = np.stack([cameras[:-1], cameras[1:]], axis=1)
     evidence = Evidence(cameras, legs, sight_of(straight(), cameras, 0.0))
     scan = cavity_in(half_open(), evidence, keep_triangles=False)
-    undrawn = close_surface(half_open(), VOXEL, keep_triangles=False, min_portal=0.8, evidence=evidence)
+    undrawn = close_surface(half_open(), ReconstructionOptions(VOXEL, 0.8, keep_triangles=False), evidence)
     shut_out = contradictions(undrawn.mesh, evidence, VOXEL)
     assert shut_out.points.tolist() == [2]
     assert shut_out.legs.tolist() == [1]

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import from_manifold, prove_watertight
-from aquanav_tools.cave.closing.close import close_surface
 from aquanav_tools.cave.closing.fairing import fair_holes
-from aquanav_tools.cave.closing.from_scan import close_scan
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan, close_surface
 from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.scan.surface import surface_from_mesh
 from aquanav_tools.types import BoolArray, Mesh
@@ -74,8 +73,8 @@ def test_a_tube_is_round_where_a_third_of_its_wall_is_missing() -> None:
     x, y, z = whole.triangles.mean(axis=1).T
     is_missing = (np.abs(np.arctan2(y, z)) < np.deg2rad(60.0)) & (np.abs(x - LENGTH / 2) < 2.0)
     surface = surface_from_mesh(Mesh(whole.vertices, whole.faces[~is_missing]), VOXEL)
-    straight_across = close_surface(surface.mesh, VOXEL, keep_triangles=False, min_portal=0.5).mesh
-    cavity = close_scan(surface, VOXEL, keep_triangles=False, min_portal=0.5).cavity
+    straight_across = close_surface(surface.mesh, ReconstructionOptions(VOXEL, 0.5, keep_triangles=False)).mesh
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, 0.5, keep_triangles=False)).cavity
     prove_watertight(cavity.mesh)
     assert len(cavity.portals) == 2
     top = [

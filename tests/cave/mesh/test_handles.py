@@ -6,8 +6,7 @@ import pytest
 import trimesh
 from skimage.measure import marching_cubes
 
-from aquanav_tools.cave.cavity import to_manifold
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import from_manifold, to_manifold
 from aquanav_tools.cave.mesh.half_edges import cut_and_cap, half_edges
 from aquanav_tools.cave.mesh.handles import find_handles, genus
 from aquanav_tools.cave.synthetic.caves import tube

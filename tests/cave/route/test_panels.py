@@ -11,8 +11,7 @@ import pytest
 import shapely
 import trimesh
 
-from aquanav_tools.cave.cavity import Cavity, to_manifold
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import Cavity, from_manifold, to_manifold
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.panels import place_panels

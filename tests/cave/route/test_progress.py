@@ -9,8 +9,7 @@ import manifold3d
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.cavity import Cavity, to_manifold
-from aquanav_tools.cave.closing.close import from_manifold
+from aquanav_tools.cave.cavity import Cavity, from_manifold, to_manifold
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels

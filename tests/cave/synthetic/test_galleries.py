@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.closing.close import close_surface
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
 from aquanav_tools.cave.synthetic.galleries import MIN_PILLAR, GalleryOptions, galleries, gallery_cave
 
 SMALL = GalleryOptions(seed=5, length=16.0, radius=0.9, winding=0.8, rise=0.4, swings=1.0, voxel=0.2, narrow_radius=0.8)
@@ -52,7 +52,7 @@ def test_galleries_have_the_radii_that_were_asked_for() -> None:
 
 def test_the_wall_alone_closes_again() -> None:
     cave = gallery_cave(SMALL)
-    closed = close_surface(cave.mesh, 0.2, keep_triangles=True, min_portal=0.5)
+    closed = close_surface(cave.mesh, ReconstructionOptions(0.2, 0.5))
     assert closed.mesh.volume == pytest.approx(cave.truth.volume, rel=0.01)
 
 

@@ -6,7 +6,7 @@ import trimesh
 
 from aquanav_tools.cave.cavity import prove_watertight
 from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
-from aquanav_tools.cave.closing.winding import TILE, Sampler, water_surface
+from aquanav_tools.cave.closing.tiles import TILE, TileCache, implicit_field, water_surface
 from aquanav_tools.cave.scan.sight import make_sight
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import without_faces_near
@@ -29,7 +29,7 @@ def joined(*meshes: Mesh) -> Mesh:
 def test_tiles_join_without_a_seam() -> None:
     ball = sphere()
     assert 5.0 / VOXEL > TILE  # the sphere crosses the borders of tiles
-    surface = water_surface(ball, VOXEL)
+    surface = water_surface(implicit_field(ball, VOXEL))
     prove_watertight(surface)
     radii = np.linalg.norm(surface.vertices, axis=1)
     # Smoothing by s voxels draws a sphere's wall inwards by s^2 / radius; interpolation errs less.
@@ -40,15 +40,15 @@ def test_tiles_join_without_a_seam() -> None:
 def test_the_surface_does_not_depend_on_where_tiles_begin() -> None:
     ball = sphere(1.5)
     stray = Mesh(ball.vertices * 0.02 + [-4.0, -3.0, -3.5], ball.faces)  # moves the lattice's origin
-    bodies = water_surface(joined(ball, stray), VOXEL).to_trimesh().split()
+    bodies = water_surface(implicit_field(joined(ball, stray), VOXEL)).to_trimesh().split()
     largest = max(bodies, key=lambda body: body.volume)
     assert largest.is_watertight
-    assert largest.volume == pytest.approx(water_surface(ball, VOXEL).to_trimesh().volume, rel=1e-3)
+    assert largest.volume == pytest.approx(water_surface(implicit_field(ball, VOXEL)).to_trimesh().volume, rel=1e-3)
 
 
 def test_a_hole_is_closed_smoothly() -> None:
     holed = without_faces_near(sphere(), np.array([2.5, 0.0, 0.0]), 0.8)
-    surface = water_surface(holed, VOXEL)
+    surface = water_surface(implicit_field(holed, VOXEL))
     prove_watertight(surface)
     cap = np.pi * 0.13**2 * (2.5 - 0.13 / 3)  # of the height that a chord of 0.8 m to its pole leaves: 0.8^2 / 5
     assert surface.to_trimesh().volume == pytest.approx(4 / 3 * np.pi * 2.5**3 - cap, rel=3e-3)
@@ -57,9 +57,9 @@ def test_a_hole_is_closed_smoothly() -> None:
 def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
     left, right = sphere(1.0), sphere(1.0)
     apart = joined(left, Mesh(right.vertices + [2.3, 0.0, 0.0], right.faces))
-    assert len(water_surface(apart, VOXEL).to_trimesh().split()) == 2
+    assert len(water_surface(implicit_field(apart, VOXEL)).to_trimesh().split()) == 2
     leg = np.array([[[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]])
-    carved = water_surface(apart, VOXEL, Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(apart, VOXEL), Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     gap = np.pi * 0.2**2 * 0.3
     balls = 2 * 4 / 3 * np.pi
@@ -72,7 +72,7 @@ def test_a_leg_through_rock_far_from_any_wall_is_dug_all_the_way() -> None:
     left, right = sphere(0.5), sphere(0.5)
     both = joined(left, Mesh(right.vertices + [apart, 0.0, 0.0], right.faces))
     leg = np.array([[[0.0, 0.0, 0.0], [apart, 0.0, 0.0]]])
-    carved = water_surface(both, VOXEL, Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(both, VOXEL), Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     assert len(carved.to_trimesh().split()) == 1
 
@@ -83,16 +83,16 @@ def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
     holed = joined(ball, stray)  # so that a border of tiles passes through the ball
     faults = np.array([[0.0, 0.0, 1.0, 0.5, 0.0], [0.9, 0.0, 0.0, 0.4, 0.0]])
     carving = Carving(np.array([[[0.0, 0.0, 0.0], [0.0, 1.6, 0.0]]]), 0.2, faults, 0.2)
-    sampler = Sampler(holed, VOXEL)
-    before = sampler.water_surface(NO_CARVING)
-    again, at_first = sampler.water_surface(carving), water_surface(holed, VOXEL, carving)
+    field, cache = implicit_field(holed, VOXEL), TileCache()
+    before = water_surface(field, NO_CARVING, cache)
+    again, at_first = water_surface(field, carving, cache), water_surface(field, carving)
     assert not np.array_equal(again.vertices, before.vertices)
     assert np.array_equal(again.vertices, at_first.vertices)
     assert np.array_equal(again.faces, at_first.faces)
     assert again.to_trimesh().is_watertight
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+@pytest.mark.parametrize("shift", [0.0, 0.2, 0.5])
 def test_a_narrow_beam_that_cameras_looked_along_leaves_no_seam_where_it_enters_a_tile(shift: float) -> None:
     ball = sphere(1.0)
     # Three cameras look out of the ball through a hole, along +x, at wall 40 m away: a beam that widens to 0.4 m.
@@ -103,6 +103,6 @@ def test_a_narrow_beam_that_cameras_looked_along_leaves_no_seam_where_it_enters_
     sight = make_sight(poses, pinholes, [np.full((4, 4), 40.0, dtype=np.float32)] * 3)
     far = Mesh(np.array([[12.0, 9.0, 9.0], [12.1, 9.0, 9.0], [12.0, 9.1, 9.0]]), np.array([[0, 1, 2]]))
     holed = without_faces_near(ball, np.array([1.0, shift, shift]), 0.3)
-    surface = Sampler(joined(holed, far), VOXEL, sight).water_surface(NO_CARVING)
+    surface = water_surface(implicit_field(joined(holed, far), VOXEL, sight))
     assert surface.vertices[:, 0].max() > TILE * VOXEL  # out of the ball's tiles
     assert surface.to_trimesh().is_watertight
