@@ -5,6 +5,7 @@ Its narrowest clearance is the radius of the largest ball that gets from one pla
 
 from __future__ import annotations
 
+import heapq
 from dataclasses import dataclass
 
 import numba
@@ -13,7 +14,6 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField
-from aquanav_tools.cave.water.heap import empty_heap, pop, push
 from aquanav_tools.types import Array, IntArray
 
 HERE = 13
@@ -124,16 +124,13 @@ def _spread_widest(first, last, bricks, samples, came_by, enough):  # type: igno
     _set(came_by, bricks, first[0], first[1], first[2], HERE)
     queue, later = [start], [start]
     later.pop()
-    (narrowness, places), size = empty_heap(), 0
-    while queue or later or size:
+    heap = [(-_get(samples, bricks, first[0], first[1], first[2]), start)]
+    heap.pop()
+    while queue or later or heap:
         if not queue:
             queue, later = later, queue
         is_roomy = len(queue) > 0
-        if is_roomy:
-            place = queue.pop()
-        else:
-            place = pop(narrowness, places, size)[1]
-            size -= 1
+        place = queue.pop() if is_roomy else heapq.heappop(heap)[1]
         if place == goal:
             return True
         i, j, k = place // (ny * nz), (place // nz) % ny, place % nz
@@ -148,8 +145,7 @@ def _spread_widest(first, last, bricks, samples, came_by, enough):  # type: igno
                 if clearance >= enough:
                     later.append(index)
                 else:
-                    narrowness, places = push(narrowness, places, size, -np.float64(clearance), index)
-                    size += 1
+                    heapq.heappush(heap, (-clearance, index))
     return False
 
 
