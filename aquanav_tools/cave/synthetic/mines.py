@@ -154,7 +154,8 @@ def _levels(options: MineOptions, blocks: Array) -> list[Array]:
 
 def _steps(options: MineOptions) -> list[Array]:
     """Return where the rooms across x, and across y, begin, m."""
-    return [np.arange(count + 1) * (options.room + options.pillar) for count in options.rooms]
+    pitch = options.room + options.pillar
+    return [(np.arange(count + 1) * pitch).astype(np.float64) for count in options.rooms]
 
 
 def _split(quads: Array, counts: tuple[int, int]) -> Array:
