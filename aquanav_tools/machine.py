@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
+CACHE_VARIABLE = "AQUANAV_CACHE"
 WAIT_S = 0.05
 """Between two tries for a lock, where the system cannot wait for one for as long as it takes."""
 FAR = 2**30
@@ -39,6 +40,12 @@ def user_cache() -> Path | None:
     except RuntimeError:  # a user without a name, as in containers
         return None
     return home / {"win32": "AppData/Local", "darwin": "Library/Caches"}.get(sys.platform, ".cache")
+
+
+def cache_folder() -> Path | None:
+    """Return the folder for what this package can make again: AQUANAV_CACHE, or aquanav in the user's cache, if any."""
+    given, base = os.environ.get(CACHE_VARIABLE), user_cache()
+    return Path(given) if given else None if base is None else base / "aquanav"
 
 
 def lower_priority(niceness: int) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ast
+import contextlib
 import dataclasses
 import functools
 import hashlib
 import json
+import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.libraries import installed_version
+from aquanav_tools.machine import cache_folder
 
 _PACKAGE = Path(__file__).resolve().parent
 _DISTRIBUTIONS = {
@@ -28,6 +31,8 @@ _DISTRIBUTIONS = {
 """Packages whose modules have another name."""
 AT_IMPORT = ""
 """Stands for what a module does when it is imported, apart from defining things."""
+KEYS_FILE = "code-keys.json"
+"""In the cache: which hash the code of each stage has, of the package that was used last."""
 HERE = "<here>"
 """Stands, in front of a name, for the module that is looked at."""
 
@@ -78,10 +83,46 @@ def code_digest(*roots: str | Callable[..., object]) -> str:
     Raises:
         ValueError: there is no such module of this package, or no such name in it.
     """
-    reached, libraries = used_code(*roots)
-    texts = {place: _parsed(_path_of(place[0])).text(place[1]) for place in reached}
-    used = {":".join(place): text for place, text in sorted(texts.items())}
-    return digest(used, {name: installed_version(_DISTRIBUTIONS.get(name, name)) for name in sorted(libraries)})
+    used, libraries = _used_digest([_name(root) for root in roots])
+    return digest(used, {name: installed_version(_DISTRIBUTIONS.get(name, name)) for name in libraries})
+
+
+def _used_digest(names: list[str]) -> tuple[str, list[str]]:
+    """Return a hash of the code that some roots use, and the libraries.
+
+    Following the code takes a second: what came of it is kept for all processes until a file of the package changes.
+    """
+    key, package = " ".join(names), _package_digest()
+    folder = cache_folder()
+    path = None if folder is None else folder / KEYS_FILE
+    known: dict[str, tuple[str, list[str]]] = {}
+    with contextlib.suppress(OSError, ValueError, AttributeError):  # nothing kept, or half of it: found anew
+        known = {} if path is None else json.loads(path.read_bytes()).get(package, {})
+    if key not in known:
+        reached, libraries = used_code(*names)
+        texts = {place: _parsed(_path_of(place[0])).text(place[1]) for place in reached}
+        known[key] = digest({":".join(place): text for place, text in sorted(texts.items())}), sorted(libraries)
+        if path is not None:
+            _keep(json.dumps({package: known}), path)
+    used, names_of_libraries = known[key]
+    return used, names_of_libraries
+
+
+def _package_digest() -> str:
+    """Return a hash of all files of this package, and of the Python that reads them."""
+    whole = hashlib.sha256(sys.version.encode())
+    for path in sorted(_PACKAGE.rglob("*.py")):
+        whole.update(f"\0{path.relative_to(_PACKAGE)}\0{_read_source(path)}".encode())
+    return whole.hexdigest()
+
+
+def _keep(text: str, path: Path) -> None:
+    """Write a file as a whole, where that can be."""
+    partial = path.with_name(f"{path.name}.{os.getpid()}.partial")
+    with contextlib.suppress(OSError):  # a full disk, or a folder of others: the next process follows the code again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_text(text, encoding="utf-8")
+        os.replace(partial, path)
 
 
 def used_code(*roots: str | Callable[..., object]) -> tuple[set[tuple[str, str]], set[str]]:
@@ -109,10 +150,14 @@ def used_code(*roots: str | Callable[..., object]) -> tuple[set[tuple[str, str]]
     return reached, libraries
 
 
+def _name(root: str | Callable[..., object]) -> str:
+    """Return the name of a root."""
+    return root if isinstance(root, str) else f"{root.__module__}:{root.__qualname__.partition('.')[0]}"
+
+
 def _places(root: str | Callable[..., object]) -> list[tuple[str, str]]:
     """Return the (module, name) of a root."""
-    text = root if isinstance(root, str) else f"{root.__module__}:{root.__qualname__.partition('.')[0]}"
-    module, _, name = text.partition(":")
+    module, _, name = _name(root).partition(":")
     if _source_of(module) is None:
         raise ValueError(f"{module} is no module of {_PACKAGE.name}.")
     code = _parsed(_path_of(module))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,22 @@ import pytest
 from aquanav_tools.compile_caches import MARK_VARIABLE
 from aquanav_tools.scenario.schema import Scenario
 from tests.caves import tube_scenario
+from tests.lighter import lighten_reports
 
 REPOSITORY = Path(__file__).parent.parent
 os.environ[MARK_VARIABLE] = ""  # what commands say in tests does not depend on what was compiled before
 
 LONGEST = (
     "test_docs_run.py",
-    "reconstruct/test_pipeline.py",
+    "build/test_killed_cave_builds.py",
+    "build/test_killed_photo_builds.py",
     "envs/test_surface_env.py",
+    "reconstruct/test_pipeline.py",
     "build/test_scan_build.py",
     "test_fuzz.py",
     "evaluate/test_episode_runner.py",
-    "cave/test_real_scans.py",
+    "train/test_workers.py",
+    "train/test_validation.py",
     "examples/test_sensor_examples.py",
 )
 """Files that take longest: first, so that of two processes that share the suite by files neither waits for the other at
@@ -39,6 +44,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def sb3_logs(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Let Stable-Baselines3's own loggers, which some tests use, make their empty folders where pytest removes them."""
     os.environ["SB3_LOGDIR"] = str(tmp_path_factory.mktemp("sb3"))
+
+
+@pytest.fixture(autouse=True)
+def plain_reports(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Leave the pictures out of what a test reports on, but where it is marked; fixtures for several tests draw all."""
+    if request.node.get_closest_marker("drawn_reports"):
+        yield
+        return
+    with pytest.MonkeyPatch.context() as patch:
+        lighten_reports(patch)
+        yield
 
 
 @pytest.fixture

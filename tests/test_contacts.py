@@ -115,10 +115,7 @@ print(env.metadata["contacts"], env.unwrapped.metadata["contacts"])"""
     assert done.stdout == "own own\n"
 
 
-def test_results_and_report_name_the_backend(
-    without_bullet: None, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+def test_results_and_report_name_the_backend(without_bullet: None, folder: Path, tmp_path: Path) -> None:
     words = ("baseline:reactive", "--scenario", folder, "--episodes", 2, "--workers", 1, "--record", "none")
     done = aquanav_eval(*words, "-o", tmp_path)
     assert done.returncode == 0, done.stderr

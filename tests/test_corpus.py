@@ -18,6 +18,7 @@ from eval.child import run_child
 from eval.corpus.bad_inputs import bad_inputs
 from eval.corpus.cases import generated_cases
 from eval.corpus.files import read_truth, write_case
+from eval.corpus.held_out import held_out_cases, known
 from eval.corpus.judge import compare
 from eval.corpus.networks import network_cases
 from eval.corpus.run import faults, outcome, sentence
@@ -113,6 +114,21 @@ def test_the_corpus_is_large_and_names_each_case_once() -> None:
     assert len(names) >= 60 and len(set(names)) == len(names)
     assert 10 <= sum(case.is_quick for case in generated_cases()) <= 20
     assert all(re.compile(bad.error) for bad in bad_inputs())
+
+
+def test_the_corpus_to_judge_by_has_caves_and_seeds_of_its_own() -> None:
+    cases = held_out_cases()
+    assert len(cases) >= 100
+    assert len({case.name for case in cases}) == len(cases)
+    assert not {case.name for case in cases} & {case.name for case in (*generated_cases(), *network_cases())}
+    scan = known("mine-drift")
+    assert scan.truth.num_portals == 2
+    assert scan.truth.solid is not None
+    solid = scan.truth.solid.to_trimesh()
+    assert solid.is_watertight
+    (path,) = scan.truth.paths
+    assert solid.contains(path[5:-5:20]).mean() > 0.9  # blocks may lie on the axis
+    assert not scan.mesh.to_trimesh().is_watertight  # open at both ends
 
 
 @pytest.mark.parametrize(

@@ -21,10 +21,10 @@ from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.sim.batch.sensors.inertial import InertialUnit
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.vehicle import load_vehicle
-from tests.build.pictures import leave_out_pictures
 from tests.build.test_survey_build import survey_of_a_tube
 from tests.commands import run_here
 from tests.conftest import REPOSITORY
+from tests.lighter import lighten_builds, lighten_reports
 from tests.pages import BUILDERS_PAGES, PAGES, USERS_PAGES, Block, blocks, modules, text
 from tests.project import commands
 from tests.sim.test_water import flowing
@@ -80,8 +80,11 @@ def materials(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tube(1.2, 6.0, sections=32, rings=31).mesh.to_trimesh().apply_scale(100.0).export(folder / "scan.stl")
     survey_of_a_tube(folder / "survey.svx")
     cave, run = folder / "caves" / "mine", folder / "out" / "train"
-    aquanav.train(cave, steps=256, n_steps=16, num_envs=8, hidden=(8,), final_episodes=0, output=run)
-    aquanav.evaluate(run, cave, episodes=3, max_decisions=30, record="none", workers=1, output=folder / "out" / "eval")
+    with pytest.MonkeyPatch.context() as patch:
+        lighten_reports(patch)
+        aquanav.train(cave, steps=256, n_steps=16, num_envs=8, hidden=(8,), final_episodes=0, output=run)
+        less: dict[str, Any] = {"episodes": 3, "max_decisions": 30, "record": "none", "workers": 1}
+        aquanav.evaluate(run, cave, output=folder / "out" / "eval", **less)
     for name in ("policy.zip", "a.zip", "b.zip"):
         shutil.copy(run / "policy.zip", folder / name)
     shutil.copy(run / "policy.onnx", folder)
@@ -94,7 +97,7 @@ def folder(materials: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     shutil.copytree(materials, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
-    leave_out_pictures(monkeypatch)
+    lighten_builds(monkeypatch)
     yield tmp_path
     for path in tmp_path.glob("*.py"):
         sys.modules.pop(path.stem, None)

@@ -141,6 +141,21 @@ def test_libraries_count_with_their_versions(monkeypatch: pytest.MonkeyPatch) ->
     assert found[0] != found[1]
 
 
+def test_code_is_followed_once_for_all_processes_while_no_file_changes(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("AQUANAV_CACHE", str(tmp_path / "cache"))
+    first, follow = code_digest.__wrapped__(_close), provenance.used_code
+    followed: list[object] = []
+    monkeypatch.setattr(provenance, "used_code", lambda *roots: followed.append(roots) or follow(*roots))
+    assert code_digest.__wrapped__(_close) == first and not followed
+    read = provenance._read_source
+    monkeypatch.setattr(provenance, "_read_source", lambda path: read(path) + "# another file\n")
+    assert code_digest.__wrapped__(_close) == first and len(followed) == 1  # comments are no code
+    (tmp_path / "cache" / provenance.KEYS_FILE).write_text("{", encoding="utf-8")  # torn
+    assert code_digest.__wrapped__(_close) == first and len(followed) == 2
+
+
 def is_imported(frame: FrameType | None) -> bool:
     """Return whether a module that is being imported runs it: what that defines there counts where it is used."""
     while frame is not None and frame.f_code is not build_scenario.__code__:
@@ -150,8 +165,11 @@ def is_imported(frame: FrameType | None) -> bool:
     return False
 
 
-def test_every_function_that_a_build_runs_is_among_the_code_it_is_said_to_use(tmp_path: Path) -> None:
+def test_every_function_that_a_build_runs_is_among_the_code_it_is_said_to_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The truth is what Python itself calls while a damaged tube is closed and made a scenario."""
+    monkeypatch.setattr("aquanav_tools.cave.water.flow.FEW_CELLS", 20_000)  # it takes longer while it is watched
     ran: set[tuple[str, str]] = set()
 
     def note(frame: FrameType, event: str, _argument: object) -> None:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from aquanav_tools.build.options import BuildOptions, read_recipe
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.scenario.shipped import SETTINGS_FILE
 from aquanav_tools.tables import from_table
 from aquanav_tools.types import Stages, silent
 
@@ -41,6 +42,8 @@ class BuiltScenario:
     """Code and sentence of each thing to look at."""
     was_finished: bool
     """Whether there was nothing left to do."""
+    routes: tuple[Path, ...] = ()
+    """Scenario folders of further routes through the same cave."""
 
     @functools.cached_property
     def scenario(self) -> Scenario:
@@ -92,7 +95,7 @@ def build_scenario(
     Raises:
         AquanavError: with what happened, the likely cause and what to do.
     """
-    from aquanav_tools.build.output_folder import is_finished
+    from aquanav_tools.build.output_folder import ROUTES_DIR, is_finished
 
     was_finished = is_finished(options)
     warnings: tuple[tuple[str, str], ...] = ()
@@ -110,4 +113,5 @@ def build_scenario(
         passability=report["passability"]["text"],
         warnings=warnings,
         was_finished=was_finished,
+        routes=tuple(sorted(path.parent for path in (options.output / ROUTES_DIR).glob(f"*/{SETTINGS_FILE}"))),
     )

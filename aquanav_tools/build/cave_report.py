@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.build.cave_stages import BuiltCave
-from aquanav_tools.build.cave_tables import narrow_table, portal_table, station_table, statistics_table
+from aquanav_tools.build.cave_tables import end_names, narrow_table, portal_table, station_table, statistics_table
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.outputs import footer, notices
 from aquanav_tools.build.source_words import words_for
@@ -23,7 +23,7 @@ from aquanav_tools.report.html import Fact, Figure, Model, Page, Section
 from aquanav_tools.report.scene_model import scene_caption, write_scene
 from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_sizes
 from aquanav_tools.report.survey_drawing import draw_elevation, draw_long_section, draw_plan
-from aquanav_tools.report.views import draw_views
+from aquanav_tools.report.views import draw_ends, draw_views
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.vehicle import parse_vehicle
@@ -74,6 +74,10 @@ def write_drawings(cave: CaveMap, scenario: Scenario, rose: Sequence[float], fol
     draw_rose(cave.name, rose, folder / "rose.svg", cave.has_north)
     draw_views(cave, tuple(panel.polygon for panel in scenario.guide.panels), folder / "views.png")
     write_centreline(cave, folder / "centreline.svx")
+    ends: tuple[Figure, ...] = ()
+    if cave.cavity.portals:
+        draw_ends(cave, end_names(scenario), folder / "ends.png")
+        ends = (Figure(folder / "ends.png", "The open ends from inside, as named in the table."),)
     return (
         Figure(
             folder / "plan.svg",
@@ -89,6 +93,7 @@ def write_drawings(cave: CaveMap, scenario: Scenario, rose: Sequence[float], fol
         ),
         Figure(folder / "rose.svg", "Rose: share of the passage by direction, in sectors of 10 degrees.", columns=1),
         Figure(folder / "views.png", f"The cavity from outside and inside; violet wall was {cave.filled}."),
+        *ends,
     )
 
 

@@ -11,9 +11,9 @@ from aquanav_tools import __version__
 from aquanav_tools.build.accept_open import accepting, median_enclosure, noting_guesswork, surface_of
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.build.source_words import words_for
 from aquanav_tools.build.time_stage import note_time
 from aquanav_tools.build.water_stage import find_currents, water_settings
+from aquanav_tools.build.weaknesses import MAX_MEDIAN_VOXELS, note_weaknesses
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
@@ -28,11 +28,13 @@ from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.passability import Passability, measure_passability
 from aquanav_tools.cave.route.route import find_route
-from aquanav_tools.cave.route.starts import draw_starts
+from aquanav_tools.cave.route.starts import Start, draw_starts
 from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface
 from aquanav_tools.cave.water.distance import choose_spacing, distance_field
 from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.cave.water.flow import Flow
+from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
@@ -45,10 +47,6 @@ COLLISION_ERROR_SHARE = 0.05
 """The collision mesh may differ from the cavity by this share of the vehicle's radius."""
 FIT_SAMPLES = 50_000
 NUM_VIEWPOINTS = 200
-MIN_OBSERVED_SHARE = 0.9
-MAX_DROPPED_SHARE = 0.05
-MAX_MEDIAN_VOXELS = 0.25
-"""Half of the scan lies at most this far from the cavity, and 95 % within a voxel; or the report says so."""
 MAX_CUT_SHARE = 0.5
 """Cuts that take away more of the water than this are warned of."""
 VOXELS_OF_MISFIT = 5.0
@@ -143,27 +141,76 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
         accept = noting_guesswork(journal) if kind == "photos" else accepting(options.closing, journal)
         share = median_enclosure(surface.mesh, _roomy_places(field, rng), accept)
-    with journal.stage("Finding the route"):
-        guide = _find_guide(cavity, field, vehicle.capsule, options)
-        passability = measure_passability(cavity, field, guide.centreline, 2.0 * vehicle.capsule.radius)
-    flow = find_currents(cavity, field, guide, options.water, journal)
+    way = _find_way(cavity, field, vehicle.capsule, options, journal, rng)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
-    with journal.stage("Placing the starts"):
-        starts = draw_starts(cavity, field, guide, vehicle.capsule, options.starts, rng)
     with journal.stage("Simplifying the collision mesh"):
         collision = collision_mesh(cavity, COLLISION_ERROR_SHARE * vehicle.capsule.radius)
     with journal.stage("Measuring the cave"):
         fit = measure_fit(cavity, _sample(surface.points, rng), resolution.voxel, closed.mesh)
-        statistics = measure_cave(cavity, field, guide, [branch.points for branch in network.branches])
+        statistics = measure_cave(cavity, field, way.guide, [branch.points for branch in network.branches])
         handles = find_handles(cavity.mesh)
-    settings = _settings(options, kind, guide, vehicle.name, collision)
-    vehicle_toml = read_text(vehicle_path(options.vehicle))
-    scenario = Scenario(settings, cavity, collision.mesh, field, guide, starts, vehicle_toml, flow, network)
-    built = BuiltCave(scenario, statistics, fit, resolution, surface, closed, share, passability, handles, collision)
-    _note_weaknesses(built, options, journal)
+    settings = _settings(options, kind, way.guide, vehicle.name, collision)
+    toml = read_text(vehicle_path(options.vehicle))
+    scenario = Scenario(settings, cavity, collision.mesh, field, way.guide, way.starts, toml, way.flow, network)
+    built = BuiltCave(
+        scenario, statistics, fit, resolution, surface, closed, share, way.passability, handles, collision
+    )
+    note_weaknesses(built, options, journal)
     note_time(scenario, journal)
     return built
+
+
+def with_route(built: BuiltCave, options: BuildOptions, journal: Journal) -> BuiltCave:
+    """Return the same cave with another route, and what depends on it: panels, current, starts, goal.
+
+    Args:
+        built: the cave with any route.
+        options: settings of the stages; their ends of the route and their name are those of the result.
+        journal: collects the cost of the stages and what is poor but usable.
+
+    Raises:
+        MeshError: the narrowest place between the ends is too tight for the vehicle.
+    """
+    before, rng = built.scenario, np.random.default_rng(options.seed)
+    way = _find_way(before.cavity, before.field, load_vehicle(options.vehicle).capsule, options, journal, rng)
+    with journal.stage("Measuring the cave"):
+        branches = [branch.points for branch in before.network.branches]
+        statistics = measure_cave(before.cavity, before.field, way.guide, branches)
+    settings = _settings(options, before.settings.built.kind, way.guide, before.settings.vehicle, built.collision)
+    scenario = replace(before, settings=settings, guide=way.guide, starts=way.starts, flow=way.flow, content_hash="")
+    along = replace(built, scenario=scenario, statistics=statistics, passability=way.passability)
+    note_weaknesses(along, options, journal)
+    note_time(scenario, journal)
+    return along
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """All of a scenario that depends on where its route leads."""
+
+    guide: Guide
+    passability: Passability
+    flow: Flow | None
+    starts: tuple[Start, ...]
+
+
+def _find_way(
+    cavity: Cavity,
+    field: DistanceField,
+    capsule: Capsule,
+    options: BuildOptions,
+    journal: Journal,
+    rng: np.random.Generator,
+) -> _Way:
+    with journal.stage("Finding the route"):
+        graph = WaterGraph(field, capsule.radius)
+        guide = _find_guide(cavity, field, graph, capsule, options)
+        passability = measure_passability(cavity, field, guide.centreline, 2.0 * capsule.radius)
+    flow = find_currents(cavity, field, guide, options.water, journal)
+    with journal.stage("Placing the starts"):
+        starts = draw_starts(cavity, field, guide, capsule, options.starts, rng, graph)
+    return _Way(guide, passability, flow, starts)
 
 
 def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -> None:
@@ -178,10 +225,12 @@ def _note_large_cut(closing: Closing, options: BuildOptions, journal: Journal) -
         journal.warn("large-cut", sentence)
 
 
-def _find_guide(cavity: Cavity, field: DistanceField, capsule: Capsule, options: BuildOptions) -> Guide:
+def _find_guide(
+    cavity: Cavity, field: DistanceField, graph: WaterGraph, capsule: Capsule, options: BuildOptions
+) -> Guide:
     """Return the panels along the way from the entrance to the goal."""
     ends = (_place(options.route.entrance, cavity), _place(options.route.goal, cavity))
-    route = find_route(cavity, field, capsule.radius, *ends)
+    route = find_route(cavity, field, capsule.radius, *ends, graph)
     # One vehicle's length from the ends: it must reach the goal without touching the lid behind it.
     return place_panels(cavity, field, route, capsule.length, options.panels, capsule.radius)
 
@@ -324,43 +373,3 @@ def _roomy_places(field: DistanceField, rng: np.random.Generator) -> Array:
 
 def _sample(points: Array, rng: np.random.Generator) -> Array:
     return points[np.sort(rng.choice(len(points), min(len(points), FIT_SAMPLES), replace=False))]
-
-
-def _note_weaknesses(built: BuiltCave, options: BuildOptions, journal: Journal) -> None:
-    kind = built.scenario.settings.built.kind
-    words, statistics, fit, voxel = words_for(kind), built.statistics, built.fit, built.resolution.voxel
-    for code, sentence in built.closed.cautions:
-        journal.warn(code, sentence)
-    if built.surface.dropped_share > MAX_DROPPED_SHARE:
-        journal.warn(
-            "left-out",
-            f"{built.surface.dropped_share:.0%} of the {words.name} was left out: stray objects, outliers, or walls "
-            "hidden behind others. If part of the cave is missing, look at the picture.",
-        )
-    # Of a survey, "modelled-wall" has said how little is measured.
-    if statistics.observed_share < MIN_OBSERVED_SHARE and kind != "survey":
-        journal.warn(
-            "unobserved-wall",
-            f"Only {statistics.observed_share:.0%} of the wall was {words.seen}; the rest was {words.filled}. "
-            f"{words.advice}.",
-        )
-    if fit.percentile_95 > voxel or fit.median > MAX_MEDIAN_VOXELS * voxel:
-        journal.warn(
-            "loose-fit",
-            f"Points of the {words.name} lie {fit.median:.3f} m from the cavity (median), 95 % within "
-            f"{fit.percentile_95:.3f} m; a voxel is {voxel:.3f} m. Noise or thin walls were smoothed away; look at the "
-            "picture.",
-        )
-    if statistics.num_portals < 2:
-        journal.warn(
-            "few-portals",
-            f"{'One open end was' if statistics.num_portals else 'No open ends were'} found, so the goal is the "
-            "farthest place inside the cave. If the "
-            f"passage goes on, {words.reopen}.",
-        )
-    if len(built.scenario.starts) < options.starts.count:
-        journal.warn(
-            "few-starts",
-            f"{len(built.scenario.starts)} of {options.starts.count} starts were found: parts of the way are too tight "
-            "to float in.",
-        )

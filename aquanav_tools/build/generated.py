@@ -18,7 +18,6 @@ import numpy as np
 
 from aquanav_tools import __version__
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.options import PanelOptions, StartOptions
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
@@ -131,11 +130,10 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     length = float(np.linalg.norm(np.diff(route.points, axis=0), axis=1).sum())
     if length < SHORTEST:
         raise MeshError(f"its way is {length:.1f} m long")
-    surface = Surface(cavity.mesh)
-    guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius, surface)
+    guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius)
     rng = np.random.default_rng(drawn.noise_seed)
     options = StartOptions(count=NUM_STARTS, last_share=1.0)
-    starts = draw_starts(cavity, field, guide, capsule, options, rng, surface, graph)
+    starts = draw_starts(cavity, field, guide, capsule, options, rng, graph)
     settings = ScenarioSettings(
         name=f"{drawn.style}-{drawn.seed}",
         built=BuiltBy(__version__, "synthetic"),

@@ -49,6 +49,7 @@ def kept_scenario(
         scan=ScanOptions(),
         scale=PhotoScaleOptions(),
         intake=IntakeOptions(),
+        route=dataclasses.replace(options.route, routes="longest"),
     )
     vehicle = file_hash(vehicle_path(options.vehicle))
 

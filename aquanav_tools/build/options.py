@@ -53,8 +53,8 @@ class BuildOptions:
 
     input: Path
     """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl, .off, .glb, .gltf,
-    .dae, .3mf, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz, .csv);
-    or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    .dae, .3mf, .fbx, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz,
+    .csv); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     output: Path
     """Scenario folder to write."""
     name: str = ""

@@ -47,6 +47,8 @@ PHOTO_CODE = (
 """What a scenario from photos rests on; not its report and pictures, which are for people."""
 WORK_DIR = "work"
 """Where stages keep what a later run can take up; safe to delete."""
+ROUTES_DIR = "routes"
+"""Where a scenario for each further pair of open ends lies."""
 
 
 @dataclass(frozen=True)
@@ -227,7 +229,7 @@ def publish(staged: Path, folder: Path, key: str) -> None:
         key: from `build_key`, or empty.
     """
     record = json.loads((staged / RECORD_FILE).read_text(encoding="utf-8"))
-    made = [path for path in sorted(staged.rglob("*")) if path.is_file() and path.name != RECORD_FILE]
+    made = [path for path in sorted(staged.rglob("*")) if path.is_file() and path != staged / RECORD_FILE]
     files = {path.relative_to(staged).as_posix(): file_hash(path) for path in made}
     text = json.dumps({**record, "key": key, "outputs": files}, indent=1, allow_nan=False)
     (staged / RECORD_FILE).write_text(text + "\n", encoding="utf-8")

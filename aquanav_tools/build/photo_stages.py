@@ -17,14 +17,17 @@ from aquanav_tools.build.photo_evidence import ways_ahead
 from aquanav_tools.cave.closing.enclosure import (
     MIN_ENCLOSURE,
     MIN_FACING,
+    NUM_DIRECTIONS,
     check_enclosure,
     enclosure,
     facing,
     free_height,
     seen_height,
+    sphere_directions,
 )
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
+from aquanav_tools.cave.scan.sight import OUTSIDE, Sight
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
 from aquanav_tools.reconstruct.georeference.gps import has_fix
 from aquanav_tools.reconstruct.georeference.place import UNUSED
@@ -45,8 +48,15 @@ SCALE_OPTIONS = (
 )
 SEEN_HEIGHT_ERROR = 0.5
 """The same where floor or ceiling were not seen; chosen."""
-PREVIEW_CELLS = 100
-"""Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
+PREVIEW_CELLS = (100, 50)
+"""Cells along the longest side of the coarse surface that tells whether the photos show a cave; the fewer ones where
+the points scatter too much for the others. Photos of a kitchen 4 m long err by 2 cm: half a cell of the finer ones."""
+
+NARROW = (
+    " All photos together look into only {share:.0%} of all directions; wall in the others shows only where the camera "
+    "moved on past it."
+)
+TURN_ROUND = "If it is a cave, take photos that look the other ways too: back, to both sides, up and down."
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +113,13 @@ def check_has_scale(options: BuildOptions) -> None:
 def preview_surface(cloud: PointCloud, *, accept_thick: bool = False) -> Mesh:
     """Return a coarse surface of a cloud of any scale; arguments and errors as of `surface_from_cloud`."""
     extent = np.percentile(cloud.points, 99, axis=0) - np.percentile(cloud.points, 1, axis=0)
-    return surface_from_cloud(cloud, float(extent.max()) / PREVIEW_CELLS, accept_thick=accept_thick).mesh
+    finest, coarsest = (float(extent.max()) / number for number in PREVIEW_CELLS)
+    if accept_thick:
+        return surface_from_cloud(cloud, coarsest, accept_thick=True).mesh
+    try:
+        return surface_from_cloud(cloud, finest).mesh
+    except UnseenWallsError:
+        return surface_from_cloud(cloud, coarsest).mesh
 
 
 def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
@@ -136,7 +152,11 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
 
     def accept_here(error: UnseenWallsError) -> None:
         unit = "" if reconstruction.is_metric else " (The scale comes later: lengths here are in the model's own unit.)"
-        accept(UnseenWallsError(error.code, f"{error.facts}{unit}", error.advice, error.places))
+        share = 1.0 if reconstruction.sight is None else filmed_directions(reconstruction.sight)
+        cause, advice = "", error.advice
+        if error.code == "open-walls" and share < MIN_ENCLOSURE:
+            cause, advice = NARROW.format(share=share), TURN_ROUND
+        accept(UnseenWallsError(error.code, f"{error.facts}{cause}{unit}", advice, error.places))
 
     try:
         preview = preview_surface(reconstruction.cloud)
@@ -153,6 +173,19 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
     # Where walls are missing they do not tell who stood outside, and wherever a camera was there is room.
     is_inside = shares >= MIN_ENCLOSURE if share >= MIN_ENCLOSURE else np.ones(len(centres), dtype=bool)
     return FilmedCave(preview, is_inside, share, between)
+
+
+def filmed_directions(sight: Sight) -> float:
+    """Return the share of all directions, seen from wherever, that the frame of some photo holds."""
+    directions = sphere_directions(NUM_DIRECTIONS)
+    is_filmed = np.zeros(len(directions), dtype=bool)
+    for pose, (fx, fy, cx, cy), depth in zip(sight.poses, sight.pinholes, sight.depth, strict=True):
+        right, down, ahead = pose[:, :3] @ directions.T
+        rows, columns = np.nonzero(depth != OUTSIDE)
+        ahead = np.where(ahead > 0.0, ahead, np.nan)
+        u, v = fx * right / ahead + cx, fy * down / ahead + cy
+        is_filmed |= (u >= 0.0) & (u < columns.max(initial=-1) + 1) & (v >= 0.0) & (v < rows.max(initial=-1) + 1)
+    return float(is_filmed.mean())
 
 
 def in_metres(

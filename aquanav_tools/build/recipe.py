@@ -10,16 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aquanav_tools.build import outputs
 from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.ahead import compiling_ahead
-from aquanav_tools.build.cave_report import DRAWINGS_DIR, cave_model, cave_page, map_of, survey_facts, write_drawings
+from aquanav_tools.build.cave_report import DRAWINGS_DIR
 from aquanav_tools.build.cave_stages import BuiltCave, Closing, scenario_in
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.kept_cave import kept_scenario
 from aquanav_tools.build.options import BuildOptions
+from aquanav_tools.build.other_routes import write_other_routes
 from aquanav_tools.build.output_folder import (
     WORK_DIR,
     build_key,
@@ -30,11 +30,11 @@ from aquanav_tools.build.output_folder import (
 )
 from aquanav_tools.build.photo_evidence import photo_evidence
 from aquanav_tools.build.photo_intake import Intake, take_in
-from aquanav_tools.build.photo_report import PhotoWork, partial_section, photo_section
+from aquanav_tools.build.photo_report import PhotoWork, partial_section
 from aquanav_tools.build.photo_stages import check_has_scale, in_metres, look_for_cave, write_found
 from aquanav_tools.build.route_cuts import with_planes
+from aquanav_tools.build.scenario_folder import Source, write_folder
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
-from aquanav_tools.build.water_stage import current_section
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.caves import choose_cave
@@ -46,11 +46,6 @@ from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.georeference.sources import KnownWorld, read_world
 from aquanav_tools.reconstruct.reconstruction import ReconstructOptions, reconstruct
 from aquanav_tools.report.html import Figure, Section, write_page
-from aquanav_tools.report.picture import draw_cave
-from aquanav_tools.report.recording.cave import CaveModel, record_cave
-from aquanav_tools.report.recording.stream import NO_RECORDING, lack_of_recorder
-from aquanav_tools.report.viewer_model import transfer_colours, write_glb
-from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.store import StageStore, check_room, told_when_full
@@ -249,46 +244,12 @@ def _finish(
     survey: SurveyLegs | None = None,
 ) -> BuildResult:
     """Write everything into a folder aside, and put it in the place of what was there."""
-    folder = options.output
-    with journal.stage("Writing the scenario"):
-        scenario = write_scenario(built.scenario, staged)
-        colours = _colours_of(scan, scenario.cavity.mesh)
-        write_glb(scenario.cavity, scenario.collision, staged / "cave.glb", colours)
-        model = cave_model(scenario, staged, colours)
-        draw_cave(scenario, staged / "cave.png", has_north)
-        if lack := lack_of_recorder():
-            journal.warn(NO_RECORDING, f"There is no build.rrd. {lack}")
-        else:
-            record_cave(CaveModel(scenario), staged / "build.rrd")
-    with journal.stage("Drawing the cave"):
-        branches = [branch.points for branch in scenario.network.branches]
-        cave = map_of(scenario, built.passability.marked, branches, has_north, survey)
-        drawings = write_drawings(cave, scenario, built.statistics.rose, staged / DRAWINGS_DIR)
-    sections: list[Section] = []
-    if work is not None:
-        with journal.stage("Drawing what the photos gave"):
-            section, found = photo_section(work, scenario, cave, facts, staged)
-            sections, facts = [section], {**facts, **found}
-    sections.append(current_section(scenario, cave, staged / DRAWINGS_DIR))
-    sections.append(outputs.stage_section(journal, staged / DRAWINGS_DIR))
-    figures = (*drawings, Figure(staged / "cave.png", outputs.PICTURE_CAPTION))
-    page = cave_page(built, cave, figures, journal, sections, (model,))
-    facts = {**facts, **outputs.cave_facts(built), **survey_facts(cave)}
-    outputs.write_json(outputs.build_record(options, inputs, journal, facts), staged / "build.json")
-    outputs.write_json(
-        {"warnings": [{"code": c, "text": t} for c, t in journal.notices], **facts}, staged / "report.json"
-    )
-    write_page(page, staged / "report.html")
+    source = Source(scan, inputs, facts, has_north, survey)
+    routes = write_other_routes(built, source, options, journal, staged)
+    scenario = write_folder(built, source, options, journal, staged, work, routes)
     check_room(staged)  # a recorder that ignores what the disk answers left a torn file
-    publish(staged, folder, build_key(options) if options.kind == "photos" else "")
-    return BuildResult(dataclasses.replace(scenario, folder=folder.resolve()), built, journal)
-
-
-def _colours_of(scan: Mesh | PointCloud, mesh: Mesh) -> npt.NDArray[np.uint8] | None:
-    """Return the scan's colours at a mesh's vertices; None when it has none."""
-    if scan.colours is None:
-        return None
-    return transfer_colours(mesh, scan.vertices if isinstance(scan, Mesh) else scan.points, scan.colours)
+    publish(staged, options.output, build_key(options) if options.kind == "photos" else "")
+    return BuildResult(dataclasses.replace(scenario, folder=options.output.resolve()), built, journal)
 
 
 def _report_failure(

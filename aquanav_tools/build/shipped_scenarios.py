@@ -17,7 +17,6 @@ from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_made_up
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.cave.closing.solid import ClosedSurface
-from aquanav_tools.cave.mesh.contact import Surface as WallSurface
 from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
 from aquanav_tools.cave.route.passability import route_clearance
 from aquanav_tools.cave.scan.resolution import Resolution
@@ -156,7 +155,7 @@ def difficulty(scenario: Scenario) -> Difficulty:
     """Return how hard a scenario is for the vehicle it carries."""
     radius = parse_vehicle(scenario.vehicle_toml, scenario.name).capsule.radius
     line = scenario.guide.centreline
-    clearance = route_clearance(WallSurface(scenario.cavity.walls), line)
+    clearance = route_clearance(scenario.cavity.wall_surface, line)
     ends = line[:: max(1, round(TURN_LENGTH / np.linalg.norm(line[1] - line[0])))]
     ahead = np.diff(ends, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)

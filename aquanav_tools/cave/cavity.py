@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -45,6 +47,16 @@ class Cavity:
     def walls(self) -> Mesh:
         """The rock alone, without the lids of portals."""
         return Mesh(self.mesh.vertices, np.ascontiguousarray(self.mesh.faces[self.labels == WALL]))
+
+    @cached_property
+    def surface(self) -> Surface:
+        """Exact distances from the rock and the lids."""
+        return Surface(self.mesh)
+
+    @cached_property
+    def wall_surface(self) -> Surface:
+        """Exact distances from the rock alone."""
+        return Surface(self.walls)
 
     @property
     def volume(self) -> float:
@@ -90,8 +102,25 @@ def prove_watertight(mesh: Mesh) -> None:
     """Check all that is promised of a cavity's surface.
 
     Raises:
+        MeshError: naming the first promise that is broken: those of `prove_closed`, and no faces that cross.
+    """
+    prove_closed(mesh)
+    crossing = self_intersections(mesh)
+    if len(crossing):
+        middles = mesh.triangles[crossing[:, 0]].mean(axis=1)
+        raise MeshError(
+            f"{len(crossing)} pairs of faces of the closed surface cross each other, the first at "
+            f"{middles[0].round(2)} m. Rebuild with a larger voxel.",
+            [((float(x), float(y), float(z)), "faces cross") for x, y, z in middles[:MAX_PLACES]],
+        )
+
+
+def prove_closed(mesh: Mesh) -> None:
+    """Check all that is promised of a cavity's surface, but that no faces cross.
+
+    Raises:
         MeshError: naming the first promise that is broken: accepted by manifold3d, watertight volume by trimesh's
-            `is_volume`, one component, positive volume, no faces that cross.
+            `is_volume`, one component, positive volume.
     """
     to_manifold(mesh)
     if not mesh.volume > 0.0:
@@ -111,12 +140,4 @@ def prove_watertight(mesh: Mesh) -> None:
             f"The closed surface of {len(mesh.faces)} triangles is not a consistent volume (trimesh is_volume: "
             f"watertight {solid.is_watertight}, winding {solid.is_winding_consistent}, volume {solid.volume:.3g} m3). "
             "Rebuild with a larger voxel."
-        )
-    crossing = self_intersections(mesh)
-    if len(crossing):
-        middles = mesh.triangles[crossing[:, 0]].mean(axis=1)
-        raise MeshError(
-            f"{len(crossing)} pairs of faces of the closed surface cross each other, the first at "
-            f"{middles[0].round(2)} m. Rebuild with a larger voxel.",
-            [((float(x), float(y), float(z)), "faces cross") for x, y, z in middles[:MAX_PLACES]],
         )

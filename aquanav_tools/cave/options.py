@@ -62,6 +62,9 @@ class RouteOptions:
     """Where the route begins: the label of a portal in the report, or a point "X,Y,Z". Farthest apart by default."""
     goal: str = ""
     """Where it ends, likewise."""
+    routes: Literal["longest", "all"] = "longest"
+    """Of a cave with more than two open ends: "all" writes a scenario for each further pair of them as well, into the
+    folder "routes" of the output."""
 
 
 @dataclass(frozen=True)

@@ -47,8 +47,8 @@ class Options(BuildOptions):
 
     input: tyro.conf.Positional[Path]
     """Folder of photos, or a video (.mp4, .mov, .avi, .mkv); or a scan: a mesh (.ply, .obj, .stl, .off, .glb, .gltf,
-    .dae, .3mf, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz, .csv);
-    or a survey: Survex (.svx, .3d) or Therion (.th)."""
+    .dae, .3mf, .fbx, .usdz, .usd, .usda, .usdc) or a point cloud (.ply, .las, .laz, .e57, .ptx, .pts, .pcd, .xyz,
+    .csv); or a survey: Survex (.svx, .3d) or Therion (.th)."""
     further: tyro.conf.Positional[tuple[Path, ...]] = ()
     """More scans of the same cave, in the same coordinates: scan-1.e57 scan-2.e57 and so on."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
@@ -92,10 +92,11 @@ def _summary(built: BuiltScenario) -> str:
     """Return the size of a built cave, and where to look."""
     folder, recording = built.folder, built.folder / "build.rrd"
     shown = f"Recording: rerun {recording}\n" if recording.exists() else ""
+    routes = "".join(f"Another route: {place}\n" for place in built.routes)
     return (
         f"A passage of {built.route_length:.1f} m, {built.volume:.1f} m3, {built.num_triangles} "
         f"triangles, watertight; {built.num_portals} portals, {built.num_panels} panels, "
         f"{built.num_starts} starts.\n{built.passability}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
-        f"{shown}Next: aquanav-eval baseline:reactive --scenario {folder}"
+        f"{shown}{routes}Next: aquanav-eval baseline:reactive --scenario {folder}"
     )

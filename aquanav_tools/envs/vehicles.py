@@ -9,7 +9,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 
-from aquanav_tools.cave.mesh.contact import CapsuleChecker
+from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.passability import measure_passability
 from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.geodesic import WaterGraph

@@ -58,6 +58,9 @@ class DepthOptions:
     agreement: bool = False
     """Go over every photo once more with the depth of the others as a second witness: fewer wrong points, half as much
     time again."""
+    distinction: float = 0.0
+    """How much worse (1 - NCC) the photos must fit at other depths than at the one that was found, or the pixel has
+    none: plain wall looks alike at any depth."""
     seed: int = 0
     """Of the random planes; the same seed gives the same depth."""
     device: Device = "auto"
@@ -67,6 +70,8 @@ class DepthOptions:
     def __post_init__(self) -> None:
         if self.width < 64 or not 1 <= self.radius <= 7 or self.iterations < 1:
             raise ValueError(f"DepthOptions needs width >= 64, radius from 1 to 7 and iterations >= 1, got {self}.")
+        if not 0.0 <= self.distinction < 2.0:
+            raise ValueError(f"distinction = {self.distinction} is not in [0, 2).")
         if not 2 <= self.sources <= 255:
             raise ValueError(f"sources = {self.sources} is not from 2 to 255: two photos must confirm each pixel.")
 
@@ -84,7 +89,8 @@ class DepthOptions:
         """The search from small copies of the photos to their full size."""
         halvings = min(2, int(np.log2(self.width / _COARSEST)))
         coarse = [Level(h, 3 if h == halvings else 2, 3, 0.5 ** (1 + halvings - h), self.radius) for h in (2, 1)]
-        full = Level(0, self.iterations, 2 if halvings else 3, 0.1 if halvings else 0.5, self.radius)
+        last = 0.0 if self.agreement else self.distinction  # what others found may tell what photos alone do not
+        full = Level(0, self.iterations, 2 if halvings else 3, 0.1 if halvings else 0.5, self.radius, 0.0, last)
         return coarse[2 - halvings :] + [full]
 
 
@@ -223,7 +229,7 @@ class _Estimation:
         alone = self._folder / "alone"
         own = load_depth(depth_path(alone, view.name))
         maps = [_inverse(depth_path(alone, other.name), (other.height, other.width)) for other in self._sources[view]]
-        level = Level(0, 1, 2, 0.1, self._options.radius, _AGREEMENT)
+        level = Level(0, 1, 2, 0.1, self._options.radius, _AGREEMENT, self._options.distinction)
         start = planes_of(own, view.matrix)
         return depth_map(make_agree(self._task(view), start, maps, level, self._solver.solve), view.matrix)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,7 @@ from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.cave.measure.sections import Section, arc_lengths
 from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.report.relief import View
-from aquanav_tools.types import Array, Mesh
+from aquanav_tools.types import Array
 
 SPECK = 1e-4
 """Rings below this share of the largest one's area are left out: they would be smaller than the ink around them."""
@@ -57,6 +59,11 @@ class CaveMap:
     survey: SurveyLegs | None = None
     """Stations and legs of the survey that the cave was made from."""
 
+    @cached_property
+    def solid(self) -> Any:
+        """The water as a manifold3d solid."""
+        return to_manifold(self.cavity.mesh)
+
     @property
     def upward(self) -> str:
         """What is up on a plan."""
@@ -85,13 +92,13 @@ class CaveMap:
         return lengths
 
 
-def silhouette(mesh: Mesh, view: View) -> tuple[Array, ...]:
-    """Return the outline of a closed mesh in a view: (K, 2) rings in picture coordinates, m.
+def silhouette(solid: Any, view: View) -> tuple[Array, ...]:
+    """Return the outline of a manifold3d solid in a view: (K, 2) rings in picture coordinates, m.
 
     Outer rings run counter-clockwise; a ring that runs clockwise bounds a place where one sees past the cave.
     """
     turn = np.stack([view.right, view.up, view.towards])
-    flat = to_manifold(mesh).transform(np.column_stack([turn, np.zeros(3)])).project()
+    flat = solid.transform(np.column_stack([turn, np.zeros(3)])).project()
     rings = tuple(np.asarray(ring) for ring in flat.to_polygons())
     areas = np.array([signed_area(ring) for ring in rings])
     return tuple(ring for ring, area in zip(rings, areas, strict=True) if abs(area) > SPECK * areas.max())

@@ -31,7 +31,7 @@ def draw_flow(cave: CaveMap, flow: Flow, field: DistanceField, path: Path) -> No
         field: says where there is water.
         path: of the SVG; the PNG goes beside it.
     """
-    rings = silhouette(cave.cavity.mesh, PLAN)
+    rings = silhouette(cave.solid, PLAN)
     low, high = bounds(rings)
     size = np.maximum(high - low, 1e-6)
     scale = min((WIDTH_IN - 2 * MARGIN_IN) / size[0], MAX_HEIGHT_IN / size[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.report.cave_map import bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import BAD, INK, MUTED, PORTAL, new_figure, save_drawing
 from aquanav_tools.report.relief import plan_and_section
@@ -34,7 +34,7 @@ def draw_impact(name: str, cavity: Cavity, ideal: Trajectory, centreline: Array,
         path: of the SVG; the PNG goes beside it.
     """
     plan, _ = plan_and_section(centreline)
-    rings = silhouette(cavity.mesh, plan)
+    rings = silhouette(to_manifold(cavity.mesh), plan)
     low, high = bounds(rings)
     size = high - low
     scale = min((WIDTH_IN - 2 * MARGIN_IN) / size[0], MAX_PLAN_IN / size[1])

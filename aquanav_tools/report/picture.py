@@ -107,9 +107,11 @@ def _draw_relief(axes: Any, relief: Relief) -> None:
 
 
 def _draw_route(axes: Any, scenario: Scenario, view: View, colour: str) -> None:
+    from matplotlib.patches import Polygon
+
     for panel in scenario.guide.panels:
         outline = view.project(np.vstack([panel.polygon, panel.polygon[:1]]))
-        axes.fill(*outline.T, facecolor="white", alpha=0.10, zorder=2)
+        axes.add_artist(Polygon(outline, facecolor="white", alpha=0.10, zorder=2))
         axes.plot(*outline.T, color="white", alpha=0.75, linewidth=0.8, zorder=2)
     line = view.project(scenario.guide.centreline)
     axes.plot(*line.T, color=INK, linewidth=2.6, alpha=0.45, zorder=3, solid_capstyle="round")

@@ -110,7 +110,7 @@ def profile(cave: CaveMap) -> tuple[Array, Array, Array, Array]:
 
 def _draw_view(cave: CaveMap, view: View, title: str) -> Any:
     """Return a figure of the water's outline in a view with all that is known to be inside."""
-    rings = silhouette(cave.cavity.mesh, view)
+    rings = silhouette(cave.solid, view)
     figure, axes = _new_sheet(cave, title, *bounds(rings))
     _draw_key(figure, cave, has_portals=bool(cave.cavity.portals))
     draw_rings(axes, rings)
@@ -136,7 +136,7 @@ def draw_rings(axes: Any, rings: Sequence[Array], fill: str = WATER, ink: str = 
     from matplotlib.path import Path as Outline
 
     outlines = [Outline(np.vstack([ring, ring[:1]]), closed=True) for ring in rings]
-    axes.add_patch(
+    axes.add_artist(  # a patch's corners would also be looked through for the axes' limits, which are set
         PathPatch(
             Outline.make_compound_path(*outlines), facecolor=fill, edgecolor=ink, linewidth=linewidth,
             joinstyle="round", zorder=1, clip_on=False,

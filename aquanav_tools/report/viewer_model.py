@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -15,17 +16,22 @@ from scipy.spatial import cKDTree
 
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.report.glb import Part, glb
-from aquanav_tools.types import Array, IntArray, Mesh
+from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 WALL_COLOUR = (126, 150, 160)
 UNSEEN_COLOUR = (214, 106, 140)
 UNSEEN_SHARE = 0.6
 """Wall that the scan did not see takes this much of its own colour over what it would have had."""
 PORTAL_COLOUR = (251, 86, 7)
+NUM_KINDS = 3
+"""Of faces: wall that was seen, other wall, portals."""
 LEVEL_SHARES = (1.0, 1 / 4, 1 / 16)
 """Triangles of each level, relative to the cavity's."""
 
 Colours = npt.NDArray[np.uint8]
+
+_known: WeakKeyDictionary[Cavity, list[tuple[Mesh, IntArray]]] = WeakKeyDictionary()
+"""Surfaces of a cavity with fewer faces, first what all others are made of; for each face that of the cavity."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,15 +63,9 @@ def write_glb(
         levels: largest share of the cavity's triangles per level, at most 1, falling; the first shows it as it is.
     """
     written = []
-    mesh, origins = cavity.mesh, np.arange(len(cavity.mesh.faces))
     for index, share in enumerate(levels):
         level_path = path if index == 0 else path.with_name(f"{path.stem}-lod{index}{path.suffix}")
-        if index == 1:
-            mesh, origins = simplified, _nearest_faces(simplified, cavity.mesh)
-        max_faces = round(share * len(cavity.mesh.faces))
-        if len(mesh.faces) > max_faces:
-            mesh, chosen = _with_faces(mesh, max_faces)
-            origins = origins[chosen]
+        mesh, origins = _with_faces(cavity, simplified, round(share * len(cavity.mesh.faces)))
         level_path.write_bytes(glb([_wall(cavity, mesh, origins, colours)]))
         written.append(Level(level_path, len(mesh.faces)))
     return tuple(written)
@@ -73,13 +73,7 @@ def write_glb(
 
 def cave_part(cavity: Cavity, simplified: Mesh, max_faces: int, colours: Colours | None = None) -> Part:
     """Return a cave with at most so many triangles as a part of a scene; arguments as of `write_glb`."""
-    if len(cavity.mesh.faces) <= max_faces:
-        return _wall(cavity, cavity.mesh, np.arange(len(cavity.mesh.faces)), colours)
-    mesh, origins = simplified, _nearest_faces(simplified, cavity.mesh)
-    if len(mesh.faces) > max_faces:
-        mesh, chosen = _with_faces(mesh, max_faces)
-        origins = origins[chosen]
-    return _wall(cavity, mesh, origins, colours)
+    return _wall(cavity, *_with_faces(cavity, simplified, max_faces), colours)
 
 
 def transfer_colours(mesh: Mesh, points: Array, colours: Colours) -> Colours:
@@ -95,44 +89,53 @@ def transfer_colours(mesh: Mesh, points: Array, colours: Colours) -> Colours:
     return found
 
 
-def _nearest_faces(mesh: Mesh, target: Mesh) -> IntArray:
-    """Return for each face of a mesh the one of another that is nearest to its middle."""
+def _with_faces(cavity: Cavity, simplified: Mesh, max_faces: int) -> tuple[Mesh, IntArray]:
+    """Return a cavity with at most so many faces, and for each of them the one it stems from.
+
+    It is made from what was made before with the fewest faces that suffice (Garland and Heckbert 1997).
+    """
     import igl
 
-    found = igl.point_mesh_squared_distance(mesh.triangles.mean(axis=1), target.vertices, target.faces)[1]
-    return np.asarray(found, dtype=np.int64)
+    if len(cavity.mesh.faces) <= max_faces:
+        return cavity.mesh, np.arange(len(cavity.mesh.faces))
+    known = _known.get(cavity, [])
+    if not known or known[0][0] is not simplified:
+        known = [(simplified, cavity.surface.nearest_faces(simplified.triangles.mean(axis=1)))]
+        _known[cavity] = known
+    mesh, origins = min((one for one in known if len(one[0].faces) >= max_faces), key=_num_faces, default=known[0])
+    if len(mesh.faces) > max_faces:
+        vertices, faces, chosen, _ = igl.qslim(mesh.vertices, mesh.faces, max_faces)
+        mesh, origins = Mesh(np.asarray(vertices), np.asarray(faces, dtype=np.int64)), origins[np.ravel(chosen)]
+        known.append((mesh, origins))
+    return mesh, origins
 
 
-def _with_faces(mesh: Mesh, num_faces: int) -> tuple[Mesh, IntArray]:
-    """Return the mesh with fewer faces, and for each of them the one it stems from (Garland and Heckbert 1997)."""
-    import igl
-
-    vertices, faces, origins, _ = igl.qslim(mesh.vertices, mesh.faces, num_faces)
-    return Mesh(np.asarray(vertices), np.asarray(faces, dtype=np.int64)), np.asarray(origins, dtype=np.int64).ravel()
+def _num_faces(level: tuple[Mesh, IntArray]) -> int:
+    return len(level[0].faces)
 
 
 def _wall(cavity: Cavity, mesh: Mesh, origins: IntArray, colours: Colours | None) -> Part:
     """Return the wall and its portals; vertices between differently coloured faces are doubled."""
     labels, observed = cavity.labels[origins], cavity.observed[origins]
     kind = np.where(labels != WALL, 2, np.where(observed, 0, 1))
-    corners = np.stack([mesh.faces.ravel(), np.repeat(kind, 3)], axis=1)
-    used, faces = np.unique(corners, axis=0, return_inverse=True)
-    vertices, kinds = used[:, 0], used[:, 1]
+    corners = NUM_KINDS * mesh.faces + kind[:, None]
+    is_used = np.zeros(NUM_KINDS * len(mesh.vertices), dtype=np.bool_)
+    is_used[corners] = True
+    used, faces = np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[corners]
+    vertices, kinds = np.divmod(used, NUM_KINDS)
     base = np.tile(WALL_COLOUR, (len(mesh.vertices), 1)).astype(np.uint8)
     if colours is not None:
         base = transfer_colours(mesh, cavity.mesh.vertices, colours)
     shown = base[vertices].astype(np.float64)
     shown[kinds == 1] += UNSEEN_SHARE * (np.array(UNSEEN_COLOUR) - shown[kinds == 1])
     shown[kinds == 2] = PORTAL_COLOUR
-    return Part("cave", mesh.vertices[vertices], shown, faces.reshape(-1, 3), _corner_normals(mesh, kind, used))
+    return Part("cave", mesh.vertices[vertices], shown, faces, _corner_normals(mesh, kind == 2, vertices, kinds == 2))
 
 
-def _corner_normals(mesh: Mesh, kind: IntArray, used: IntArray) -> Array:
-    """Return unit normals for (vertex, kind) pairs, area-weighted; lids are shaded flat, wall smoothly."""
-    is_lid, normals = kind == 2, mesh.vector_areas
-    sums = np.zeros((2, len(mesh.vertices), 3))
-    for corner in range(3):
-        np.add.at(sums, (is_lid.astype(int), mesh.faces[:, corner]), normals)
-    chosen = sums[(used[:, 1] == 2).astype(int), used[:, 0]]
+def _corner_normals(mesh: Mesh, is_lid: BoolArray, vertices: IntArray, is_of_lid: BoolArray) -> Array:
+    """Return unit normals for vertices, some of them as of lids, area-weighted; lids are shaded flat, wall smoothly."""
+    places = (mesh.faces + len(mesh.vertices) * is_lid[:, None]).T.ravel()
+    sums = [np.bincount(places, np.tile(axis, 3), 2 * len(mesh.vertices)) for axis in mesh.vector_areas.T]
+    chosen = np.stack(sums, axis=1)[vertices + len(mesh.vertices) * is_of_lid]
     unit: Array = chosen / np.maximum(np.linalg.norm(chosen, axis=1, keepdims=True), 1e-30)
     return unit

@@ -1,13 +1,18 @@
-"""Views of a cavity: from outside on both long sides, and from inside along the route, lit by a lamp at the camera."""
+"""Views of a cavity: from outside on both long sides, and from inside, lit by a lamp at the camera.
+
+Those from inside look along the route, and at each open end.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.cave.cavity import WALL, Cavity, Portal
 from aquanav_tools.cave.measure.sections import arc_lengths, point_at
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.report.camera import SUPERSAMPLING, Camera, Scene, Shot, is_visible, pixel_of, shrink
@@ -42,6 +47,11 @@ MIN_LOOK_AHEAD = 1.5
 FIELD_OF_VIEW = np.radians(90.0)
 LAMP_REACH = 3.0
 """Distance at which the lamp is half as bright, in widths of the passage (roots of its mean section)."""
+END_COLUMNS = 3
+END_BACK = 1.2
+"""A view of an open end stands this far before it, in roots of its area ..."""
+END_ROOM = 0.7
+"""... or this share of the way to the wall behind, where that is nearer."""
 HAZE_STEP = 16
 """Every so many pixels tell from where to where the haze grows."""
 HOOP_STEP = 0.01
@@ -80,6 +90,40 @@ def draw_views(cave: CaveMap, panels: tuple[Array, ...], path: Path) -> None:
     draw_scale_bar(figure, 0.5 * tall * outside[0].aspect / outside[0].reach, MARGIN_IN, 0.2)
     _draw_key(figure, cave, page)
     save_figure(figure, path, DPI)
+
+
+def draw_ends(cave: CaveMap, names: Sequence[str], path: Path) -> None:
+    """Write a PNG with a view of each open end from inside.
+
+    Args:
+        cave: the cave; it has open ends.
+        names: of the ends.
+        path: of the PNG.
+    """
+    scene, portals = Scene(cave.cavity.mesh), cave.cavity.portals
+    rows = math.ceil(len(portals) / END_COLUMNS)
+    small = (WIDTH_IN - (END_COLUMNS + 1) * MARGIN_IN) / END_COLUMNS
+    cameras = [_end_camera(portal, scene) for portal in portals]
+    tall = small / cameras[0].aspect + CAPTION_IN
+    page = rows * tall + FOOT_IN + MARGIN_IN
+    figure = new_figure(WIDTH_IN, page)
+    for n, (portal, name, camera) in enumerate(zip(portals, names, cameras, strict=True)):
+        row, column = divmod(n, END_COLUMNS)
+        corner = (MARGIN_IN + column * (small + MARGIN_IN), page - 0.5 * MARGIN_IN - (row + 1) * tall)
+        caption = f"{name[0].upper()}{name[1:]}: portal {portal.label}, {portal.area:.1f} m²"
+        axes = _add_picture(figure, corner, (small, small / camera.aspect), caption)
+        _draw(figure, axes, cave, (), scene, camera)
+    _draw_key(figure, cave, page)
+    save_figure(figure, path, DPI)
+
+
+def _end_camera(portal: Portal, scene: Scene) -> Camera:
+    """Return a pinhole camera in the water that looks straight at an open end."""
+    left, up = plane_axes(portal.normal)
+    start = portal.centre - 1e-3 * portal.normal
+    behind = scene.look(Camera(start, left, up, 1e-6, 1.0, is_parallel=False), 1).distance[0, 0]
+    back = min(END_BACK * np.sqrt(portal.area), END_ROOM * behind)
+    return Camera(start - back * portal.normal, -left, up, float(np.tan(0.5 * FIELD_OF_VIEW)), 4 / 3, is_parallel=False)
 
 
 def _outside_cameras(cave: CaveMap) -> tuple[Camera, Camera]:

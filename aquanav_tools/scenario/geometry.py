@@ -57,9 +57,9 @@ def read_cavity(path: Path, portals: tuple[Portal, ...]) -> Cavity:
 
 def write_collision(mesh: Mesh, path: Path) -> None:
     """Write a Wavefront OBJ with 9 significant digits, enough for float32."""
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}\n" for x, y, z in mesh.vertices]
-    lines += [f"f {a} {b} {c}\n" for a, b, c in mesh.faces + 1]
-    path.write_text("".join(lines), encoding="ascii")
+    vertices = "v %.9g %.9g %.9g\n" * len(mesh.vertices) % tuple(mesh.vertices.ravel().tolist())
+    faces = "f %d %d %d\n" * len(mesh.faces) % tuple((mesh.faces + 1).ravel().tolist())
+    path.write_text(vertices + faces, encoding="ascii")
 
 
 def read_collision(path: Path) -> Mesh:

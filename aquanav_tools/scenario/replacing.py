@@ -7,6 +7,7 @@ The files are then moved into place, and whoever next opens a folder with .ready
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import shutil
@@ -62,6 +63,10 @@ def _move_all(ready: Path, folder: Path) -> None:
     old = read_record(folder)
     for name in _outputs(old) - _outputs(read_record(ready) or old):
         (folder / name).unlink(missing_ok=True)
+        for place in (folder / name).relative_to(folder).parents:
+            if place.parts:
+                with contextlib.suppress(OSError):  # it holds something, or is gone
+                    (folder / place).rmdir()
     shutil.rmtree(folder / FAILED_DIR, ignore_errors=True)
     # The record goes first, since it says which files are ours; what makes the folder a scenario goes last.
     order = {RECORD_FILE: 0, SETTINGS_FILE: 2}

@@ -4,6 +4,7 @@
     python eval/benchmarks/photos.py --fresh            # all, from the beginning
     python eval/benchmarks/photos.py --again            # all builds again, with what of the last ones is still valid
     python eval/benchmarks/photos.py --only clear       # sets whose name contains it
+    python eval/benchmarks/photos.py --only clear --keep    # and put their rows into eval/results, beside the others
     python eval/benchmarks/photos.py --photos 24 --only clear   # fewer photos, to try it
     python eval/benchmarks/photos.py --peer real        # COLMAP beside the real sets only; `none` does without it
 
@@ -19,6 +20,7 @@ import argparse
 import json
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -48,6 +50,7 @@ def parse_arguments() -> argparse.Namespace:
     """Return the command line."""
     parser = parser_of(__doc__)
     parser.add_argument("--only", default="", help="only sets whose name contains this")
+    parser.add_argument("--keep", action="store_true", help="put the rows of --only into eval/results")
     parser.add_argument("--photos", type=int, default=0, help="photos per rendered set, when not its own number")
     parser.add_argument("--quality", default="standard", help="draft, standard or high")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
@@ -96,8 +99,9 @@ def main() -> None:
         if case in with_peer:
             result["peer"] = once(run_peer, case, "peer", arguments)
     print_table(results)
-    if not arguments.only and not arguments.photos and not missing:
-        write_table(results, ROOT / "eval" / "results")
+    is_all = not arguments.only and not missing
+    if (is_all or arguments.keep) and not arguments.photos:
+        write_table(results, ROOT / "eval" / "results", [case.name for case in CASES])
 
 
 def once(run: Run, case: PhotoSetCase, step: str, arguments: argparse.Namespace) -> dict[str, Any]:
@@ -132,10 +136,11 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
         shutil.rmtree(build, ignore_errors=True)
     flags = ["--quality", arguments.quality, "--overwrite"]
     # Real photos are held against cameras in whatever unit.
-    flags += ["--positions", str(photos / "positions.csv")] if case.condition else ["--passage-height", "3"]
+    flags += ["--positions", str(photos / "positions.csv")] if case.condition else case.flags
     command = [sys.executable, "-c", BUILD, str(photos), "-o", str(build), *flags]
     ended = run_child(command, arguments.timeout)
     result: dict[str, Any] = {"name": case.name, "is_metric": case.is_metric, "outcome": outcome(ended)}
+    result["commit"] = commit()
     result |= {"seconds": ended.seconds, "cpu_seconds": ended.cpu_seconds}
     result |= {"sentence": sentence(ended).replace(f"{folder}/", "")}
     result["photos"] = len([path for path in photos.iterdir() if path.suffix.lower() in (".jpg", ".png")])
@@ -147,6 +152,12 @@ def run_case(case: PhotoSetCase, arguments: argparse.Namespace) -> dict[str, Any
         result[key] += sum(times[key] - made.get(title, NO_TIME)[key] for title, times in result["stages"].items())
     result["peak_gb"] = max(ended.peak_gb, earlier["peak_gb"])
     return result | judge(case, build, photos, arguments.data)
+
+
+def commit() -> str:
+    """Return the short name of the commit that is checked out, and whether files differ from it."""
+    command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty", "--exclude", "*"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
 
 
 def stage_times(made: dict[str, Any], earlier: dict[str, Any]) -> dict[str, Any]:
@@ -180,7 +191,7 @@ def link(case: PhotoSetCase, photos: Path, arguments: argparse.Namespace) -> Pat
     shutil.rmtree(photos, ignore_errors=True)
     photos.mkdir(parents=True)
     inner, pattern = case.images
-    for path in sorted((arguments.data / case.folder / inner).glob(pattern)):
+    for path in sorted((arguments.data / case.folder / inner).glob(pattern))[:: case.every]:
         (photos / path.name).symlink_to(path.resolve())
     return photos
 

@@ -4,6 +4,7 @@
     python eval/corpus/run.py --fresh        # all, from the beginning
     python eval/corpus/run.py --quick        # a dozen small ones
     python eval/corpus/run.py --only demo-0  # those whose name contains it
+    python eval/corpus/run.py --held-out     # the second corpus, to judge by; keeps eval/results/corpus-held-out.*
     python eval/corpus/run.py --smoke        # one, to see that everything runs
 
 Each case is written as a file and built by the command aquanav-build-cave in a process of its own. Inputs, scenarios
@@ -21,13 +22,16 @@ import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the corpus is no part of the package
 
 from eval.child import Ended, run_child
 from eval.corpus.table import print_tables, write_tables
 from eval.smoke import parser_of
+
+if TYPE_CHECKING:
+    from eval.corpus.cases import Case
 
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 ERROR_CODES = range(2, 7)
@@ -41,16 +45,23 @@ def parse_arguments() -> argparse.Namespace:
     parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="only a dozen small cases")
     parser.add_argument("--only", default="", help="only cases whose name contains this")
+    parser.add_argument("--held-out", action="store_true", help="the caves and damage that nothing was tuned on")
     parser.add_argument("--fresh", action="store_true", help="forget earlier results")
     parser.add_argument("--jobs", type=int, default=1, help="builds at the same time")
     parser.add_argument("--timeout", type=float, default=300.0, help="seconds a build may take")
     parser.add_argument("--data", type=Path, default=DATA_DIR, help="folder with the real scans; skipped when absent")
-    parser.add_argument("--output", type=Path, default=ROOT / "out" / "corpus", help="where inputs and results go")
+    parser.add_argument("--output", type=Path, help="where inputs and results go; out/corpus or out/corpus-held-out")
     arguments = parser.parse_args()
+    arguments.output = arguments.output or ROOT / "out" / stem(arguments)
     if arguments.smoke:
         arguments.quick, arguments.only, arguments.fresh = True, SMOKE_CASE, True
         arguments.output /= "smoke"
     return arguments
+
+
+def stem(arguments: argparse.Namespace) -> str:
+    """Return the name of the corpus in files."""
+    return "corpus-held-out" if arguments.held_out else "corpus"
 
 
 def main() -> None:
@@ -60,7 +71,7 @@ def main() -> None:
     arguments.output.mkdir(parents=True, exist_ok=True)
     # Inputs are made and judged in other processes: a build's memory is counted from the size of its parent.
     with ProcessPoolExecutor(arguments.jobs, mp_context=get_context("spawn")) as pool:
-        names = pool.submit(list_names, arguments.data, arguments.quick, arguments.only).result()
+        names = pool.submit(list_names, arguments).result()
         if arguments.fresh:
             store.unlink(missing_ok=True)
         done = read_results(store)
@@ -79,24 +90,32 @@ def main() -> None:
     results = [done[name] for name in names]
     print_tables(results)
     if not arguments.quick and not arguments.only:
-        write_tables(results, ROOT / "eval" / "results")
+        write_tables(results, ROOT / "eval" / "results" / stem(arguments))
     sys.exit(not all(result["ok"] for result in results))
 
 
-def list_names(data_dir: Path, is_quick: bool, only: str) -> list[str]:
+def list_names(arguments: argparse.Namespace) -> list[str]:
     """Return the names of the wanted cases, bad inputs last."""
     from eval.corpus.bad_inputs import bad_inputs
-    from eval.corpus.cases import all_cases
 
-    cases = [case.name for case in all_cases(data_dir) if case.is_quick or not is_quick]
-    bad = [] if is_quick else [f"bad-{bad.name}" for bad in bad_inputs()]
-    return [name for name in [*cases, *bad] if only in name]
+    cases = [case.name for case in cases_of(arguments) if case.is_quick or not arguments.quick]
+    has_bad = not (arguments.quick or arguments.held_out)
+    bad = [f"bad-{bad.name}" for bad in bad_inputs()] if has_bad else []
+    return [name for name in [*cases, *bad] if arguments.only in name]
+
+
+def cases_of(arguments: argparse.Namespace) -> list[Case]:
+    """Return all cases of the corpus."""
+    from eval.corpus.cases import all_cases
+    from eval.corpus.held_out import held_out_cases
+
+    return held_out_cases() if arguments.held_out else all_cases(arguments.data)
 
 
 def run_case(pool: ProcessPoolExecutor, name: str, arguments: argparse.Namespace) -> dict[str, Any]:
     """Return the result of one case."""
     folder = arguments.output / name
-    case = pool.submit(make_input, name, folder, arguments.data).result()
+    case = pool.submit(make_input, name, folder, arguments).result()
     shutil.rmtree(folder / "cave", ignore_errors=True)
     command = [sys.executable, "-c", BUILD, case["path"], "-o", str(folder / "cave"), *case["flags"]]
     ended = run_child(command, arguments.timeout)
@@ -107,10 +126,9 @@ def run_case(pool: ProcessPoolExecutor, name: str, arguments: argparse.Namespace
     return result | {"faults": faults(result), "ok": not faults(result)}
 
 
-def make_input(name: str, folder: Path, data_dir: Path) -> dict[str, Any]:
+def make_input(name: str, folder: Path, arguments: argparse.Namespace) -> dict[str, Any]:
     """Write a case's input into its folder; return what is known about it."""
     from eval.corpus.bad_inputs import bad_inputs
-    from eval.corpus.cases import all_cases
     from eval.corpus.files import write_case
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -119,7 +137,7 @@ def make_input(name: str, folder: Path, data_dir: Path) -> dict[str, Any]:
         bad.write(folder / bad.file_name)
         about = {"path": folder / bad.file_name, "group": "bad input", "error": bad.error, "flags": ()}
         return {"name": name, **about, "path": str(about["path"])}
-    case = next(case for case in all_cases(data_dir) if case.name == name)
+    case = next(case for case in cases_of(arguments) if case.name == name)
     scan = case.make()
     expected = {"expected_portals": scan.truth.num_portals, "expected_genus": scan.truth.genus}
     limits = {

@@ -18,12 +18,12 @@ def print_tables(results: list[dict[str, Any]]) -> None:
     print("\n" + markdown(results))
 
 
-def write_tables(results: list[dict[str, Any]], folder: Path) -> None:
-    """Keep corpus.md and corpus.json."""
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "corpus.md").write_text(markdown(results), encoding="utf-8")
+def write_tables(results: list[dict[str, Any]], stem: Path) -> None:
+    """Keep the page and its numbers beside each other, as `stem`.md and .json."""
+    stem.parent.mkdir(parents=True, exist_ok=True)
+    stem.with_suffix(".md").write_text(markdown(results), encoding="utf-8")
     kept = [{key: value for key, value in result.items() if key != "path"} for result in results]
-    (folder / "corpus.json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    stem.with_suffix(".json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 def markdown(results: list[dict[str, Any]]) -> str:

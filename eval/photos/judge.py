@@ -22,6 +22,7 @@ from eval.photos.depth_truth import (
 from eval.photos.score import (
     CloudScore,
     distances_to,
+    loop_gap,
     read_true_cameras,
     read_wall,
     score_cloud,
@@ -60,8 +61,7 @@ def judge_real(build: Path, centres: dict[str, Array], reference: DepthReference
     found = judge_cameras(cameras, centres)
     if is_loop and len(cameras) > 2:
         way = np.array([camera["centre"] for camera in sorted(cameras, key=lambda camera: str(camera["name"]))])
-        steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
-        found["loop_gap"] = float(np.linalg.norm(way[-1] - way[0]) / steps.sum())
+        found["loop_gap"] = loop_gap(way)
     truth_from_build = Sim3()
     if reference is not None and len(cameras) > 2 and (build / "cloud.ply").exists():
         cloud = _points(build / "cloud.ply")

@@ -165,3 +165,14 @@ def similarity(source: Array, target: Array) -> Sim3:
     rotation = u @ np.diag(signs) @ vt
     scale = float(np.sum(signs * sizes) / np.sum((source - from_mean) ** 2))
     return Sim3(scale, rotation, to_mean - scale * rotation @ from_mean)
+
+
+def loop_gap(way: Array) -> float:
+    """Return how near (N, 3) places come back to where they began, as share of the way between.
+
+    Nobody stops where he began to the centimetre: the nearest of the first and the last tenth count.
+    """
+    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    num_ends = max(1, len(way) // 10)
+    gaps = np.linalg.norm(way[:num_ends, None] - way[None, -num_ends:], axis=2)
+    return float(gaps.min() / steps.sum())

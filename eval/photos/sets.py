@@ -30,6 +30,10 @@ class PhotoSetCase:
     """Of real photos, within the data folder."""
     images: tuple[str, str] = ("", "*")
     """Sub-folder and pattern of the photos in it."""
+    every: int = 1
+    """Every so many-th of these photos is taken: frames of a film show more overlap than a build needs."""
+    flags: tuple[str, ...] = ("--passage-height", "3")
+    """What the command is given beside real photos."""
     reference: Callable[[Path], dict[str, Array]] | None = None
     """Reads (3,) camera centres by photo, in any frame, from the data folder's folder."""
     is_metric: bool = True
@@ -75,9 +79,23 @@ REAL = (
     ),
     PhotoSetCase("saharov32", folder="img_saharov32", images=("", "*.JPG"), reference=saharov_centres, is_metric=False),
     PhotoSetCase("workshop", folder="img_workshop", images=("images", "*.jpg")),
-    PhotoSetCase("office-corridor", folder="img_office_corridor", images=("images", "*.jpg"), is_loop=True),
     PhotoSetCase(
-        "redkitchen", folder="img_redkitchen", images=("images", "*.jpg"), reference=depth_centres, has_depth=True
+        "office-corridor",
+        folder="img_office_corridor",
+        images=("images", "*.jpg"),
+        every=2,
+        flags=("--passage-height", "2.5"),
+        is_loop=True,
+    ),
+    PhotoSetCase(
+        "redkitchen",
+        folder="img_redkitchen",
+        images=("images", "*.jpg"),
+        every=2,
+        # Its camera looks into a fifth of all directions, which is refused unless the user says otherwise.
+        flags=("--passage-height", "2.5", "--accept-open"),
+        reference=depth_centres,
+        has_depth=True,
     ),
 )
 CASES = (*RENDERED, *REAL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ MODELS = (
 )  # fmt: skip
 CLOUDS = (
     "set", "cloud within 2 cm: precision, recall, F", "5 cm", "10 cm", "scale", "volume (m3)", "extent (m)",
-    "invented wall", "of seen free space in it", "of it seen free", "first to last photo", "outcome",
+    "invented wall", "of seen free space in it", "of it seen free", "gap of a loop", "outcome", "commit",
 )  # fmt: skip
 STAGES = {
     "features": ("Finding features",),
@@ -35,10 +36,19 @@ def print_table(results: list[dict[str, Any]]) -> None:
     print("\n" + markdown(results))
 
 
-def write_table(results: list[dict[str, Any]], folder: Path) -> None:
-    """Keep photos.md and photos.json."""
-    (folder / "photos.md").write_text(markdown(results), encoding="utf-8")
-    (folder / "photos.json").write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
+def write_table(results: list[dict[str, Any]], folder: Path, order: Sequence[str]) -> None:
+    """Keep photos.md and photos.json; rows of other sets, from earlier runs, stay.
+
+    Args:
+        results: figures of the sets that were run.
+        folder: with both files.
+        order: names of all sets. Rows of others are dropped.
+    """
+    earlier = json.loads((folder / "photos.json").read_text(encoding="utf-8"))
+    rows = {row["name"]: row for row in (*earlier, *results)}
+    kept = [rows[name] for name in order if name in rows]
+    (folder / "photos.md").write_text(markdown(kept), encoding="utf-8")
+    (folder / "photos.json").write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
 
 
 def markdown(results: list[dict[str, Any]]) -> str:
@@ -46,7 +56,8 @@ def markdown(results: list[dict[str, Any]]) -> str:
     lines = [
         "# Photos",
         "",
-        f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave; "
+        f"{platform.machine()}, Python {platform.python_version()}. Each row is one run of aquanav-build-cave, by the "
+        "code of the commit that the third table names; "
         "centres and rotations after the similarity transform that fits the true centres best. COLMAP is its own "
         "command line: features, exhaustive matching, incremental mapping.",
         "",
@@ -64,8 +75,8 @@ def markdown(results: list[dict[str, Any]]) -> str:
         "## Clouds and cavities, rendered and real",
         "",
         "Rendered against the true wall that two photos or more show; real ones against a depth camera's maps where "
-        "there are some, and blank where nothing is known. Scale: true lengths over the build's. From the first photo "
-        "to the last where they show the same place: share of the way between.",
+        "there are some, and blank where nothing is known. Scale: true lengths over the build's. Where a walk "
+        "ends at its beginning, the gap is the least distance from its first tenth to its last, as share of the way.",
         "",
         *_table(CLOUDS, [_cloud_row(result) for result in results]),
         "",
@@ -140,6 +151,7 @@ def _cloud_row(result: dict[str, Any]) -> tuple[str, ...]:
         share("held_free"),
         share("loop_gap"),
         result["outcome"],
+        result.get("commit", ""),
     )
 
 

@@ -10,14 +10,14 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.synthetic.caves import tube
-from tests.build.pictures import leave_out_pictures
 from tests.build.test_scan_build import run
 from tests.cave.open_caves import wavy_sheet
+from tests.lighter import lighten_builds
 
 
 @pytest.fixture(autouse=True)
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    leave_out_pictures(monkeypatch)
+    lighten_builds(monkeypatch)
 
 
 def a_sheet(path: Path) -> None:

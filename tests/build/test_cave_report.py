@@ -32,7 +32,7 @@ TIGHT = Narrow(np.array([12.0, 0.0, 0.0]), 11.0, 0.41, 0.457)
 BESIDE = RouteClearance(0.19, 8.0, np.array([9.0, 0.0, 0.0]), 1.2, 0.8, 0.7)
 PASSABILITY = Passability(0.457, TIGHT, (PASSABLE, TIGHT), TIGHT.width, BESIDE)
 DRAWINGS = {
-    "centreline.svx", "views.png",
+    "centreline.svx", "views.png", "ends.png",
     *(f"{name}.{kind}" for kind in ("svg", "png")
       for name in ("plan", "long-section", "cross-sections", "elevation", "sizes", "rose")),
 }  # fmt: skip

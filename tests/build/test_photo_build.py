@@ -18,13 +18,23 @@ from PIL import Image
 from aquanav_tools.build.accept_open import accepting
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_stages import check_is_cave, in_metres, look_for_cave, preview_surface, write_found
+from aquanav_tools.build.photo_stages import (
+    check_is_cave,
+    filmed_directions,
+    in_metres,
+    look_for_cave,
+    preview_surface,
+    write_found,
+)
 from aquanav_tools.cave.closing.enclosure import MIN_FACING
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
+from aquanav_tools.cave.scan.cloud import surface_from_cloud
+from aquanav_tools.cave.scan.sight import Sight, make_sight
 from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
 from aquanav_tools.photograph.dive import photograph
+from aquanav_tools.photograph.trajectory import look
 from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
@@ -117,6 +127,22 @@ def test_a_hall_of_which_ceiling_and_ends_were_not_seen_is_a_cave_half_seen() ->
     assert f"{found.facing:.0%} of all lines meet walls that face each other" in sentence
 
 
+def noisy_room(noise: float) -> PointCloud:
+    """A room of 4 x 2 x 2 m as three photos a point see it, each coordinate off by some noise, m."""
+    samples, faces = trimesh.sample.sample_surface(box := trimesh.creation.box((4.0, 2.0, 2.0)), 280_000, seed=1)
+    points = np.asarray(samples) + np.random.default_rng(0).normal(0.0, noise, (280_000, 3))
+    return PointCloud(points, -box.face_normals[faces], None, np.full(280_000, 3), np.zeros(280_000))
+
+
+def test_a_room_is_told_through_noise_of_a_hundredth_of_its_length_but_not_of_a_tenth() -> None:
+    with pytest.raises(UnseenWallsError, match="lie on no surface"):
+        surface_from_cloud(noisy_room(0.03), 0.04)
+    corners = preview_surface(noisy_room(0.03)).vertices
+    np.testing.assert_allclose(np.percentile(corners, [2.0, 98.0], axis=0).T, [[-2, 2], [-1, 1], [-1, 1]], atol=0.1)
+    with pytest.raises(UnseenWallsError, match="lie on no surface"):
+        preview_surface(noisy_room(0.4))
+
+
 def test_photos_all_around_an_object_on_the_ground_show_no_cave() -> None:
     boulder = trimesh.creation.icosphere(4, 1.0)
     ground = trimesh.creation.box(bounds=[[-6.0, -6.0, -1.2], [6.0, 6.0, -1.0]]).subdivide_to_size(0.5)
@@ -128,6 +154,32 @@ def test_photos_all_around_an_object_on_the_ground_show_no_cave() -> None:
         UnseenWallsError, match=r"Nor were these between walls: .* 0% of all lines meet walls that face"
     ):
         look_for_cave(replace(around, cloud=turned), refuse)
+
+
+def looking(ways: list[tuple[float, float]]) -> Sight:
+    """Photos with a frame of 90 degrees squared, sure of a wall 2 m away, from one place in given ways."""
+    poses = np.array([np.column_stack([look(*way), np.zeros(3)]) for way in ways])
+    return make_sight(
+        poses, np.tile([8.0, 8.0, 8.0, 8.0], (len(ways), 1)), [np.full((16, 16), 2.0, np.float32)] * len(ways)
+    )
+
+
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_each_face_of_a_cube_that_photos_look_at_is_a_sixth_of_all_directions(count: int) -> None:
+    quarter = np.pi / 2.0
+    ways = [(0.0, 0.0), (quarter, 0.0), (2 * quarter, 0.0), (3 * quarter, 0.0), (0.0, quarter), (0.0, -quarter)]
+    assert filmed_directions(looking(ways[:count] * 2)) == pytest.approx(count / 6, abs=0.02)  # 256 directions
+
+
+def test_photos_that_look_one_way_are_refused_by_that() -> None:
+    wall = np.random.default_rng(0).uniform(-4.0, 4.0, (8000, 2))
+    points = np.column_stack([2.0 + 0.1 * np.sin(wall[:, 0]), wall])
+    cloud = PointCloud(points, np.tile([-1.0, 0.0, 0.0], (8000, 1)))
+    cameras = np.column_stack([np.zeros(9), np.linspace(-1.0, 1.0, 9), np.zeros(9)])
+    found = Reconstruction(cloud, cameras, UPRIGHT, tuple("abcdefghi"), (), {}, sight=looking([(0.0, 0.0)] * 9))
+    sentence = r"into only 1\d% of all directions.* take photos that look the other ways too.* --accept-open"
+    with pytest.raises(UnseenWallsError, match=sentence):
+        look_for_cave(found, refuse)
 
 
 @pytest.fixture(scope="module")

@@ -19,7 +19,7 @@ from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import silent
-from tests.build.pictures import leave_out_pictures
+from tests.lighter import lighten_builds
 
 NUM_LEGS = 3
 
@@ -45,7 +45,7 @@ def test_suffixes_of_surveys_are_those_that_can_be_read() -> None:
 
 
 def test_a_survey_alone_becomes_a_cave_between_its_entrances(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    leave_out_pictures(monkeypatch)
+    lighten_builds(monkeypatch)
     survey_of_a_tube(tmp_path / "tube.svx")
     announced: list[str] = []
     result = build_cave(options(tmp_path / "tube.svx", tmp_path / "cave"), announce=announced.append)
@@ -106,7 +106,7 @@ def fitting(scan: Path) -> BuildResult:
     """The scan built beside a survey of the same tube, into the folder `cave` beside it."""
     survey_of_a_tube(scan.with_name("tube.svx"))
     with pytest.MonkeyPatch.context() as patch:
-        leave_out_pictures(patch)
+        lighten_builds(patch)
         return build_cave(options(scan, scan.with_name("cave"), scan.with_name("tube.svx")))
 
 

@@ -18,9 +18,9 @@ from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings
 from aquanav_tools.sim.vehicle import VEHICLE_DIR
 from aquanav_tools.types import silent
 from tests import caves
-from tests.build.pictures import leave_out_pictures
 from tests.caves import tube_scenario
 from tests.commands import run_here
+from tests.lighter import lighten_builds
 
 
 def told(scenario: Scenario) -> tuple[list[tuple[str, str]], list[str]]:
@@ -66,7 +66,7 @@ def test_a_current_that_is_faster_than_the_vehicle_is_a_warning() -> None:
 def test_the_command_takes_a_limit_and_warns_on_the_terminal_and_in_the_report(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    leave_out_pictures(monkeypatch)
+    lighten_builds(monkeypatch)
     tube(1.0, 6.0, sections=32, rings=31).mesh.to_trimesh().export(tmp_path / "tube.stl")
     run = functools.partial(run_here, main, tmp_path / "tube.stl", "--starts.count", 4)
     done = run("-o", tmp_path / "cave", "--decisions", 20)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.build import recipe
+from aquanav_tools.build import recipe, scenario_folder
 from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
@@ -33,5 +33,5 @@ def tell_nothing(*arguments: Any) -> tuple[Section, dict[str, Any]]:
 
 if __name__ == "__main__":
     recipe.reconstruct = find_a_tube
-    recipe.photo_section = tell_nothing
+    scenario_folder.photo_section = tell_nothing
     main()

@@ -46,9 +46,8 @@ Run = Callable[..., Any]
 
 
 @pytest.fixture
-def run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    """Return a function that evaluates in this process, with coarse pictures, and returns results.json."""
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+def run(folder: Path) -> Run:
+    """Return a function that evaluates in this process and returns results.json."""
 
     def evaluate_here(
         policy: str, output: Path, load: Callable[[str], LoadedPolicy] = load_policy, **options: Any

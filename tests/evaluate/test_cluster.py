@@ -23,6 +23,7 @@ from aquanav_tools.workers.ray_cluster import MakeAsAtHome, as_own_error
 from tests.clusters import two_nodes
 from tests.evaluate.policies import ONCE, PROCESSES, TROUBLE, drifting_options, load_drifting
 from tests.evaluate.test_episode_runner import BAD, NUM_EPISODES, REASONS, assert_same_files
+from tests.lighter import lighten_reports
 
 Run = Callable[..., list[tuple[int, int]]]
 
@@ -65,7 +66,7 @@ def run(options: EvaluateOptions, after: Callable[[int], None] = lambda done: No
         after(done)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("aquanav_tools.report.picture.DPI", 20)
+        lighten_reports(patch)
         evaluate(options, hear, load=load_drifting)
     return told
 

@@ -15,6 +15,7 @@ import pytest
 from aquanav_tools.cli.evaluate import main
 from aquanav_tools.evaluate.paired import compare_rates, compare_runs, episodes_to_tell
 from tests.commands import run_here
+from tests.lighter import lighten_reports
 
 aquanav_eval = functools.partial(run_here, main)
 NUM_STARTS = 20
@@ -26,7 +27,7 @@ def evaluated(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The results of reactive, whose episodes of a still tube are all there are, and of the same under other seeds."""
     output = tmp_path_factory.mktemp("evaluated")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("aquanav_tools.report.picture.DPI", 20)
+        lighten_reports(patch)
         for name, seed in (("one", 0), ("other-seeds", 5)):
             flags = ("--seed", seed, "--workers", 1, "--record", "none", "-o", output / name)
             assert aquanav_eval("baseline:reactive", "--scenario", folder, *flags).returncode == 0
@@ -62,6 +63,7 @@ def failing(count: int, possible: int | None = None) -> Any:
     return edit
 
 
+@pytest.mark.drawn_reports
 def test_the_better_policy_is_named_with_difference_interval_test_and_shared_episodes(compare: Any) -> None:
     printed = compare(failing(8))
     assert "first is better than second" in printed

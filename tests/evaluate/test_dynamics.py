@@ -50,7 +50,9 @@ def drawn_alone(tube: Scenario, randomisation: str, seed: int) -> dict[str, floa
     return {name.removeprefix("dynamics/"): value for name, value in info.items() if name.startswith("dynamics/")}
 
 
-@pytest.mark.parametrize("options", [{"workers": 1}, {"workers": 2}, {"backend": "batch"}])
+@pytest.mark.parametrize(
+    "options", [{"workers": 1}, pytest.param({"workers": 2}, marks=pytest.mark.slow), {"backend": "batch"}]
+)
 def test_results_hold_what_the_environment_of_the_seed_draws(
     folder: Path, tmp_path: Path, tube: Scenario, options: dict[str, Any]
 ) -> None:

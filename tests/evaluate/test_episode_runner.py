@@ -21,6 +21,7 @@ from aquanav_tools.evaluate.evaluation import evaluate
 from aquanav_tools.evaluate.options import EvaluateOptions
 from aquanav_tools.types import ignore_progress
 from tests.evaluate.policies import ONCE, TROUBLE, drifting_options, line_of, load_drifting
+from tests.lighter import lighten_reports
 
 NUM_EPISODES = 8
 BAD = {1: "raises", 3: "gives no number", 4: "dies", 6: "hangs"}
@@ -42,7 +43,7 @@ def run() -> Run:
     def evaluate_here(options: EvaluateOptions, trouble: str = "") -> list[tuple[int, int]]:
         told: list[tuple[int, int]] = []
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("aquanav_tools.report.picture.DPI", 20)
+            lighten_reports(patch)
             patch.setenv(TROUBLE, trouble)
             patch.setenv(ONCE, str(options.output / "once"))
             evaluate(options, lambda done, total: told.append((done, total)), load=load_drifting)

@@ -97,9 +97,8 @@ def test_schema_refuses_results_without_a_part(table: Any, path: tuple[str | int
 
 
 @pytest.fixture
-def run(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Any]:
-    """Return a function that evaluates in this process, with coarse pictures, and returns results.json."""
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
+def run(folder: Path, tmp_path: Path) -> Callable[..., Any]:
+    """Return a function that evaluates in this process and returns results.json."""
 
     def evaluate_here(policy: str, load: Callable[[str], LoadedPolicy] = load_policy, **options: Any) -> Any:
         choices = EvaluateOptions((policy,), (folder,), tmp_path / "eval", **options)

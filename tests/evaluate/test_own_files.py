@@ -221,9 +221,8 @@ def test_imports_are_followed_through_packages_and_circles_but_not_into_librarie
 
 
 def test_the_search_takes_what_evaluations_take_and_its_worst_cases_fly_again(
-    cave: Path, modules: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+    cave: Path, modules: tuple[str, str]
 ) -> None:
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
     own, helper = modules
     named = ["--reward", f"{own}:Own", "--observation", f"{own}:parts", "--randomisation", "own.toml"]
     words = ["stress", f"{own}:tall", "--scenario", cave, "--budget", 2, "--max-decisions", 4, "--workers", 1, *named]

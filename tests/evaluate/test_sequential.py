@@ -21,6 +21,13 @@ compare = functools.partial(run_here, main)
 RUNS, LENGTH = 2000, 3000
 SMALLEST = 0.05
 POLICIES = ("baseline:reactive", "baseline:random")
+SHOWN = {(0.5, 0.0), (0.5, 0.8), (0.8, 0.4), (0.95, 0.0), (0.95, 0.8)}
+EQUAL = [
+    pytest.param(rate, correlation, marks=[pytest.mark.slow] * ((rate, correlation) not in SHOWN))
+    for rate in (0.5, 0.8, 0.9, 0.95)
+    for correlation in (0.0, 0.4, 0.8)
+]
+"""Rates of success of two policies and how they go together; the extremes and the middle are in the default tests."""
 
 
 def drawn(first: float, second: float, correlation: float, rng: np.random.Generator, runs: int = RUNS) -> Array:
@@ -36,8 +43,7 @@ def upper(probability: float) -> float:
     return probability + 3.1 * np.sqrt(probability * (1 - probability) / RUNS)
 
 
-@pytest.mark.parametrize("rate", [0.5, 0.8, 0.9, 0.95])
-@pytest.mark.parametrize("correlation", [0.0, 0.4, 0.8])
+@pytest.mark.parametrize(("rate", "correlation"), EQUAL)
 def test_equal_policies_are_hardly_ever_told_apart_whenever_one_stops(
     rate: float, correlation: float, rng: np.random.Generator
 ) -> None:
@@ -53,7 +59,7 @@ def test_policies_that_far_apart_are_hardly_ever_called_alike(
     assert is_smaller(pairs, SMALLEST)[:, -1].mean() <= upper(MISSED)
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("correlation", [0.0, pytest.param(0.3, marks=pytest.mark.slow), 0.5])
 def test_a_pair_five_points_apart_takes_half_of_the_episodes_of_a_fixed_number_of_equal_power(
     correlation: float, rng: np.random.Generator
 ) -> None:

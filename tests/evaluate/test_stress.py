@@ -84,10 +84,10 @@ def options_of(folder: Path, output: Path, **changes: Any) -> StressOptions:
     return StressOptions(scenario=folder, output=output, **{**rules, **changes})
 
 
+@pytest.mark.drawn_reports
 def test_worst_cases_are_saved_fly_again_as_they_were_and_a_stopped_search_ends_the_same(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
     monkeypatch.setenv(TROUBLE, "")
     found = stress(options_of(folder, tmp_path / "stress"), ignore, load_drifting)
     assert len(found.drawn) == len(found.searched) == BUDGET
@@ -108,9 +108,8 @@ def test_worst_cases_are_saved_fly_again_as_they_were_and_a_stopped_search_ends_
 
 
 def test_policy_that_runs_code_is_searched_with_trust_only_and_the_page_says_how_to_repeat_it(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    folder: Path, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr("aquanav_tools.report.picture.DPI", 20)
     pytest.importorskip("torch", reason="The policy of this test is TorchScript.")
     from tests.evaluate.test_trusted import Fixed, export
 

@@ -91,6 +91,7 @@ def test_a_batch_tells_them_apart_as_well() -> None:
     assert outcomes([metrics for _, metrics in finished]) == {INFEASIBLE}
 
 
+@pytest.mark.drawn_reports
 def test_an_evaluation_without_a_chance_says_so_and_blames_nobody(tmp_path: Path) -> None:
     folder, output = tmp_path / "tube", tmp_path / "out"
     write_scenario(tube_scenario(), folder)

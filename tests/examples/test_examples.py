@@ -54,6 +54,7 @@ def load(name: str) -> ModuleType:
     return module
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ppo_torch.py", "sb3_vec.py"])
 def test_example_learns_to_reach_the_goal_and_writes_nothing_unasked(name: str, cave: Path, tmp_path: Path) -> None:
     """Untrained networks reach it in no episode (below); 40,000 decisions taught it in 10 of 10 (measured)."""
@@ -74,7 +75,9 @@ def test_an_untrained_network_does_not_reach_the_goal(cave: Path) -> None:
 
 
 def test_weights_are_saved_where_asked(cave: Path, tmp_path: Path) -> None:
-    run("ppo_torch.py", cave, tmp_path, "--steps", "2048", "--save", "weights.pt")
+    printed = run("ppo_torch.py", cave, tmp_path, "--steps", "2048", "--save", "weights.pt")
+    assert re.search(LAST, printed) is not None, printed
+    assert [path.name for path in tmp_path.iterdir()] == ["weights.pt"]
     weights = torch.load(tmp_path / "weights.pt", weights_only=True)
     network = load("ppo_torch").ActorCritic(44, [3, 3, 3])
     network.load_state_dict(weights)
@@ -82,7 +85,9 @@ def test_weights_are_saved_where_asked(cave: Path, tmp_path: Path) -> None:
 
 
 def test_the_zip_of_stable_baselines3_is_a_policy_for_evaluation(cave: Path, tmp_path: Path) -> None:
-    run("sb3_vec.py", cave, tmp_path, "--steps", "2048", "--save", "policy.zip")
+    printed = run("sb3_vec.py", cave, tmp_path, "--steps", "2048", "--save", "policy.zip")
+    assert re.search(LAST, printed) is not None, printed
+    assert [path.name for path in tmp_path.iterdir()] == ["policy.zip"]
     loaded = load_policy(str(tmp_path / "policy.zip"))
     assert (loaded.observation, loaded.action) == ("full", "multidiscrete")
 

@@ -10,10 +10,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
+from aquanav_tools.cli.evaluate import main
 from aquanav_tools.scenario.folder import write_scenario
 from tests.caves import tube_scenario
+from tests.commands import run_here
 from tests.conftest import REPOSITORY
 
 
@@ -41,16 +44,16 @@ def test_a_ping_is_drawn(tmp_path: Path) -> None:
     assert beside.mean() > 2.0 * ahead.mean()
 
 
-def test_a_policy_learns_from_a_dictionary(tmp_path: Path) -> None:
-    printed = run("dict_observation.py", tmp_path, "--steps", "5120", "--num-envs", "8", "--save", "policy.zip")
+def test_a_policy_learns_from_a_dictionary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    printed = run("dict_observation.py", tmp_path, "--steps", "1280", "--num-envs", "2", "--save", "policy.zip")
     losses = [float(loss) for loss in re.findall(r"loss (-?[\d.]+)", printed)]
     assert len(losses) == 10
     assert np.isfinite(losses).all()
     shutil.copy(REPOSITORY / "examples" / "dict_observation.py", tmp_path)
     words = ["--scenario", "tube", "--observation", "dict_observation:observation", "--episodes", "2", "-o", "out"]
-    code = "from aquanav_tools.cli.evaluate import main; main()"
-    command = [sys.executable, "-c", code, "policy.zip", *words, "--max-decisions", "20"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=300)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    done = run_here(main, "policy.zip", *words, "--max-decisions", "20")
     assert done.returncode == 0, done.stderr
     episodes = json.loads((tmp_path / "out" / "results.json").read_text())["episodes"]
     assert [one["reason"] for one in episodes] == ["", ""]

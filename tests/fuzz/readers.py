@@ -12,8 +12,8 @@ import laspy  # noqa: F401  # what readers import when they run is here before a
 import torch  # noqa: F401
 import trimesh.exchange.load  # noqa: F401
 
-from aquanav_tools.build.original.fbx import read_fbx
 from aquanav_tools.build.original.rewarder import read_rewarders
+from aquanav_tools.cave.scan.fbx import read_fbx
 from aquanav_tools.cave.scan.files import read_surface
 from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.evaluate import network, onnx_file  # noqa: F401

@@ -19,6 +19,7 @@ from eval.photos.score import (
     TrueCameras,
     distances_to,
     is_seen,
+    loop_gap,
     read_true_cameras,
     read_wall,
     score_cloud,
@@ -146,3 +147,11 @@ def options_distortion(options: DiveOptions) -> tuple[float, ...]:
     from aquanav_tools.photograph.options import DISTORTION
 
     return DISTORTION[options.camera.lens]
+
+
+def test_a_walk_in_a_circle_that_climbs_misses_its_beginning_by_the_climb() -> None:
+    """100 steps a turn, 6 beyond it: step 100 ends above the first place, by 100 steps' climb of 1 mm."""
+    angles = 2.0 * np.pi * np.arange(107) / 100.0
+    way = np.column_stack([np.cos(angles), np.sin(angles), 0.001 * np.arange(107)])
+    step = np.hypot(2.0 * np.sin(np.pi / 100.0), 0.001)
+    assert loop_gap(way) == pytest.approx(0.1 / (106 * step), rel=1e-9)

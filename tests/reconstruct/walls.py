@@ -22,6 +22,8 @@ class Wall:
     slant: float = 0.0
     is_striped: bool = False
     """Waves of one direction only, which repeat."""
+    is_level: bool = False
+    """Stripes along the way from camera to camera, which look alike at any depth."""
 
     @property
     def period_of_inverse(self) -> float:
@@ -33,6 +35,8 @@ class Wall:
         """Grey values, 0 to 255, at places of the wall, m."""
         if self.is_striped:
             return 127.0 + 90.0 * np.sin(30.0 * x)
+        if self.is_level:
+            return 127.0 + 90.0 * np.sin(30.0 * y)
         waves = np.sin(13.0 * x + 5.0 * y) + np.sin(7.0 * y - 11.0 * x + 1.0) + np.sin(17.0 * y + 2.0 * x)
         return 127.0 + 38.0 * waves
 
@@ -53,7 +57,7 @@ def wall_pictures(wall: Wall) -> list[Picture]:
 
 
 def small_case(solve: Solve) -> np.ndarray:
-    """(3, P) of a tiny photo: cost of given planes; inverse depth and cost after a round of the search."""
+    """(4, P) of a tiny photo: cost of given planes; inverse depth and cost after a round; cost where depth is told."""
     pictures = [Wall().picture(shift, 20, 14) for shift in (0.0, -0.1, 0.1)]
     size = pictures[0].grey.shape
     rng = np.random.default_rng(5)
@@ -71,7 +75,9 @@ def small_case(solve: Solve) -> np.ndarray:
     solve(photo, sources, planes, search, 0)
     rated = planes.cost.copy()
     solve(photo, sources, planes, search, 1)
-    return np.stack([rated.ravel(), planes.inverse.ravel(), planes.cost.ravel()])
+    told = planes._replace(cost=planes.cost.copy())
+    solve(photo, sources, told, search._replace(distinction=np.float32(0.001)), 0)
+    return np.stack([rated.ravel(), planes.inverse.ravel(), planes.cost.ravel(), told.cost.ravel()])
 
 
 def print_small_case(device: str) -> None:

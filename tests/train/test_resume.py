@@ -85,7 +85,7 @@ def test_killed_command_goes_on_to_the_same_policy(
 ) -> None:
     pipeline = tmp_path / "mine.toml"
     pipeline.write_text(
-        f'scenario = "{tube}"\nsteps = 512\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nn_steps = 32\n'
+        f'scenario = "{tube}"\nsteps = 256\nobservation = "paper"\nnum_envs = 4\nhidden = [8]\nn_steps = 32\n'
         f'batch = 32\nepochs = 2\ncheckpoint_every = 128\nvalidation = ["{tube}"]\nvalidation_episodes = 2\n'
         "validate_every = 256\nfinal_episodes = 2\n[[lessons]]\n[[lessons]]\ncurrent = [0.0, 0.4, 0.0]\n"
     )
@@ -99,7 +99,7 @@ def test_killed_command_goes_on_to_the_same_policy(
     found = read_checkpoint(killed)
     assert found is not None and not found.journal["is_finished"]
     main([*flags, str(killed)])
-    assert "Learned from 1,024 decisions" in capsys.readouterr().out
+    assert "Learned from 512 decisions" in capsys.readouterr().out
     main([*flags, str(tmp_path / "whole")])
     assert learned(killed) == learned(tmp_path / "whole")
     for name in ("curve.csv", "validation.csv"):  # all but the seconds

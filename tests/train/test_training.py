@@ -168,6 +168,7 @@ def test_environments_are_shared_out_over_the_caves(workers: int) -> None:
     envs.close()
 
 
+@pytest.mark.slow
 def test_a_short_run_learns_to_swim_ahead(tube: Scenario, tmp_path: Path) -> None:
     settings = TrainSettings(
         scenario="tube", steps=8192, reward="dense", num_envs=4, hidden=(64, 64), n_steps=256, batch=128, epochs=10,

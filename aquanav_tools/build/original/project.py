@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.build.original.fbx import read_fbx
 from aquanav_tools.build.original.placement import Placement, best_placement, likely_placement
 from aquanav_tools.build.original.rewarder import Rewarder, read_rewarders
 from aquanav_tools.build.original.tube import Tube, tube_of
+from aquanav_tools.cave.scan.fbx import read_fbx
+from aquanav_tools.cave.scan.read import world_from_file
+from aquanav_tools.cave.scan.surface_file import SurfaceFile
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, Mesh
 
@@ -123,13 +125,22 @@ def _tubes(assets: Path) -> Iterator[_Model]:
         )
     for path in paths:
         try:
-            mesh = read_fbx(path)
+            mesh = _upright(read_fbx(path))
         except InputError as error:
             logger.warning("%s", error)
             continue
         tube = tube_of(mesh)
         if tube is not None:
             yield _Model(path, mesh, tube)
+
+
+def _upright(read: SurfaceFile) -> Mesh:
+    """Return the mesh in an FBX file in metres, z up."""
+    assert isinstance(read.surface, Mesh)
+    assert read.metres_per_unit is not None
+    assert read.up is not None
+    turn = read.metres_per_unit * world_from_file(read.up)
+    return Mesh(read.surface.vertices @ turn.T, read.surface.faces)
 
 
 def _unique_names(paths: list[Path]) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.types import Array, BoolArray
 
@@ -25,18 +25,12 @@ class Wall:
     """Exact distances to the wall of a cavity; portals are openings here, no walls."""
 
     def __init__(self, cavity: Cavity, field: DistanceField) -> None:
-        import igl
-
         self.field = field
-        self.vertices = np.ascontiguousarray(cavity.mesh.vertices)
-        self.faces = np.ascontiguousarray(cavity.mesh.faces[cavity.labels == WALL])
-        self.tree = igl.AABB()
-        self.tree.init(self.vertices, self.faces)
+        self._surface = cavity.wall_surface
 
     def clearance(self, points: Array) -> Array:
         """Return the (N,) distance from (N, 3) points to the nearest wall, m."""
-        squared = self.tree.squared_distance(self.vertices, self.faces, np.ascontiguousarray(points))[0]
-        return np.asarray(np.sqrt(squared))
+        return self._surface.distance(np.ascontiguousarray(points))
 
     def is_water(self, points: Array) -> BoolArray:
         """Return which of (N, 3) points are in the water and not beyond a portal."""

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import heapq
-
 import numba
 import numpy as np
 
 from aquanav_tools.cave.centreline.lattice import OFFSETS, Lattice
+from aquanav_tools.cave.water.heap import empty_heap, pop, push
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 MIN_REACH = 1.0
@@ -43,19 +42,22 @@ def _beyond_balls(neighbours, steps, sources, clearance):  # type: ignore[no-unt
     """Return each sample's way to the nearest ball around a source, negative in it, and that ball's radius."""
     beyond = np.full(len(clearance), np.inf)
     ball = np.zeros(len(clearance))
-    heap = [(0.0, np.int64(0)) for _ in range(0)]
+    (ways, samples), size = empty_heap(), 0
     for source in sources:
         beyond[source], ball[source] = -clearance[source], clearance[source]
-        heapq.heappush(heap, (beyond[source], source))
-    while len(heap) > 0:
-        way, sample = heapq.heappop(heap)
+        ways, samples = push(ways, samples, size, beyond[source], source)
+        size += 1
+    while size > 0:
+        way, sample = pop(ways, samples, size)
+        size -= 1
         if way > beyond[sample]:
             continue
         for n in range(26):
             other = neighbours[sample, n]
             if other >= 0 and way + steps[n] < beyond[other]:
                 beyond[other], ball[other] = way + steps[n], ball[sample]
-                heapq.heappush(heap, (beyond[other], np.int64(other)))
+                ways, samples = push(ways, samples, size, beyond[other], other)
+                size += 1
     return beyond, ball
 
 

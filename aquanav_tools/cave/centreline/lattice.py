@@ -89,12 +89,21 @@ def neighbour_table(indices: IntArray, offsets: IntArray) -> Table:
     stride = np.array([shape[1] * shape[2], shape[2], 1])
     keys = (indices - low) @ stride
     table = np.full((len(indices), len(offsets)), -1, dtype=np.int32)
-    for column, offset in enumerate((offsets @ stride)[: len(offsets) // 2]):
-        place = np.minimum(np.searchsorted(keys, keys + offset), len(keys) - 1)
-        rows = np.flatnonzero(keys[place] == keys + offset)
-        table[rows, column] = place[rows]
-        table[place[rows], -1 - column] = rows
+    _note_neighbours(keys, (offsets @ stride)[: len(offsets) // 2], table)
     return table
+
+
+@numba.njit(cache=True)
+def _note_neighbours(keys, steps, table):  # type: ignore[no-untyped-def]
+    """Note for each of the rising keys where the one that lies a step further is, and the way back."""
+    for column in range(len(steps)):
+        place = 0
+        for row in range(len(keys)):
+            while place < len(keys) - 1 and keys[place] < keys[row] + steps[column]:
+                place += 1
+            if keys[place] == keys[row] + steps[column]:
+                table[row, column] = place
+                table[place, -1 - column] = row
 
 
 @numba.njit(cache=True)
@@ -123,9 +132,20 @@ def _without_small_parts(indices: IntArray, clearance: Array) -> tuple[IntArray,
     part = _parts(table)
     kept = (np.bincount(part) >= MIN_SHARE * len(indices))[part]
     if not kept.all():
-        number = np.append(np.cumsum(kept, dtype=np.int32) - 1, np.int32(-1))
-        table = number[table[kept]]
+        table = _renumbered(table, kept, np.cumsum(kept, dtype=np.int32) - 1)
     return indices[kept], clearance[kept], table
+
+
+@numba.njit(cache=True)
+def _renumbered(table, kept, number):  # type: ignore[no-untyped-def]
+    """Return the rows of a table that are kept, with their new numbers; neighbours are kept together."""
+    fewer = np.empty((number[-1] + 1, table.shape[1]), np.int32)
+    for row in range(len(table)):
+        if kept[row]:
+            for n in range(table.shape[1]):
+                other = table[row, n]
+                fewer[number[row], n] = number[other] if other >= 0 else -1
+    return fewer
 
 
 def _drowned(indices: IntArray, clearance: Array, table: Table) -> tuple[IntArray, Array, Table]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import Cavity, prove_watertight
+from aquanav_tools.cave.cavity import Cavity, prove_closed
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces
 from aquanav_tools.cave.mesh.deviation import Deviation, measure_deviation
 from aquanav_tools.cave.mesh.intersections import self_intersections
@@ -65,20 +66,20 @@ def collision_mesh(cavity: Cavity, bound: float) -> CollisionMesh:
     Raises:
         MeshError: the cavity crosses itself, or does so in 32-bit coordinates; the message says where.
     """
-    crossing = self_intersections(cavity.mesh)
-    if len(crossing):
-        raise _refusal(cavity.mesh, bound, np.unique(crossing))
     for share in TOLERANCE_SHARES:
         is_protected = np.zeros(len(cavity.mesh.faces), dtype=np.bool_)
         for _ in range(MAX_ROUNDS):
             mesh = merge_faces(cavity.mesh, _labels(cavity, is_protected), share * bound)
-            there = measure_deviation(mesh, cavity.mesh, NUM_PLACES)
-            back = measure_deviation(cavity.mesh, mesh, NUM_PLACES)
-            faulty = np.union1d(self_intersections(mesh), there.faces_beyond(bound))
+            there = measure_deviation(mesh, cavity.surface, NUM_PLACES)
+            back = measure_deviation(cavity.mesh, Surface(mesh), NUM_PLACES)
+            crossing = self_intersections(mesh)
+            if len(crossing) and not is_protected.any() and len(own := self_intersections(cavity.mesh)):
+                raise _refusal(cavity.mesh, bound, np.unique(own))
+            faulty = np.union1d(crossing, there.faces_beyond(bound))
             is_fault = faces_near(cavity.mesh, mesh, faulty, PROTECTED_SHARE * bound)
             is_fault[back.faces_beyond(bound)] = True
             if not is_fault.any():
-                prove_watertight(mesh)
+                prove_closed(mesh)
                 return _described(cavity, mesh, bound, there, back)
             logger.info("Decimated to %.2g m, %d faces of the wall are near faults", share * bound, is_fault.sum())
             if is_protected[is_fault].all():

@@ -1,4 +1,4 @@
-"""FieldEdits: where the sampled water is corrected by what is known about it beside the surface.
+"""Field edits: where the sampled water is corrected by what is known about it beside the surface.
 
 All of it changes the field before its surface is drawn, so that water that is added meets the wall in one smooth piece.
 """

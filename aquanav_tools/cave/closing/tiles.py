@@ -43,7 +43,7 @@ HALO = 4
 EDITS_HALO = 8
 """The same where something is carved, which looks farther ..."""
 SPURIOUS_HALO = 28
-"""... and where spurious are smoothed, with balls of up to five samples four times over."""
+"""... and where spurious handles are smoothed away, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles with water that was only looked through."""
 SMOOTHING = 0.35

@@ -152,14 +152,12 @@ def measure_fit(cavity: Cavity, points: Array, voxel: float, closed: Mesh) -> Sc
     """
     import igl
 
-    mesh = cavity.mesh
     nearest = igl.point_mesh_squared_distance(points, closed.vertices, closed.faces)[2]
-    moved = igl.point_mesh_squared_distance(nearest, mesh.vertices, mesh.faces)[0]
-    kept = points[np.sqrt(moved) <= STILL_THERE * voxel]
+    kept = points[cavity.surface.distance(nearest) <= STILL_THERE * voxel]
     if len(kept) == 0:
         raise MeshError(
             f"None of the scan's {len(points)} points is left between the cuts, so that nothing tells how well the "
             "cave follows it. The triangles there are longer than what the cuts leave. Move the cuts apart."
         )
-    distance = np.sqrt(igl.point_mesh_squared_distance(kept, mesh.vertices, mesh.faces)[0])
+    distance = cavity.surface.distance(kept)
     return ScanFit(float(np.median(distance)), float(np.percentile(distance, 95)), float((distance <= voxel).mean()))

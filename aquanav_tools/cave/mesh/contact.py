@@ -1,4 +1,4 @@
-"""Exact distances from the cavity's surface: of points (libigl) and of capsules (FCL)."""
+"""Exact distances from a surface: of points (libigl) and of capsules (FCL)."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.types import Array, Capsule, Mesh, Pose, rotation_matrix
+from aquanav_tools.types import Array, IntArray, Mesh
 
 MIN_AXIS = 1e-9
 """Shorter axes have no direction, m: the capsule is a sphere."""
@@ -44,6 +42,11 @@ class Surface:
         squared: Array = self._tree.squared_distance(self._mesh.vertices, self._mesh.faces, points)[0]
         return np.sqrt(squared)
 
+    def nearest_faces(self, points: Array) -> IntArray:
+        """Return the (N,) faces that are nearest to (N, 3) points."""
+        faces = self._tree.squared_distance(self._mesh.vertices, self._mesh.faces, points)[1]
+        return np.asarray(faces, dtype=np.int64)
+
     def gap(self, start: Array, end: Array, radius: float) -> float:
         """Return the distance from the surface to the capsule of `radius` around a segment, m; 0 when they touch.
 
@@ -71,21 +74,3 @@ def _frame(axis: Array, length: float) -> Array:
     beside = np.cross(ahead, np.eye(3)[np.argmin(np.abs(ahead))])
     beside /= np.linalg.norm(beside)
     return np.column_stack([beside, np.cross(ahead, beside), ahead])
-
-
-class CapsuleChecker:
-    """Tells exactly how far a capsule is from the walls, and on which side of them."""
-
-    def __init__(self, cavity: Cavity, field: DistanceField, capsule: Capsule, surface: Surface | None = None) -> None:
-        """Take a cavity, its field and a capsule; the surface of the cavity's mesh too, where it is at hand."""
-        self._surface = surface or Surface(cavity.mesh)
-        self._capsule = capsule
-        self._field = field
-
-    def distance(self, pose: Pose) -> float:
-        """Return the gap between the capsule and the nearest wall, m; not positive when it touches or is in rock."""
-        half_axis = 0.5 * self._capsule.axis_length * rotation_matrix(pose.orientation)[:, 0]
-        ends = pose.position + np.array([[-1.0], [0.0], [1.0]]) * half_axis
-        if self._field.clearance(ends).min() <= 0.0:
-            return 0.0
-        return self._surface.gap(ends[0], ends[-1], self._capsule.radius)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.types import Array, IntArray, Mesh
 
 
@@ -37,7 +38,7 @@ class Deviation:
         return float(self.distance.max())
 
 
-def measure_deviation(mesh: Mesh, target: Mesh, num_places: int) -> Deviation:
+def measure_deviation(mesh: Mesh, target: Surface, num_places: int) -> Deviation:
     """Return how far a surface is from another.
 
     A distance changes no faster than the position, so between places it is at most half their spacing larger.
@@ -48,13 +49,10 @@ def measure_deviation(mesh: Mesh, target: Mesh, num_places: int) -> Deviation:
         num_places: about how many places are spread over the area, beside the vertices; faces that are small beside the
             area of a place are known well enough by their corners and get none.
     """
-    import igl
-
     vertices = np.unique(mesh.faces)
     middles, faces = _middles(mesh, num_places)
     points = np.concatenate([mesh.vertices[vertices], middles])
-    squared = igl.point_mesh_squared_distance(points, target.vertices, target.faces)[0]
-    return Deviation(mesh, points, vertices, faces, np.sqrt(np.asarray(squared)))
+    return Deviation(mesh, points, vertices, faces, target.distance(points))
 
 
 def _middles(mesh: Mesh, num_places: int) -> tuple[Array, IntArray]:

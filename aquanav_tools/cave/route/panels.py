@@ -12,7 +12,6 @@ from itertools import groupby, pairwise
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.cave.route.crossing import panels_cross
 from aquanav_tools.cave.route.guide import Guide, Panel
@@ -40,7 +39,6 @@ def place_panels(
     inset: float,
     options: PanelOptions,
     vehicle_radius: float = 0.0,
-    surface: Surface | None = None,
 ) -> Guide:
     """Return the guide along a route.
 
@@ -56,13 +54,12 @@ def place_panels(
             before it touches the lid behind it.
         options: spacing, smoothing and margin.
         vehicle_radius: m; 0 keeps the segments in the water and no more.
-        surface: of the cavity's mesh, where it is at hand: it takes time to make.
 
     Raises:
         MeshError: the route is too short for six panels.
     """
     line = _inner_line(route, inset, options)
-    sight = Sight(line, surface or Surface(cavity.mesh), vehicle_radius, options.margin)
+    sight = Sight(line, cavity.surface, vehicle_radius, options.margin)
     stations = [int(station) for station in choose_stations(line, sight, options)]
     pillars = Pillars(cavity.mesh, field, vehicle_radius, line.points)
     panels = [_panel(pillars, field, line.points[n], line.tangents[n], n * line.step) for n in stations]

@@ -175,7 +175,7 @@ def measure_passability(cavity: Cavity, field: DistanceField, line: Array, vehic
     Raises:
         MeshError: the water does not join the line's ends.
     """
-    walls = Surface(cavity.walls)
+    walls = cavity.wall_surface
     points = resample(line, STEP)
     step = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) / (len(points) - 1)
     tops, rooms = _roomiest(points, np.arange(len(points), dtype=float), walls, SURVEY_MOVES)

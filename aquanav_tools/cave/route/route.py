@@ -58,8 +58,9 @@ def find_route(
         InputError: an end that is given lies in rock.
         MeshError: the narrowest place between the ends is too tight for the vehicle; the message says how tight, where.
     """
-    start, end = _choose_ends(cavity, field, vehicle_radius, entrance, goal)
-    path = (graph or WaterGraph(field, vehicle_radius)).roomy_path(start, end)
+    graph = graph or WaterGraph(field, vehicle_radius)
+    start, end = _choose_ends(cavity, field, graph, entrance, goal)
+    path = graph.roomy_path(start, end)
     if path is None:
         raise _too_tight(cavity, field, start, end, vehicle_radius)
     ends = np.vstack([start, path[1:-1], end]) if len(path) > 2 else np.vstack([start, end])
@@ -68,7 +69,7 @@ def find_route(
 
 
 def _choose_ends(
-    cavity: Cavity, field: DistanceField, vehicle_radius: float, entrance: Array | None, goal: Array | None
+    cavity: Cavity, field: DistanceField, graph: WaterGraph, entrance: Array | None, goal: Array | None
 ) -> tuple[Array, Array]:
     start = None if entrance is None else _given_end(cavity, field, entrance, "entrance")
     end = None if goal is None else _given_end(cavity, field, goal, "goal")
@@ -77,11 +78,11 @@ def _choose_ends(
     doors = [_behind(portal, field) for portal in cavity.portals]
     if start is None and end is None:
         if len(doors) < 2:
-            return _ends_without_portals(field, vehicle_radius, doors)
-        return _farthest_doors(field, vehicle_radius, doors)
+            return _ends_without_portals(graph, doors)
+        return _farthest_doors(graph, doors)
     given = start if start is not None else end
     assert given is not None
-    other = _farthest_door(field, vehicle_radius, doors, given)
+    other = _farthest_door(graph, doors, given)
     return (given, other) if start is not None else (other, given)
 
 
@@ -101,26 +102,30 @@ def _given_end(cavity: Cavity, field: DistanceField, point: Array, name: str) ->
     return point
 
 
-def _farthest_doors(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
-    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
-    lengths = np.array([graph.ways_from(door).lengths_to(np.array(doors)) for door in doors])
+def _coarse(graph: WaterGraph) -> WaterGraph:
+    """Return a graph of fewer nodes that also passes places too tight for the vehicle."""
+    return WaterGraph(graph.field, 0.5 * graph.min_clearance, COARSE_NODES)
+
+
+def _farthest_doors(graph: WaterGraph, doors: list[Array]) -> tuple[Array, Array]:
+    coarse = _coarse(graph)
+    lengths = np.array([coarse.ways_from(door).lengths_to(np.array(doors)) for door in doors])
     first, last = np.unravel_index(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)), lengths.shape)
     return doors[min(first, last)], doors[max(first, last)]
 
 
-def _farthest_door(field: DistanceField, vehicle_radius: float, doors: list[Array], given: Array) -> Array:
+def _farthest_door(graph: WaterGraph, doors: list[Array], given: Array) -> Array:
     """Return the portal's place farthest from a point; without another portal, the farthest place at all."""
-    graph = WaterGraph(field, 0.5 * vehicle_radius, COARSE_NODES)
-    others = [door for door in doors if np.linalg.norm(door - given) > graph.spacing]
+    coarse = _coarse(graph)
+    others = [door for door in doors if np.linalg.norm(door - given) > coarse.spacing]
     if not others:
-        return _farthest(WaterGraph(field, vehicle_radius), given)
-    lengths = graph.ways_from(given).lengths_to(np.array(others))
+        return _farthest(graph, given)
+    lengths = coarse.ways_from(given).lengths_to(np.array(others))
     return others[int(np.argmax(np.where(np.isfinite(lengths), lengths, -1.0)))]
 
 
-def _ends_without_portals(field: DistanceField, vehicle_radius: float, doors: list[Array]) -> tuple[Array, Array]:
+def _ends_without_portals(graph: WaterGraph, doors: list[Array]) -> tuple[Array, Array]:
     # The vehicle must be able to reach the farthest place, so the search keeps its clearance all the way.
-    graph = WaterGraph(field, vehicle_radius)
     start = doors[0] if doors else _farthest(graph, graph.points[np.argmax(graph.clearance)])
     return start, _farthest(graph, start)
 
@@ -150,6 +155,14 @@ def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, v
         )
     where = found.tightest
     along = float(np.linalg.norm(np.diff(found.points[: int(np.argmin(found.clearance)) + 1], axis=0), axis=1).sum())
+    if found.width >= 2.0 * vehicle_radius:
+        return MeshError(
+            f"The vehicle, {2.0 * vehicle_radius:.3f} m wide, all but fits: {along:.1f} m along the widest way, at "
+            f"{where.round(2)} m, {found.width:.2f} m are free, and of the places sampled there every "
+            f"{field.spacing:.2f} m none leaves it room. Choose a smaller vehicle with --vehicle, or end the cave "
+            "before that place with --cut.",
+            [(_place(where), f"{found.width:.2f} m wide")],
+        )
     return MeshError(
         f"The passage is too tight for the vehicle: {found.width:.2f} m at {along:.1f} m along the widest way, at "
         f"{where.round(2)} m: narrower than the vehicle's {2.0 * vehicle_radius:.3f} m. The largest vehicle that "

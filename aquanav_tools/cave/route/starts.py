@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.mesh.contact import CapsuleChecker, Surface
 from aquanav_tools.cave.options import StartOptions
+from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph, Ways
@@ -56,14 +56,13 @@ def draw_starts(
     capsule: Capsule,
     options: StartOptions,
     rng: np.random.Generator,
-    surface: Surface | None = None,
     graph: WaterGraph | None = None,
 ) -> tuple[Start, ...]:
     """Return level start poses, the first nearest to the goal: one each from equal ranges of the way to the goal.
 
     Within its range a start is drawn evenly from all water that the vehicle can reach and keep its margin in, side
     passages and dead ends too. Where a range has no free pose there is no start; the caller sees it by their number.
-    The surface of the cavity's mesh and the graph of the water at the capsule's radius are made anew unless given.
+    The graph of the water at the capsule's radius is made anew unless given.
 
     Raises:
         MeshError: no place is far enough from the goal, or at least half of the ranges have no free pose.
@@ -76,7 +75,7 @@ def draw_starts(
             f"No start: the farthest place with room for the vehicle is {farthest:.2f} m from the goal, and starts "
             f"keep {nearest:.2f} m from it. Scan more of the passage, or set a smaller --starts.min-goal-distance."
         )
-    checker = CapsuleChecker(cavity, field, capsule, surface)
+    checker = CapsuleChecker(cavity, field, capsule)
     starts = []
     for low, high in pairwise(np.linspace(nearest, farthest, options.count + 1)):
         found = _draw(places, low, high, checker, capsule.radius, options, rng)

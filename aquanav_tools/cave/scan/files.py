@@ -8,6 +8,7 @@ from pathlib import Path
 from aquanav_tools.cave.scan import trimesh_files
 from aquanav_tools.cave.scan.announced import check_announced
 from aquanav_tools.cave.scan.e57 import read_e57
+from aquanav_tools.cave.scan.fbx import read_fbx
 from aquanav_tools.cave.scan.foreign import told_instead
 from aquanav_tools.cave.scan.las import read_las
 from aquanav_tools.cave.scan.models import LIBRARIES, read_model
@@ -49,6 +50,7 @@ READERS: dict[str, Reader] = {
     **dict.fromkeys((".xyz", ".txt", ".csv", ".asc"), read_table),
     **dict.fromkeys((".las", ".laz"), _read_las),
     ".e57": read_e57,
+    ".fbx": read_fbx,
     ".pcd": read_pcd,
     ".pts": read_pts,
     ".ptx": read_ptx,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from pathlib import Path
 
-MESHES = (".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".dae", ".3mf", ".usdz", ".usdc", ".usda", ".usd")
+MESHES = (".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".dae", ".3mf", ".fbx", ".usdz", ".usdc", ".usda", ".usd")
 CLOUDS = (".ply", ".las", ".laz", ".e57", ".ptx", ".pts", ".pcd", ".xyz", ".csv")
 SIMILAR = 0.75
 """Share of letters that a mistyped ending has in common with the right one: .plyy with .ply, not .docx with .dxf."""
@@ -34,7 +34,7 @@ _KINDS: tuple[tuple[tuple[str, ...], str, str], ...] = (
         "Export it as .e57, .las, .laz or .ply; CloudCompare, which is free, converts most of them.",
     ),
     (
-        (".fbx", ".3ds", ".blend", ".skp", ".dwg", ".dxf", ".max", ".step", ".stp", ".iges", ".igs"),
+        (".3ds", ".blend", ".skp", ".dwg", ".dxf", ".max", ".step", ".stp", ".iges", ".igs"),
         "a 3D model in a format that is not read",
         "Export it as .ply, .obj, .stl or .glb from the program that made it.",
     ),

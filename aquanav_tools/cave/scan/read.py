@@ -96,10 +96,10 @@ def _read_part(path: Path, options: ScanOptions) -> tuple[Mesh | PointCloud, tup
     check_size(surface, wall, options.unit, read.metres_per_unit)
     cautions = read.cautions + upright_cautions(surface, wall, options, path, read.up)
     scale = METRES_PER_UNIT[options.unit] if options.unit else read.metres_per_unit or 1.0
-    world_from_file = Sim3(scale, _world_from_file(options.up or read.up or "z"), np.zeros(3))
+    placement = Sim3(scale, world_from_file(options.up or read.up or "z"), np.zeros(3))
     if isinstance(surface, Mesh):
-        return Mesh(world_from_file.apply(points), surface.faces, surface.colours), cautions
-    return surface.moved(world_from_file), cautions
+        return Mesh(placement.apply(points), surface.faces, surface.colours), cautions
+    return surface.moved(placement), cautions
 
 
 def join_surfaces(parts: Sequence[Mesh | PointCloud], paths: Sequence[Path]) -> Mesh | PointCloud:
@@ -162,7 +162,7 @@ def _check_points(points: Array, path: Path) -> None:
         )
 
 
-def _world_from_file(up: str) -> Array:
+def world_from_file(up: str) -> Array:
     """Return the rotation that takes the file's up axis to z by a cyclic permutation (and a half turn for '-')."""
     axis = "xyz".index(up[-1])
     rotation = np.eye(3)[[(axis + 1) % 3, (axis + 2) % 3, axis]]

@@ -21,7 +21,7 @@ class SurfaceFile:
     metres_per_unit: float | None = None
     """As the file says, or its format's specification; None where neither does."""
     up: str | None = None
-    """Axis that points up, likewise: x, y or z."""
+    """Axis that points up, likewise: x, y or z, or -x, -y or -z."""
 
 
 def unit_vectors(vectors: Array) -> Array:

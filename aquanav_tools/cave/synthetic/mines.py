@@ -154,8 +154,7 @@ def _levels(options: MineOptions, blocks: Array) -> list[Array]:
 
 def _steps(options: MineOptions) -> list[Array]:
     """Return where the rooms across x, and across y, begin, m."""
-    pitch = options.room + options.pillar
-    return [(np.arange(count + 1) * pitch).astype(np.float64) for count in options.rooms]
+    return [np.arange(float(count + 1)) * (options.room + options.pillar) for count in options.rooms]
 
 
 def _split(quads: Array, counts: tuple[int, int]) -> Array:

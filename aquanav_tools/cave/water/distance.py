@@ -24,7 +24,7 @@ from aquanav_tools.cave.water.field import (
     field_from_bricks,
     number_bricks,
 )
-from aquanav_tools.cave.water.nearest import STACK, build_tree, distance_to_nearest, gather
+from aquanav_tools.cave.water.nearest import STACK, build_tree, distance_to_nearest, gather, keep_nearest
 from aquanav_tools.cave.water.scanline import Crossings, find_crossings, is_water, mark_water_bricks
 from aquanav_tools.errors import ResourceError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
@@ -203,19 +203,44 @@ def _fill_core(first, members, triangles, tree, lines, num_y, core):  # type: ig
 def _fill_deep(first, is_deep, triangles, boxes, balls, core):  # type: ignore[no-untyped-def]
     """Fill in the distance at the samples that no triangle is near; BLOCK^3 of them share a search."""
     stack, rows, guess = np.empty(STACK, dtype=np.int64), np.empty(256, dtype=np.int64), 0
+    near = np.empty((balls.shape[1], len(rows)))
     half = 0.5 * (BLOCK - 1)
     for i in range(0, BRICK, BLOCK):
         for j in range(0, BRICK, BLOCK):
             for k in range(0, BRICK, BLOCK):
-                if not is_deep[i : i + BLOCK, j : j + BLOCK, k : k + BLOCK].any():
+                is_asked = is_deep[i : i + BLOCK, j : j + BLOCK, k : k + BLOCK]
+                if not is_asked.any():
                     continue
-                x, y, z = first[0] + i + half, first[1] + j + half, first[2] + k + half
+                x, y, z = first[0] + i, first[1] + j, first[2] + k
                 radius = np.sqrt(3.0) * half
-                rows, count, guess = gather(triangles, boxes, balls, x, y, z, radius, guess, rows, stack)
-                for di in range(BLOCK):
-                    for dj in range(BLOCK):
-                        for dk in range(BLOCK):
-                            if is_deep[i + di, j + dj, k + dk]:
-                                core[i + di, j + dj, k + dk] = distance_to_nearest(
-                                    triangles, balls, rows, count, x - half + di, y - half + dj, z - half + dk, guess
+                rows, count, guess = gather(
+                    triangles, boxes, balls, x + half, y + half, z + half, radius, guess, rows, stack
+                )
+                if near.shape[1] < count:
+                    near = np.empty((balls.shape[1], len(rows)))
+                for n in range(count):
+                    near[:, n] = balls[rows[n]]
+                block = core[i : i + BLOCK, j : j + BLOCK, k : k + BLOCK]
+                _fill_block(x, y, z, is_asked, triangles, near, rows, count, block)
+
+
+@numba.njit(cache=True)
+def _fill_block(x, y, z, is_asked, triangles, near, rows, count, block):  # type: ignore[no-untyped-def]
+    """Fill in the distance in one block from some triangles; each eight samples look only at those near them."""
+    fewer, kept, apart = np.empty((len(near), count)), np.empty(count, dtype=np.int64), np.empty(count)
+    radius = 0.5 * np.sqrt(3.0)
+    for i in range(0, BLOCK, 2):
+        for j in range(0, BLOCK, 2):
+            for k in range(0, BLOCK, 2):
+                if not is_asked[i : i + 2, j : j + 2, k : k + 2].any():
+                    continue
+                chosen, guess = keep_nearest(
+                    near, rows, count, x + i + 0.5, y + j + 0.5, z + k + 0.5, radius, fewer, kept, apart
+                )
+                for a in range(i, i + 2):
+                    for b in range(j, j + 2):
+                        for c in range(k, k + 2):
+                            if is_asked[a, b, c]:
+                                block[a, b, c] = distance_to_nearest(
+                                    triangles, fewer, kept, chosen, x + a, y + b, z + c, guess, apart
                                 )

@@ -70,10 +70,11 @@ class DistanceField:
     def water(self) -> tuple[IntArray, Array]:
         """Return the (N, 3) indices of all samples in the water, brick by brick, and their (N,) clearance, m."""
         places = np.argwhere(self.bricks != ROCK)
-        cores = self.samples[self.bricks[tuple(places.T)], :BRICK, :BRICK, :BRICK]
-        brick, i, j, k = np.nonzero(cores > 0.0)
-        indices = BRICK * places[brick] + np.stack([i, j, k], axis=1)
-        return indices, cores[brick, i, j, k].astype(np.float64)
+        indices, clearance = np.empty((0, 3), dtype=np.int64), np.empty(0)
+        count = _list_water(places, self.bricks, self.samples, indices, clearance)
+        indices, clearance = np.empty((count, 3), dtype=np.int64), np.empty(count)
+        _list_water(places, self.bricks, self.samples, indices, clearance)
+        return indices, clearance
 
     def positions(self, indices: npt.NDArray[np.int64]) -> Array:
         """Return the (N, 3) world positions of (N, 3) sample indices, m."""
@@ -148,6 +149,23 @@ def _interpolate_many(bricks, samples, origin, spacing, points):  # type: ignore
     for n in range(len(points)):
         result[n] = interpolate(bricks, samples, origin, spacing, points[n, 0], points[n, 1], points[n, 2])
     return result
+
+
+@numba.njit(cache=True)
+def _list_water(places, bricks, samples, indices, clearance):  # type: ignore[no-untyped-def]
+    """Write the indices and the clearance of all samples in the water where there is room; return how many."""
+    count = 0
+    for x, y, z in places:
+        core = samples[bricks[x, y, z]]
+        for i in range(BRICK):
+            for j in range(BRICK):
+                for k in range(BRICK):
+                    if core[i, j, k] > 0.0:
+                        if len(indices):
+                            indices[count, 0], indices[count, 1] = BRICK * x + i, BRICK * y + j
+                            indices[count, 2], clearance[count] = BRICK * z + k, core[i, j, k]
+                        count += 1
+    return count
 
 
 @numba.njit(cache=True)

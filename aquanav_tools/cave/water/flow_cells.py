@@ -131,10 +131,10 @@ def _mark(is_kept, lows, size):  # type: ignore[no-untyped-def]
         is_kept[max(x0, 0) : x1 + 1, max(y0, 0) : y1 + 1, max(z0, 0) : z1 + 1] = True
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, parallel=True)
 def _measure_faces(origin, spacing, places, grid, lids, openness):  # type: ignore[no-untyped-def]
     """Fill in the open share of every face."""
-    for b in range(1, len(places)):
+    for b in numba.prange(1, len(places)):
         for i in range(BRICK):
             for j in range(BRICK):
                 for k in range(BRICK):

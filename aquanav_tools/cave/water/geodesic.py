@@ -14,6 +14,7 @@ from typing import Any
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
 from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField, interpolate
 from aquanav_tools.errors import MeshError
@@ -25,8 +26,10 @@ WALL_AVERSION = 2.0
 """Exponent of the cost of being near a wall: (largest clearance / clearance) ** WALL_AVERSION."""
 NUM_NEAR = 8
 """Nodes around a point that are asked for their way: the corners of its cell."""
-HALF_NEIGHBOURS = tuple(offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0, 0))
+HALF_NEIGHBOURS = np.array([offset for offset in product((-1, 0, 1), repeat=3) if offset > (0, 0, 0)])
 NO_NODE = -1
+
+Ints = npt.NDArray[np.int32]
 
 
 class WaterGraph:
@@ -51,19 +54,19 @@ class WaterGraph:
         """(N, 3) m."""
         self.clearance: Array = clearance[is_node]
         """(N,) m."""
-        self._edges = _edges(field, indices[is_node], step, self.points, min_clearance)
+        self.starts, self.neighbours, self.lengths = self._links(indices[is_node], step)
+        """The neighbours of node n, rising, are neighbours[starts[n]:starts[n + 1]], so many m away."""
 
     def ways_from(self, point: Array) -> Ways:
         """Return the shortest ways from a (3,) point to everywhere."""
         from scipy.sparse.csgraph import dijkstra
 
         source = self.nearest_open(point)
-        matrix = self._matrix(self._edge_lengths())
-        lengths = dijkstra(matrix, indices=source)
+        lengths = dijkstra(self._matrix(self.lengths), indices=source)
         order = np.argsort(lengths, kind="stable")
         order = order[: np.isfinite(lengths).sum()]
         taut, corners = _draw_taut(
-            order, matrix.indptr, matrix.indices, self.points, self.min_clearance, *self.field.grid
+            order, self.starts, self.neighbours, self.points, self.min_clearance, *self.field.grid
         )
         return Ways(self, source, taut, corners)
 
@@ -73,7 +76,7 @@ class WaterGraph:
 
         first, last = self.nearest_open(start), self.nearest_open(end)
         aversion = (self.clearance.max() / np.maximum(self.clearance, 1e-6)) ** WALL_AVERSION
-        costs = self._edge_lengths() * aversion[self._edges].mean(axis=1)
+        costs = self.lengths * 0.5 * (np.repeat(aversion, np.diff(self.starts)) + aversion[self.neighbours])
         reached, before = dijkstra(self._matrix(costs), indices=first, return_predecessors=True)
         if not np.isfinite(reached[last]):
             return None
@@ -84,7 +87,7 @@ class WaterGraph:
 
     def parts(self, sides: BoolArray) -> IntArray:
         """Return the (N,) part of the water each node is in when no way leads between (N,) nodes of unlike sides."""
-        parts: IntArray = _parts(self._edges, sides)
+        parts: IntArray = _parts(self.starts, self.neighbours, sides)
         return parts
 
     def nearest_open(self, point: Array) -> int:
@@ -98,16 +101,22 @@ class WaterGraph:
 
         return cKDTree(self.points)
 
-    def _edge_lengths(self) -> Array:
-        lengths: Array = np.linalg.norm(self.points[self._edges[:, 0]] - self.points[self._edges[:, 1]], axis=1)
-        return lengths
-
     def _matrix(self, costs: Array) -> Any:
         from scipy.sparse import csr_matrix
 
-        a, b = self._edges.T
-        both = np.concatenate([a, b]), np.concatenate([b, a])
-        return csr_matrix((np.concatenate([costs, costs]), both), shape=(len(self.points),) * 2)
+        return csr_matrix((costs, self.neighbours, self.starts), shape=(len(self.points),) * 2)
+
+    def _links(self, indices: IntArray, step: int) -> tuple[Ints, Ints, Array]:
+        """Return which nodes are neighbours, and their distances; those of a coarse graph must see each other."""
+        numbers = np.full((len(self.field.samples), BRICK, BRICK, BRICK), NO_NODE, dtype=np.int32)
+        ahead = np.full((len(indices), len(HALF_NEIGHBOURS)), NO_NODE, dtype=np.int32)
+        starts = np.zeros(len(indices) + 1, dtype=np.int32)
+        grid = self.field.grid
+        _find_neighbours(indices, step, HALF_NEIGHBOURS, self.points, self.min_clearance, *grid, numbers, ahead, starts)
+        starts = np.cumsum(starts, dtype=np.int32)
+        neighbours, lengths = np.empty(starts[-1], dtype=np.int32), np.empty(starts[-1])
+        _list_neighbours(ahead, starts, self.points, neighbours, lengths)
+        return starts, neighbours, lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,43 +166,65 @@ def distance_to(field: DistanceField, goal: Array, min_clearance: float) -> Ways
     return WaterGraph(field, min_clearance).ways_from(goal)
 
 
-def _edges(field: DistanceField, indices: IntArray, step: int, points: Array, min_clearance: float) -> IntArray:
-    """Return the (E, 2) pairs of nodes that are neighbours; those of a coarse graph must see each other."""
-    numbers = np.full((len(field.samples), BRICK, BRICK, BRICK), NO_NODE, dtype=np.int32)
-
-    def place(at: IntArray) -> tuple[IntArray, ...]:
-        brick = field.bricks[tuple((at >> BRICK_BITS).T)]
-        return brick, *(at & (BRICK - 1)).T
-
-    numbers[place(indices)] = np.arange(len(indices))
-    pairs = []
-    for offset in HALF_NEIGHBOURS:
-        beside = indices + step * np.array(offset)
-        rows = np.flatnonzero(((beside >= 0) & (beside < field.shape)).all(axis=1))
-        others = numbers[place(beside[rows])]
-        pairs.append(np.stack([rows[others != NO_NODE], others[others != NO_NODE]], axis=1))
-    edges: IntArray = np.concatenate(pairs)
-    return edges[_see_many(edges, points, min_clearance, *field.grid)] if step > 1 else edges
+@numba.njit(cache=True)
+def _find_neighbours(  # type: ignore[no-untyped-def]
+    indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts
+):
+    """Note the neighbours at half of the offsets in `ahead`, and how many each node has in all in counts[n + 1]."""
+    for n in range(len(indices)):
+        i, j, k = indices[n]
+        numbers[bricks[i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS], i % BRICK, j % BRICK, k % BRICK] = n
+    limits = (BRICK * bricks.shape[0], BRICK * bricks.shape[1], BRICK * bricks.shape[2])
+    for n in range(len(indices)):
+        for m in range(len(offsets)):
+            i, j, k = indices[n] + step * offsets[m]
+            if min(i, j, k) < 0 or i >= limits[0] or j >= limits[1] or k >= limits[2]:
+                continue
+            brick = bricks[i >> BRICK_BITS, j >> BRICK_BITS, k >> BRICK_BITS]
+            other = numbers[brick, i % BRICK, j % BRICK, k % BRICK]
+            if other == NO_NODE:
+                continue
+            if step == 1 or sees(points[n], points[other], least, bricks, samples, origin, spacing):
+                ahead[n, m] = other
+                counts[n + 1] += 1
+                counts[other + 1] += 1
 
 
 @numba.njit(cache=True)
-def _parts(edges, sides):  # type: ignore[no-untyped-def]
-    """Return the part that each node is in, called by its first node; edges between unlike sides join nothing."""
+def _list_neighbours(ahead, starts, points, neighbours, lengths):  # type: ignore[no-untyped-def]
+    """Write the neighbours of each node in rising order, and how far away they are."""
+    ends = starts[:-1].copy()
+    for n in range(len(ahead)):
+        for other in ahead[n]:
+            if other != NO_NODE:
+                neighbours[ends[n]], neighbours[ends[other]] = other, n
+                ends[n] += 1
+                ends[other] += 1
+    for n in range(len(ahead)):
+        neighbours[starts[n] : starts[n + 1]].sort()
+        for m in range(starts[n], starts[n + 1]):
+            lengths[m] = _apart(points, neighbours[m], points[n])
+
+
+@numba.njit(cache=True)
+def _parts(starts, neighbours, sides):  # type: ignore[no-untyped-def]
+    """Return the part that each node is in, called by its first node; neighbours of unlike sides are not joined."""
     first = np.arange(len(sides))
-    for n in range(len(edges)):
-        a, b = edges[n]
-        if sides[a] != sides[b]:
-            continue
-        while first[a] != a:
-            first[a] = first[first[a]]  # halves the chain for the next search
-            a = first[a]
-        while first[b] != b:
-            first[b] = first[first[b]]
-            b = first[b]
-        if a < b:
-            first[b] = a
-        elif b < a:
-            first[a] = b
+    for n in range(len(sides)):
+        for m in range(starts[n], starts[n + 1]):
+            a, b = n, neighbours[m]
+            if b > a or sides[a] != sides[b]:
+                continue
+            while first[a] != a:
+                first[a] = first[first[a]]  # halves the chain for the next search
+                a = first[a]
+            while first[b] != b:
+                first[b] = first[first[b]]
+                b = first[b]
+            if a < b:
+                first[b] = a
+            elif b < a:
+                first[a] = b
     for n in range(len(first)):  # each leads to an earlier node, whose part is known
         first[n] = first[first[n]]
     return first
@@ -215,14 +246,6 @@ def sees(a, b, min_clearance, bricks, samples, origin, spacing):  # type: ignore
             return False
         along += max(room - min_clearance, 0.5 * spacing)
     return interpolate(bricks, samples, origin, spacing, b[0], b[1], b[2]) >= min_clearance
-
-
-@numba.njit(cache=True)
-def _see_many(edges, points, min_clearance, bricks, samples, origin, spacing):  # type: ignore[no-untyped-def]
-    seen = np.empty(len(edges), dtype=np.bool_)
-    for n in range(len(edges)):
-        seen[n] = sees(points[edges[n, 0]], points[edges[n, 1]], min_clearance, bricks, samples, origin, spacing)
-    return seen
 
 
 @numba.njit(cache=True)

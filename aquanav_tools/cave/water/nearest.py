@@ -121,31 +121,75 @@ def _keep_near(balls, rows, count, x, y, z, limit):  # type: ignore[no-untyped-d
 
 
 @numba.njit(cache=True)
-def distance_to_nearest(triangles, balls, rows, count, x, y, z, guess):  # type: ignore[no-untyped-def]
+def keep_nearest(near, rows, count, x, y, z, radius, fewer, kept, apart):  # type: ignore[no-untyped-def]
+    """Choose those of some triangles that can be nearest to some point of a small ball.
+
+    The middle of a triangle is on it, so none of them is nearer than the nearest middle and a radius allow.
+
+    Args:
+        near: (7, N) balls of the triangles, as in a TriangleTree.
+        rows: (N,) the triangles.
+        count: How many of them there are.
+        x: The ball's middle, m.
+        y: The ball's middle, m.
+        z: The ball's middle, m.
+        radius: Of the ball, m.
+        fewer: (7, N) receives the balls of those that are chosen.
+        kept: (N,) receives the triangles that are chosen.
+        apart: (N,) to work in.
+
+    Returns:
+        How many are chosen, and the triangle whose middle is nearest.
+    """
+    _to_middles(near, count, x, y, z, apart)
+    best = 0
+    for n in range(count):
+        if apart[n] < apart[best]:
+            best = n
+    limit, chosen = apart[best] + 2.0 * radius, 0
+    for n in range(count):
+        if apart[n] - near[3, n] <= limit:
+            kept[chosen] = rows[n]
+            for m in range(7):
+                fewer[m, chosen] = near[m, n]
+            chosen += 1
+    return chosen, rows[best]
+
+
+@numba.njit(cache=True)
+def distance_to_nearest(triangles, near, rows, count, x, y, z, guess, apart):  # type: ignore[no-untyped-def]
     """Return the distance from a point to the nearest of some triangles, m.
 
     Args:
         triangles: Of a TriangleTree.
-        balls: Of a TriangleTree.
-        rows: The triangles to look at.
+        near: (7, N) balls of the triangles to look at, as in a TriangleTree.
+        rows: (N,) the triangles to look at.
         count: How many of them.
         x: The point, m.
         y: The point, m.
         z: The point, m.
         guess: Row of a triangle that may be near.
+        apart: (N,) to work in.
     """
+    _to_middles(near, count, x, y, z, apart)
     best = np.sqrt(squared_distance(triangles, guess, x, y, z))
     for n in range(count):
-        row = rows[n]
-        dx, dy, dz, size = x - balls[row, 0], y - balls[row, 1], z - balls[row, 2], balls[row, 3]
-        square = dx * dx + dy * dy + dz * dz
-        if square < (best + size) ** 2:
+        size = near[3, n]
+        if apart[n] - size < best:
             # The triangle lies in a disc of this size: what is beside the disc and what is above it add up.
-            above = dx * balls[row, 4] + dy * balls[row, 5] + dz * balls[row, 6]
-            beside = max(0.0, np.sqrt(max(0.0, square - above * above)) - size)
+            above = (x - near[0, n]) * near[4, n] + (y - near[1, n]) * near[5, n] + (z - near[2, n]) * near[6, n]
+            beside = max(0.0, np.sqrt(max(0.0, apart[n] * apart[n] - above * above)) - size)
             if above * above + beside * beside < best * best:
-                best = min(best, np.sqrt(squared_distance(triangles, row, x, y, z)))
+                best = min(best, np.sqrt(squared_distance(triangles, rows[n], x, y, z)))
     return best
+
+
+@numba.njit(cache=True)
+def _to_middles(near, count, x, y, z, apart):  # type: ignore[no-untyped-def]
+    """Write the distances from a point to the middles of some triangles, several at a time, m."""
+    for n in range(count):
+        dx, dy, dz = x - near[0, n], y - near[1, n], z - near[2, n]
+        apart[n] = np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @numba.njit(cache=True)

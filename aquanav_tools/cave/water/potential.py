@@ -11,8 +11,6 @@ Burkhalter, Prediction of Critical Mach Number for Store Configurations, AIAA Jo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +26,15 @@ from aquanav_tools.types import Array, BoolArray, IntArray
 TOLERANCE = 1e-11
 """Of the solution's residual over that of no flow."""
 MAX_ROUNDS = 500
+MULTIGRID: dict[str, Any] = {
+    "smooth": ("jacobi", {"omega": 1.6, "weighting": "local"}),
+    "presmoother": ("gauss_seidel", {"sweep": "forward"}),
+    "postsmoother": ("gauss_seidel", {"sweep": "backward"}),
+    "improve_candidates": None,
+}
+"""How pyamg coarsens and smooths: bounds row by row instead of spectral radii, which it would estimate from random
+vectors in two thirds of the time; forward and back again is symmetric, as conjugate gradients need it. Of 229,000 cells
+24 rounds instead of 17, in 60 % of the time; 4/3 and 2 in place of 1.6 take 27 and 30 rounds."""
 FREE = -1
 NUM_LEVELS = 2000
 """Surfaces of equal potential among which the narrowest is sought."""
@@ -201,8 +208,7 @@ def _solve(openness: Array, ends: IntArray, is_free: BoolArray, potential: Array
     import pyamg
 
     matrix, right = _equations(openness, ends, is_free, potential)
-    with _repeatable_draws():
-        solver = pyamg.smoothed_aggregation_solver(matrix, symmetry="symmetric", max_coarse=200)
+    solver = pyamg.smoothed_aggregation_solver(matrix, symmetry="symmetric", max_coarse=200, **MULTIGRID)
     residuals: list[float] = []
     found: Array = solver.solve(right, tol=TOLERANCE, maxiter=MAX_ROUNDS, accel="cg", residuals=residuals)
     if not residuals[-1] <= 10.0 * TOLERANCE * max(float(np.linalg.norm(right)), 1e-300):
@@ -211,17 +217,6 @@ def _solve(openness: Array, ends: IntArray, is_free: BoolArray, potential: Array
             "The cavity's surface is damaged near a portal; look at the report, or build without a current."
         )
     return found
-
-
-@contextmanager
-def _repeatable_draws() -> Iterator[None]:
-    """Let pyamg estimate spectral radii from the same start vectors every time: it draws them from NumPy's global."""
-    state = np.random.get_state()
-    np.random.seed(0)
-    try:
-        yield
-    finally:
-        np.random.set_state(state)
 
 
 def _equations(openness: Array, ends: IntArray, is_free: BoolArray, potential: Array) -> tuple[Any, Array]:

@@ -100,44 +100,61 @@ def cell_indices(number, places):  # type: ignore[no-untyped-def]
     return BRICK * places[brick, 0] + x, BRICK * places[brick, 1] + y, BRICK * places[brick, 2] + z
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, parallel=True)
 def _fit(fitted, row, walls, speeds, openness, origin, spacing, bricks, places, velocities):  # type: ignore[no-untyped-def]
     """Fill in the velocity of the cells to fit."""
-    normal, line = np.empty((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.empty(NUM_UNKNOWNS)
-    right, fastest = np.empty(NUM_UNKNOWNS), np.empty(3)
-    for number in fitted:
-        x, y, z = cell_indices(number, places)
-        normal[:], right[:], fastest[:] = 0.0, 0.0, 0.0
-        for dx in range(-REACH, REACH + 1):
-            for dy in range(-REACH, REACH + 1):
-                for dz in range(-REACH, REACH + 1):
-                    near = cell_number(bricks, x + dx, y + dy, z + dz)
-                    if near < 0:
-                        continue
-                    for axis in range(3):
-                        if openness[near, axis] > 0.0:
-                            px = dx - 0.5 * (axis == 0)
-                            py = dy - 0.5 * (axis == 1)
-                            pz = dz - 0.5 * (axis == 2)
-                            weight = openness[near, axis] ** 3 * _weight(px, py, pz)
-                            speed = speeds[near, axis]
-                            fastest[axis] = max(fastest[axis], abs(speed))
-                            _set_line(line, px, py, pz, axis == 0, axis == 1, axis == 2)
-                            _add(normal, right, line, speed, weight)
-                    if row[near] >= 0:
-                        wall = walls[row[near]]
-                        px = (wall[0] - origin[0]) / spacing - x - 0.5
-                        py = (wall[1] - origin[1]) / spacing - y - 0.5
-                        pz = (wall[2] - origin[2]) / spacing - z - 0.5
-                        weight = WALL_WEIGHT * _weight(px, py, pz)
-                        _set_line(line, px, py, pz, wall[3], wall[4], wall[5])
-                        _add(normal, right, line, 0.0, weight)
-        limit = np.sqrt((fastest * fastest).sum())
-        if limit > 0.0:
-            _solve_into(normal, right, velocities[number])
-            size = np.sqrt((velocities[number] ** 2).sum())
-            if size > limit:  # a fit to few faces may overshoot
-                velocities[number] *= limit / size
+    weights = _face_weights()
+    for n in numba.prange(len(fitted)):
+        _fit_cell(fitted[n], weights, row, walls, speeds, openness, origin, spacing, bricks, places, velocities)
+
+
+@numba.njit(cache=True)
+def _fit_cell(number, weights, row, walls, speeds, openness, origin, spacing, bricks, places, velocities):  # type: ignore[no-untyped-def]
+    """Fill in the velocity of one cell."""
+    normal, right = np.zeros((NUM_UNKNOWNS, NUM_UNKNOWNS)), np.zeros(NUM_UNKNOWNS)
+    line, fastest = np.empty(NUM_UNKNOWNS), np.zeros(3)
+    x, y, z = cell_indices(number, places)
+    for dx in range(-REACH, REACH + 1):
+        for dy in range(-REACH, REACH + 1):
+            for dz in range(-REACH, REACH + 1):
+                near = cell_number(bricks, x + dx, y + dy, z + dz)
+                if near < 0:
+                    continue
+                for axis in range(3):
+                    if openness[near, axis] > 0.0:
+                        px = dx - 0.5 * (axis == 0)
+                        py = dy - 0.5 * (axis == 1)
+                        pz = dz - 0.5 * (axis == 2)
+                        weight = openness[near, axis] ** 3 * weights[dx + REACH, dy + REACH, dz + REACH, axis]
+                        speed = speeds[near, axis]
+                        fastest[axis] = max(fastest[axis], abs(speed))
+                        _set_line(line, px, py, pz, axis == 0, axis == 1, axis == 2)
+                        _add(normal, right, line, speed, weight)
+                if row[near] >= 0:
+                    wall = walls[row[near]]
+                    px = (wall[0] - origin[0]) / spacing - x - 0.5
+                    py = (wall[1] - origin[1]) / spacing - y - 0.5
+                    pz = (wall[2] - origin[2]) / spacing - z - 0.5
+                    weight = WALL_WEIGHT * _weight(px, py, pz)
+                    _set_line(line, px, py, pz, wall[3], wall[4], wall[5])
+                    _add(normal, right, line, 0.0, weight)
+    limit = np.sqrt((fastest * fastest).sum())
+    if limit > 0.0:
+        _solve_into(normal, right, velocities[number])
+        size = np.sqrt((velocities[number] ** 2).sum())
+        if size > limit:  # a fit to few faces may overshoot
+            velocities[number] *= limit / size
+
+
+@numba.njit(cache=True)
+def _face_weights():  # type: ignore[no-untyped-def]
+    """Return the weights of the faces around a cell, by its offset to their cell and their axis."""
+    count = 2 * REACH + 1
+    weights = np.empty((count, count, count, 3))
+    for dx, dy, dz, axis in np.ndindex(weights.shape):
+        x, y, z = dx - REACH - 0.5 * (axis == 0), dy - REACH - 0.5 * (axis == 1), dz - REACH - 0.5 * (axis == 2)
+        weights[dx, dy, dz, axis] = _weight(x, y, z)
+    return weights
 
 
 @numba.njit(cache=True)
@@ -157,6 +174,8 @@ def _set_line(line, x, y, z, nx, ny, nz):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True)
 def _add(normal, right, line, value, weight):  # type: ignore[no-untyped-def]
     for m in range(NUM_UNKNOWNS):
+        if line[m] == 0.0:  # as seven in eleven of a face's are
+            continue
         scaled = weight * line[m]
         right[m] += scaled * value
         for n in range(m + 1):

@@ -5,7 +5,6 @@ Its narrowest clearance is the radius of the largest ball that gets from one pla
 
 from __future__ import annotations
 
-import heapq
 from dataclasses import dataclass
 
 import numba
@@ -14,6 +13,7 @@ import numpy as np
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField
+from aquanav_tools.cave.water.heap import empty_heap, pop, push
 from aquanav_tools.types import Array, IntArray
 
 HERE = 13
@@ -72,7 +72,7 @@ def widest_path(
     if not _spread_widest(first, last, field.bricks, field.samples, came_by, enough):
         return None
     path = field.positions(_trace_back(first, last, field.bricks, came_by))
-    walls = Surface(cavity.walls)
+    walls = cavity.wall_surface
     clearance = walls.distance(path)
     narrow = np.flatnonzero(clearance <= clearance.min() + field.spacing)
     path[narrow], clearance[narrow] = _centred(walls, path, narrow, field.spacing)
@@ -81,11 +81,9 @@ def widest_path(
 
 def _water_samples(field: DistanceField, points: Array) -> IntArray:
     """Return the (N, 3) indices of the water's samples nearest to points."""
-    from scipy.spatial import cKDTree
-
     indices, _ = field.water()
-    nearest: IntArray = indices[cKDTree(field.positions(indices)).query(points)[1]]
-    return nearest
+    places = field.positions(indices)
+    return indices[[int(np.argmin(((places - point) ** 2).sum(axis=1))) for point in points]]
 
 
 def _centred(walls: Surface, path: Array, narrow: IntArray, spacing: float) -> tuple[Array, Array]:
@@ -126,13 +124,16 @@ def _spread_widest(first, last, bricks, samples, came_by, enough):  # type: igno
     _set(came_by, bricks, first[0], first[1], first[2], HERE)
     queue, later = [start], [start]
     later.pop()
-    heap = [(-_get(samples, bricks, first[0], first[1], first[2]), start)]
-    heap.pop()
-    while queue or later or heap:
+    (narrowness, places), size = empty_heap(), 0
+    while queue or later or size:
         if not queue:
             queue, later = later, queue
         is_roomy = len(queue) > 0
-        place = queue.pop() if is_roomy else heapq.heappop(heap)[1]
+        if is_roomy:
+            place = queue.pop()
+        else:
+            place = pop(narrowness, places, size)[1]
+            size -= 1
         if place == goal:
             return True
         i, j, k = place // (ny * nz), (place // nz) % ny, place % nz
@@ -147,7 +148,8 @@ def _spread_widest(first, last, bricks, samples, came_by, enough):  # type: igno
                 if clearance >= enough:
                     later.append(index)
                 else:
-                    heapq.heappush(heap, (-clearance, index))
+                    narrowness, places = push(narrowness, places, size, -np.float64(clearance), index)
+                    size += 1
     return False
 
 

@@ -14,6 +14,7 @@ from aquanav_tools.reconstruct.dense.planes import (
     choose_sources,
     lay_out,
     num_samples,
+    reject_vague,
 )
 from aquanav_tools.reconstruct.dense.search import improve
 from aquanav_tools.reconstruct.dense.state import Photo, Planes, Search, Sources
@@ -23,13 +24,15 @@ BLOCK = (16, 8)
 
 
 def solve(photo: Photo, sources: Sources, planes: Planes, search: Search, iterations: int) -> None:
-    """Choose every pixel's sources, then improve its plane, in place."""
+    """Choose every pixel's sources, improve its plane, and give up those that nothing tells, in place."""
     height, width = photo.image.shape
     there = [_sent(values) for values in (photo, sources, planes)]
     choose[_grid(width, height), BLOCK](*there, search)
     for iteration in range(iterations):
         for colour in (0, 1):
             sweep[_grid((width + 1) // 2, height), BLOCK](colour, iteration, *there, search)
+    if search.distinction > 0.0:
+        reject[_grid(width, height), BLOCK](*there, search._replace(agreement=np.float32(0.0)))
     for array, result in zip(planes, there[2], strict=True):
         result.copy_to_host(array)
 
@@ -68,3 +71,16 @@ def sweep(colour, iteration, photo, sources, planes, search):  # type: ignore[no
     patch = room[:, : num_samples(search)]
     lay_out(search, patch)
     improve(x, y, iteration, photo, sources, planes, search, patch)
+
+
+@cuda.jit(fastmath=True)
+def reject(photo, sources, planes, search):  # type: ignore[no-untyped-def]
+    """Give up a thread's pixel where nothing tells its depth."""
+    x, y = cuda.grid(2)
+    height, width = photo.image.shape
+    if x >= width or y >= height:
+        return
+    room = cuda.local.array((ROWS, MAX_SAMPLES), np.float32)
+    patch = room[:, : num_samples(search)]
+    lay_out(search, patch)
+    reject_vague(x, y, photo, sources, planes, search, patch)

@@ -30,6 +30,8 @@ class Level:
     """Half the width of the window that is compared, px."""
     agreement: float = 0.0
     """What disagreeing with another photo's depth costs."""
+    distinction: float = 0.0
+    """How much worse than the depth that was found any other must fit, or the pixel is given up."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,15 @@ def _solve(
     num_chosen = min(MAX_CHOSEN, len(sources.images))
     agreement = np.float32(level.agreement)
     search = Search(
-        level.radius, num_chosen, level.attempts, np.float32(level.spread), agreement, lowest, highest, seed
+        level.radius,
+        num_chosen,
+        level.attempts,
+        np.float32(level.spread),
+        agreement,
+        lowest,
+        highest,
+        seed,
+        np.float32(level.distinction),
     )
     solve(photo, sources, planes, search, level.iterations)
     return planes

@@ -37,6 +37,8 @@ STRIDE = 2
 _BYTE = np.uint32(255)
 TOLERANCE = 0.02
 """Of depths that agree, relative: about two pixels."""
+MOVED = 0.03
+"""How much nearer and farther a plane is tried and must fit worse, relative: more than maps may differ by."""
 MAX_SLANT = 6.0
 """Tangent of the largest angle between a plane and the photo's own: 80 degrees."""
 
@@ -235,3 +237,36 @@ def choose_sources(x, y, photo, sources, planes, search, patch):  # type: ignore
         patch[COSTS, k] = cost
         planes.chosen[y, x, k] = s
     planes.cost[y, x] = joined(patch[COSTS, 0], patch[COSTS, 1])
+
+
+@numba.njit(cache=True, fastmath=True, forceinline=True)
+def reject_vague(x, y, photo, sources, planes, search, patch):  # type: ignore[no-untyped-def]
+    """Give up a pixel whose plane would fit nearly as well a little nearer or farther: nothing there tells its depth.
+
+    Smooth shading and photos from nearly one place look alike at any depth, and so in all photos: that they agree
+    proves nothing.
+    """
+    if planes.cost[y, x] >= np.float32(WORST_COST) or not read_window(photo, x, y, search, patch):
+        return
+    w, slope_x, slope_y = planes.inverse[y, x], planes.slopes[y, x, 0], planes.slopes[y, x, 1]
+    least_other, own = np.float32(WORST_COST), np.float32(0)
+    for step in range(3):
+        scale = np.float32(1.0) + np.float32(MOVED) * np.float32(step - 1)
+        cost = plane_cost(
+            w * scale,
+            slope_x * scale,
+            slope_y * scale,
+            x,
+            y,
+            patch,
+            sources,
+            planes,
+            search,
+            np.float32(2 * WORST_COST),
+        )
+        if step == 1:
+            own = cost
+        else:
+            least_other = least(least_other, cost)
+    if least_other - own < search.distinction:
+        planes.cost[y, x] = np.float32(WORST_COST)

@@ -72,3 +72,5 @@ class Search(NamedTuple):
     highest: np.float32
     """Range of inverse depth, 1/m."""
     seed: int
+    distinction: np.float32 = np.float32(0.0)
+    """How much worse than the plane that was found any other depth must fit; 0 leaves it out."""

@@ -97,7 +97,7 @@ def draw_camera_map(cave: CaveMap, trail: PhotoTrail, patches: Sequence[UnseenPa
         patches: unseen wall, numbered from 1, with an arrow from where to look at it.
         path: of the SVG.
     """
-    rings = silhouette(cave.cavity.mesh, PLAN)
+    rings = silhouette(cave.solid, PLAN)
     seen = np.vstack([PLAN.project(trail.positions), *rings])
     above = _View(
         f"Plan, seen from above; {cave.upward}", PLAN.project, lambda _, ways: PLAN.project(ways),

@@ -81,13 +81,18 @@ def test_the_centreline_of_a_smooth_cave_is_its_axes(name: str) -> None:
     assert lengths == pytest.approx(truth, rel=0.01, abs=slack if graph.num_junctions else None)
 
 
-@pytest.mark.parametrize("name", CAVES)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=[pytest.mark.slow] * (name not in ("fork", "loop", "combination"))) for name in CAVES],
+)
 def test_the_centreline_of_a_rough_cave_is_its_axes_but_for_the_relief(name: str) -> None:
     network = replace(CAVES[name], roughness=RELIEF, seed=3)
     check(network, centreline(network), SPACING)
 
 
-@pytest.mark.parametrize(("name", "spacing"), [("fork", 0.12), ("loop", 0.25), ("combination", 0.3)])
+@pytest.mark.parametrize(
+    ("name", "spacing"), [pytest.param("fork", 0.12, marks=pytest.mark.slow), ("loop", 0.25), ("combination", 0.3)]
+)
 def test_other_spacings_find_the_same_cave(name: str, spacing: float) -> None:
     network = CAVES[name]
     check(network, centreline(network, spacing), spacing)

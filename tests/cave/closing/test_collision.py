@@ -8,6 +8,7 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
+from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.mesh.deviation import measure_deviation
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.synthetic.caves import tube
@@ -121,7 +122,7 @@ def test_a_cavity_that_crosses_itself_is_refused_with_the_place() -> None:
 def test_deviation_of_a_sphere_from_a_larger_one_is_the_gap() -> None:
     inner, outer = (trimesh.creation.icosphere(4, radius) for radius in (1.0, 1.25))
     small, large = (Mesh(np.array(s.vertices), np.array(s.faces, dtype=np.int64)) for s in (inner, outer))
-    deviation = measure_deviation(small, large, 20_000)
+    deviation = measure_deviation(small, Surface(large), 20_000)
     # Facets of 5 degrees lie within 0.1 % of the radius of their sphere.
     assert deviation.distance == pytest.approx(0.25, abs=0.0015)
     assert set(deviation.faces) == set(range(len(small.faces)))

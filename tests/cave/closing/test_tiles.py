@@ -92,7 +92,7 @@ def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
     assert again.to_trimesh().is_watertight
 
 
-@pytest.mark.parametrize("shift", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
+@pytest.mark.parametrize("shift", [0.0, 0.2, 0.5])
 def test_a_narrow_beam_that_cameras_looked_along_leaves_no_seam_where_it_enters_a_tile(shift: float) -> None:
     ball = sphere(1.0)
     # Three cameras look out of the ball through a hole, along +x, at wall 40 m away: a beam that widens to 0.4 m.

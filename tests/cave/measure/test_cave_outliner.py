@@ -1,4 +1,4 @@
-"""Sections and plan of a real cave against another program's drawings of the same scan, and against the scan itself.
+"""A real cave against what its source says, another program's drawings of the same scan, and the scan itself.
 
 cave-outliner (github.com/jariarkko/cave-outliner at aa8b29c, BSD-3-Clause) drew the Finnish cave 1 on cells of 0.05 m.
 The figures below were read off its test/cave1.svg.expected and test/cave1-x-cross-section-*.svg.expected; its sections
@@ -15,7 +15,8 @@ import pytest
 import shapely
 import trimesh
 
-from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.build.cave_stages import BuiltCave
+from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.cave.measure.sections import Section, cross_sections
 from aquanav_tools.report.cave_map import bounds, signed_area, silhouette
 from aquanav_tools.report.relief import View
@@ -35,9 +36,23 @@ VOXEL = 0.06
 
 
 @pytest.fixture(scope="module")
-def cave(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Cavity, np.ndarray]:
-    scenario = build(data_dir / SCAN, tmp_path_factory.mktemp("finnish")).scenario
-    return scenario.cavity, scenario.guide.centreline
+def built(data_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> BuiltCave:
+    return build(data_dir / SCAN, tmp_path_factory.mktemp("finnish"))
+
+
+@pytest.fixture(scope="module")
+def cave(built: BuiltCave) -> tuple[Cavity, np.ndarray]:
+    return built.scenario.cavity, built.scenario.guide.centreline
+
+
+def test_it_is_a_dead_end_behind_its_entrance(built: BuiltCave) -> None:
+    # SOURCE.md: 11.6 m long, one entrance loop, about 20 m3, clearance to 0.68 m; 18 components, non-manifold edges.
+    assert len(built.scenario.cavity.portals) == 1
+    assert built.scenario.cavity.volume == pytest.approx(20.0, abs=1.5)
+    assert built.statistics.max_clearance == pytest.approx(0.68, abs=0.06)
+    entrance = built.scenario.cavity.portals[0].centre
+    assert np.linalg.norm(built.scenario.guide.centres[0] - entrance) < 2.0
+    assert 7.0 < built.statistics.route_length < 11.6
 
 
 def section_at(cave: tuple[Cavity, np.ndarray], x: float) -> Section:
@@ -69,7 +84,7 @@ def test_sections_follow_the_scans_own_ring(cave: tuple[Cavity, np.ndarray], dat
 
 
 def test_the_plan_covers_what_cave_outliner_drew(cave: tuple[Cavity, np.ndarray]) -> None:
-    plan = silhouette(cave[0].mesh, View(*np.eye(3)[:2]))
+    plan = silhouette(to_manifold(cave[0].mesh), View(*np.eye(3)[:2]))
     low, high = bounds(plan)
     entrance = 0.25  # the flat cut just inside the ragged rim of the entrance takes that much off the length
     assert high - low == pytest.approx(PEER_PLAN[:2], abs=CELL + VOXEL + entrance)

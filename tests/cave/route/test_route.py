@@ -11,8 +11,8 @@ from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
-from aquanav_tools.cave.mesh.contact import CapsuleChecker
 from aquanav_tools.cave.options import PanelOptions, StartOptions
+from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
@@ -217,6 +217,14 @@ def test_a_wall_seen_from_one_side_is_no_cave() -> None:
 
 def test_free_height_in_a_tube_is_its_diameter() -> None:
     assert free_height(straight(), np.array([[5.0, 0.0, 0.3]])) == pytest.approx(2 * RADIUS, rel=0.01)
+
+
+def test_a_passage_with_room_between_the_samples_alone_is_not_called_narrower_than_the_vehicle() -> None:
+    tube = straight()
+    squeeze = 1.0 - 0.77 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 4))
+    cavity = cavity_of(Mesh(tube.vertices * np.hstack([np.ones_like(squeeze), squeeze, squeeze]), tube.faces))
+    with pytest.raises(MeshError, match=r"0\.400 m wide, all but fits: .* 0\.4\d m are free, .* every 0\.20 m none"):
+        find_route(cavity, distance_field(cavity, 0.2), CAPSULE.radius)
 
 
 def test_a_passage_that_is_too_tight_names_the_place_and_the_largest_vehicle() -> None:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import importlib
 import struct
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from aquanav_tools.cave.options import ScanOptions
+from aquanav_tools.cave.scan import e57, models
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.files import read_surface
 from aquanav_tools.cave.scan.pcd import _unpack_lzf
@@ -36,6 +39,20 @@ def need_open3d() -> None:
 
 Write = Callable[[Path], None]
 
+
+@pytest.fixture
+def decoded_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Decode in this process: one of its own, which the tests of bad files have, takes a second to start."""
+
+    def decoded(module: str, path: Path, arguments: Sequence[str], *limits: int) -> Iterator[Any]:
+        decoder = importlib.import_module(module)
+        decoder.prepare()
+        yield from decoder.decode(path, *arguments)
+
+    for reader in (models, e57):
+        monkeypatch.setattr(reader, "decoded", decoded)
+
+
 MODELS: dict[str, tuple[str, Write]] = {
     "dae in cm, y up": ("dae", written.write_dae),
     "dae in feet, z up": ("dae", lambda path: written.write_dae(path, 0.3048, "Z_UP")),
@@ -49,6 +66,7 @@ MODELS: dict[str, tuple[str, Write]] = {
 }
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize("name", MODELS)
 def test_models_are_read_in_the_unit_and_axes_that_they_name(tmp_path: Path, name: str) -> None:
     suffix, write = MODELS[name]
@@ -99,6 +117,7 @@ CLOUDS: dict[str, tuple[str, Write]] = {
 NUM_POINTS = {"e57": 400, "ptx": 200, "pts": 200, "pcd": 60}
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize("name", CLOUDS)
 def test_clouds_lie_where_they_were_scanned_with_their_colours(tmp_path: Path, name: str) -> None:
     suffix, write = CLOUDS[name]
@@ -114,6 +133,7 @@ def test_clouds_lie_where_they_were_scanned_with_their_colours(tmp_path: Path, n
     assert (cloud.colours == written.RED).all()
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize(("suffix", "write"), [("e57", written.write_e57), ("ptx", written.write_ptx)])
 def test_each_point_knows_the_scanner_that_measured_it(tmp_path: Path, suffix: str, write: Write) -> None:
     need(suffix)
@@ -141,6 +161,7 @@ def test_scanners_in_the_passage_are_known_to_be_in_the_water_and_one_before_a_w
     assert not len(enclosed_stations(PointCloud(cloud.points[floor], seen_from=cloud.seen_from[floor])))
 
 
+@pytest.mark.usefixtures("decoded_here")
 def test_an_e57_without_poses_names_no_scanner(tmp_path: Path) -> None:
     need("e57")
     written.write_e57(tmp_path / "tube.e57", has_poses=False)
@@ -173,6 +194,7 @@ def test_several_files_of_one_cave_are_one_scan(tmp_path: Path) -> None:
     assert np.allclose(scan.surface.points, points)
 
 
+@pytest.mark.usefixtures("decoded_here")
 def test_files_in_different_units_meet_in_metres_and_points_with_triangles_do_not(tmp_path: Path) -> None:
     need("3mf")
     written.write_3mf(tmp_path / "a.3mf", "millimeter")
@@ -308,6 +330,7 @@ def test_a_3mf_of_more_points_than_can_be_loaded_is_refused_unread(tmp_path: Pat
         read_scan(path, AS_FILED)
 
 
+@pytest.mark.usefixtures("decoded_here")
 def test_a_usd_without_a_mesh_and_one_with_wrong_corners_are_refused(tmp_path: Path) -> None:
     need("usda")
     path = tmp_path / "a.usda"

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from aquanav_tools.cave.scan.surface_file import SurfaceFile, unreadable
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, IntArray, Mesh
 
@@ -59,8 +60,8 @@ class Node:
         return {_text(row[0]): row[4:] for row in rows if len(row) > 4}
 
 
-def read_fbx(path: Path) -> Mesh:
-    """Return the triangles of all meshes of an FBX file, in metres, x, y and z turned so that z is up.
+def read_fbx(path: Path) -> SurfaceFile:
+    """Return the triangles of all meshes of an FBX file, each where its models place it.
 
     Raises:
         InputError: it is no binary FBX 7, damaged, too large, or holds no mesh.
@@ -68,19 +69,18 @@ def read_fbx(path: Path) -> Mesh:
     try:
         root = _read_nodes(path)
         mesh = _meshes(root)
+        metres, up = _frame(root)
     except (struct.error, zlib.error, IndexError, ValueError, KeyError, TypeError, OSError, RecursionError) as cause:
-        raise InputError(
-            f"{path} cannot be read as binary FBX: {cause}. It is damaged or was cut off; clone the project again."
-        ) from cause
+        raise unreadable(path, str(cause)) from cause
     if mesh is None:
         raise InputError(f"{path} holds no mesh of triangles. Export the cave as a mesh, in binary FBX 7.")
-    return mesh
+    return SurfaceFile(mesh, (), metres, up)
 
 
 def _read_nodes(path: Path) -> Node:
     size = path.stat().st_size
     if size > MAX_FILE_BYTES:
-        raise InputError(f"{path} has {size} bytes, more than {MAX_FILE_BYTES}. Thin the mesh out before importing it.")
+        raise InputError(f"{path} has {size} bytes, more than {MAX_FILE_BYTES}. Thin the mesh out first.")
     content = path.read_bytes()
     if not content.startswith(MAGIC):
         what = (
@@ -196,7 +196,7 @@ def _meshes(root: Node) -> Mesh | None:
         vertices.append(_placed(corners, parents.get(geometry.properties[0]), models, parents))
     if not faces:
         return None
-    return Mesh(np.concatenate(vertices) @ _z_up_from_file(root).T, np.concatenate(faces))
+    return Mesh(np.concatenate(vertices), np.concatenate(faces))
 
 
 def triangulate(indices: IntArray) -> IntArray:
@@ -250,20 +250,16 @@ def _turn(degrees: Array) -> Array:
     return matrix
 
 
-def _z_up_from_file(root: Node) -> Array:
-    """Return the (3, 3) turn, times metres per unit, that brings the file's up axis to z without mirroring."""
+def _frame(root: Node) -> tuple[float, str]:
+    """Return the metres in a unit of the file, and its axis that points up."""
     settings = root.find("GlobalSettings")
     table = {} if settings is None else settings.settings()
     axis = int(table.get("UpAxis", [1])[0])
-    sign = 1.0 if table.get("UpAxisSign", [1])[0] >= 0 else -1.0
+    sign = "" if table.get("UpAxisSign", [1])[0] >= 0 else "-"
     unit = float(table.get("UnitScaleFactor", [1.0])[0])
     if axis not in (0, 1, 2) or not 1e-6 < unit < 1e6:
         raise ValueError(f"the up axis {axis} or the unit {unit} makes no sense")
-    turn = np.roll(np.eye(3), axis - 2, axis=1) if axis != 2 else np.eye(3)
-    if sign < 0:
-        turn = np.diag([1.0, -1.0, -1.0]) @ turn
-    scaled: Array = METRES_PER_UNIT * unit * turn
-    return scaled
+    return METRES_PER_UNIT * unit, sign + "xyz"[axis]
 
 
 def _text(value: Any) -> str:

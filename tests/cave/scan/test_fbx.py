@@ -8,7 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.build.original.fbx import MAX_ARRAY_BYTES, read_fbx, triangulate
+from aquanav_tools.cave.options import ScanOptions
+from aquanav_tools.cave.scan.fbx import MAX_ARRAY_BYTES, read_fbx, triangulate
+from aquanav_tools.cave.scan.read import read_scan, world_from_file
+from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Mesh
 from tests.build.original.files import MAGIC, write_fbx
@@ -19,11 +22,31 @@ TETRAHEDRON = Mesh(CORNERS, FACES)
 Z_UP = {"UpAxis": 2}
 
 
+def upright(path: Path) -> Mesh:
+    """Return the mesh in a file in metres, z up, as the file says its frame is."""
+    read = read_fbx(path)
+    assert isinstance(read.surface, Mesh)
+    assert read.metres_per_unit is not None
+    assert read.up is not None
+    vertices = read.metres_per_unit * read.surface.vertices @ world_from_file(read.up).T
+    return Mesh(vertices, read.surface.faces)
+
+
+def test_a_cave_is_read_in_the_files_own_frame_and_flags_win(tmp_path: Path) -> None:
+    cave = tube(1.0, 8.0).mesh  # along x; volume pi r^2 l, by its lids
+    y_up = Mesh(100.0 * cave.vertices[:, [1, 2, 0]], cave.faces)
+    write_fbx(tmp_path / "cave.fbx", y_up)
+    scan = read_scan(tmp_path / "cave.fbx", ScanOptions())
+    np.testing.assert_allclose(scan.points, cave.vertices, atol=1e-9)
+    halved = read_scan(tmp_path / "cave.fbx", ScanOptions(unit="mm", up="z"))
+    np.testing.assert_allclose(halved.points, 0.1 * cave.vertices[:, [1, 2, 0]], atol=1e-9)
+
+
 @pytest.mark.parametrize("version", [7100, 7400, 7500, 7700])
 @pytest.mark.parametrize("is_packed", [False, True])
 def test_corners_and_faces_come_back_in_metres(version: int, is_packed: bool, tmp_path: Path) -> None:
     write_fbx(tmp_path / "a.fbx", TETRAHEDRON, version, is_packed, Z_UP)
-    mesh = read_fbx(tmp_path / "a.fbx")
+    mesh = upright(tmp_path / "a.fbx")
     np.testing.assert_allclose(mesh.vertices, 0.01 * CORNERS, atol=1e-15)  # the unit is the centimetre
     np.testing.assert_array_equal(mesh.faces, FACES)
 
@@ -31,7 +54,7 @@ def test_corners_and_faces_come_back_in_metres(version: int, is_packed: bool, tm
 @pytest.mark.parametrize(("axis", "sign"), [(0, 1), (1, 1), (2, 1), (0, -1), (1, -1), (2, -1)])
 def test_the_files_up_axis_becomes_z_and_nothing_is_mirrored(axis: int, sign: int, tmp_path: Path) -> None:
     write_fbx(tmp_path / "a.fbx", TETRAHEDRON, globals_={"UpAxis": axis, "UpAxisSign": sign, "UnitScaleFactor": 100.0})
-    mesh = read_fbx(tmp_path / "a.fbx")
+    mesh = upright(tmp_path / "a.fbx")
     np.testing.assert_allclose(mesh.vertices[:, 2], sign * CORNERS[:, axis], atol=1e-12)
     assert mesh.volume == pytest.approx(1.0, rel=1e-12)  # 3 * 2 * 1 / 6
 
@@ -41,7 +64,7 @@ def test_models_scale_turn_and_move_their_mesh(tmp_path: Path) -> None:
     write_fbx(tmp_path / "a.fbx", TETRAHEDRON, globals_=Z_UP, model=model)
     x, y, z = CORNERS.T
     expected = np.stack([-2.0 * y + 0.07, x, 3.0 * z], axis=1)
-    np.testing.assert_allclose(read_fbx(tmp_path / "a.fbx").vertices, expected, atol=1e-12)
+    np.testing.assert_allclose(upright(tmp_path / "a.fbx").vertices, expected, atol=1e-12)
 
 
 def test_polygons_become_fans_of_triangles() -> None:
