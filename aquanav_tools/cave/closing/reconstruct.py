@@ -15,16 +15,16 @@ from functools import cached_property
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
 from aquanav_tools.cave.closing.ends import NO_CAMERAS, End, find_ends
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.fairing import fair_holes
+from aquanav_tools.cave.closing.field_edits import NO_EDITS, FieldEdits
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
 from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, check_is_cave, faces_within, main_water
 from aquanav_tools.cave.closing.tiles import ImplicitField, TileCache, implicit_field, water_surface
-from aquanav_tools.cave.mesh.decimation import merge_faces, without_excess
+from aquanav_tools.cave.mesh.decimation import merge_faces, simplify
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.mesh.proximity import SurfaceTree, are_within, surface_tree
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
@@ -39,7 +39,7 @@ SIMPLIFY_VOXELS = 0.1
 """Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
 LEG_VOXELS = 1.5
 """Water that is carved around a blocked leg, voxels."""
-FAULT_VOXELS = (1.5, 3.0, 5.0)
+SMOOTHING_VOXELS = (1.5, 3.0, 5.0)
 """Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
 NOISE_VOXELS = 1.0
 """Tunnels and pillars thinner than this come from noise, voxels."""
@@ -83,7 +83,7 @@ class ClosedScan:
 class _Draft:
     """What the next extraction has to respect."""
 
-    carving: Carving
+    edits: FieldEdits
     """Corrections of the sampled field."""
     holes: Mesh = NO_HOLES
     """Invented faces of an earlier extraction that are to continue the curvature of the wall around them."""
@@ -168,7 +168,7 @@ def close_surface(surface: Mesh, options: ReconstructionOptions, evidence: Evide
 
 
 def _first_draft(options: ReconstructionOptions) -> _Draft:
-    return _Draft(replace(NO_CARVING, leg_radius=LEG_VOXELS * options.voxel))
+    return _Draft(replace(NO_EDITS, leg_radius=LEG_VOXELS * options.voxel))
 
 
 def _with_lids(scan: _Scan) -> ClosedSurface | None:
@@ -190,16 +190,16 @@ def _with_lids(scan: _Scan) -> ClosedSurface | None:
 def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSurface | None, _Draft]:
     """Return the resampled solid; or None and a draft that corrects its blocked legs and its tunnels."""
     voxel = scan.options.voxel
-    waters = water_surface(scan.water, draft.carving, scan.cache, progress)
+    waters = water_surface(scan.water, draft.edits, scan.cache, progress)
     mesh, cautions = main_water(waters, scan.surface.mesh, scan.tree, scan.evidence.inside, voxel, scan.accept)
     spurious = _spurious_handles(mesh, scan.tree, voxel)
-    if draft.num_smoothed < len(FAULT_VOXELS):
+    if draft.num_smoothed < len(SMOOTHING_VOXELS):
         blocked = _blocked(mesh, waters, scan.evidence, voxel)
         if len(blocked) or spurious:
-            radius = FAULT_VOXELS[draft.num_smoothed] * voxel
-            carving = _carved(draft.carving, blocked, spurious, radius, voxel)
-            return None, replace(draft, carving=carving, num_smoothed=draft.num_smoothed + 1)
-    merged = without_excess(_faired(scan, mesh, draft.holes), SIMPLIFY_VOXELS * voxel)
+            radius = SMOOTHING_VOXELS[draft.num_smoothed] * voxel
+            edits = _with_corrections(draft.edits, blocked, spurious, radius, voxel)
+            return None, replace(draft, edits=edits, num_smoothed=draft.num_smoothed + 1)
+    merged = simplify(_faired(scan, mesh, draft.holes), SIMPLIFY_VOXELS * voxel)
     is_scan = faces_within(merged, scan.tree, SCAN_VOXELS * voxel)
     if not len(scan.evidence.inside):
         check_is_cave(merged, is_scan, scan.surface.mesh, scan.accept)
@@ -220,7 +220,7 @@ def _with_ends(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> tuple[Close
     columns = tuple(end.column for end in ends if end.column is not None)
     if not columns and (not len(holes.faces) or closed.method != "winding"):
         return closed, draft
-    return None, replace(draft, carving=replace(draft.carving, columns=columns), holes=holes, num_smoothed=0)
+    return None, replace(draft, edits=replace(draft.edits, columns=columns), holes=holes, num_smoothed=0)
 
 
 def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
@@ -235,8 +235,8 @@ def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
 
 def _dug(draft: _Draft, sealed: Evidence) -> _Draft:
     """Return a draft in which water that an end shut out is dug free; ends are looked for anew."""
-    legs = np.concatenate([draft.carving.legs, sealed.legs])
-    return _Draft(replace(draft.carving, legs=legs, columns=()), is_dug=True)
+    legs = np.concatenate([draft.edits.legs, sealed.legs])
+    return _Draft(replace(draft.edits, legs=legs, columns=()), is_dug=True)
 
 
 def _faired(scan: _Scan, mesh: Mesh, holes: Mesh) -> Mesh:
@@ -256,7 +256,9 @@ def _blocked(mesh: Mesh, waters: Mesh, evidence: Evidence, voxel: float) -> Arra
     return blocked
 
 
-def _carved(before: Carving, blocked: Array, spurious: tuple[Handle, ...], radius: float, voxel: float) -> Carving:
+def _with_corrections(
+    before: FieldEdits, blocked: Array, spurious: tuple[Handle, ...], radius: float, voxel: float
+) -> FieldEdits:
     """Return the corrections so far and those for newly blocked legs and newly found tunnels."""
     balls = [
         (
@@ -269,8 +271,8 @@ def _carved(before: Carving, blocked: Array, spurious: tuple[Handle, ...], radiu
     return replace(
         before,
         legs=np.concatenate([before.legs, blocked]),
-        faults=np.concatenate([before.faults, np.array(balls).reshape(-1, 5)]),
-        fault_radius=radius,
+        spurious=np.concatenate([before.spurious, np.array(balls).reshape(-1, 5)]),
+        smoothing_radius=radius,
     )
 
 

@@ -15,12 +15,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.closing.carving import (
+from aquanav_tools.cave.closing.field_edits import (
     BAND_VOXELS,
-    NO_CARVING,
-    Carving,
+    NO_EDITS,
+    FieldEdits,
     Samples,
-    carve,
+    apply_edits,
     is_seen_through,
     with_seen_through,
 )
@@ -40,10 +40,10 @@ ODD_SHARES = np.array([0.0203, 0.0227, 0.0249])
 """Of a voxel, by which samples are off the surface's lowest corner: flat walls do not lie on whole layers of them."""
 HALO = 4
 """Samples around a tile that smoothing may look at; a multiple of COARSE_STEP."""
-CARVING_HALO = 8
+EDITS_HALO = 8
 """The same where something is carved, which looks farther ..."""
-FAULTS_HALO = 28
-"""... and where faults are smoothed, with balls of up to five samples four times over."""
+SPURIOUS_HALO = 28
+"""... and where spurious handles are smoothed away, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles with water that was only looked through."""
 SMOOTHING = 0.35
@@ -71,7 +71,7 @@ class Piece(NamedTuple):
 class TileCache:
     """What was sampled before, to be handed in again: tiles whose corrections stay as they were are kept."""
 
-    pieces: dict[tuple[int, ...], tuple[Carving, Piece]] = field(default_factory=dict)
+    pieces: dict[tuple[int, ...], tuple[FieldEdits, Piece]] = field(default_factory=dict)
     """By tile, with the corrections it was made with."""
     seen: dict[tuple[int, ...], npt.NDArray[np.uint8]] = field(default_factory=dict)
     """By tile and halo: the samples that cameras looked through, a bit for each."""
@@ -101,7 +101,7 @@ def implicit_field(surface: Mesh, voxel: float, sight: Sight | None = None) -> I
 
 def water_surface(
     water: ImplicitField,
-    carving: Carving = NO_CARVING,
+    edits: FieldEdits = NO_EDITS,
     cache: TileCache | None = None,
     progress: Progress = ignore_progress,
 ) -> Mesh:
@@ -109,7 +109,7 @@ def water_surface(
 
     Args:
         water: of the scan.
-        carving: corrections.
+        edits: corrections.
         cache: of an earlier call with the same field; what is sampled now is added to it.
         progress: called with (tiles done, tiles in all).
 
@@ -118,13 +118,13 @@ def water_surface(
     """
     cache, lattice = cache or TileCache(), water.lattice
     found: dict[tuple[int, ...], Piece] = {}
-    waiting = [tuple(tile) for tile in (*lattice.tiles_of(carving).tolist(), *water.seen_tiles.tolist())]
+    waiting = [tuple(tile) for tile in (*lattice.tiles_of(edits).tolist(), *water.seen_tiles.tolist())]
     while waiting:
         key = waiting.pop(0)
         if key in found:
             continue
         tile = np.array(key)
-        local = carving.near(*lattice.box(tile))
+        local = edits.near(*lattice.box(tile))
         kept = cache.pieces.get(key)
         if kept is None or not kept[0].is_as(local):
             kept = cache.pieces[key] = local, _piece(_sample(water, tile, local, cache), tile * TILE)
@@ -138,17 +138,17 @@ def water_surface(
     return Mesh(lattice.origin + water.voxel * mesh.vertices, mesh.faces)
 
 
-def _sample(water: ImplicitField, tile: IntArray, carving: Carving, cache: TileCache) -> Float32Array:
+def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: TileCache) -> Float32Array:
     """Return the (TILE + 1)^3 values of a tile, negative in water, in voxels from the wall near it.
 
-    The carving is what of it reaches there.
+    The edits is what of it reaches there.
     """
     lattice, voxel = water.lattice, water.voxel
-    halo = CARVING_HALO if carving.columns or len(carving.legs) or water.sight is not None else HALO
-    halo = FAULTS_HALO if len(carving.faults) else halo
+    halo = EDITS_HALO if edits.columns or len(edits.legs) or water.sight is not None else HALO
+    halo = SPURIOUS_HALO if len(edits.spurious) else halo
     count = TILE + 1 + 2 * halo
     origin = lattice.origin + voxel * (tile * TILE - halo)
-    triangles = lattice.triangles_near(tile, around=1 if halo > CARVING_HALO else 0)
+    triangles = lattice.triangles_near(tile, around=1 if halo > EDITS_HALO else 0)
     distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
     distance /= np.float32(voxel)
     numbers = winding_in_box(water.winding, triangles, origin, voxel, distance)
@@ -156,7 +156,7 @@ def _sample(water: ImplicitField, tile: IntArray, carving: Carving, cache: TileC
     _combine(distance, numbers, values)
     if water.sight is not None:
         values = with_seen_through(values, _seen_through(water, tile, halo, values > 0.0, cache))
-    values = carve(values, distance, origin, voxel, carving)
+    values = apply_edits(values, distance, origin, voxel, edits)
     smooth = _smoothed(values, halo)
     for axis in range(3):  # no water leaves the samples
         ends = np.moveaxis(smooth, axis, 0)
@@ -231,14 +231,14 @@ class Lattice:
 
     def __init__(self, surface: Mesh, voxel: float, places: Array) -> None:
         self.voxel = voxel
-        margin = (TILE if len(places) else CARVING_HALO + COARSE_STEP) * voxel
+        margin = (TILE if len(places) else EDITS_HALO + COARSE_STEP) * voxel
         within = np.concatenate([surface.vertices, places])
         self.origin = within.min(axis=0) - margin - ODD_SHARES * voxel
         extent = within.max(axis=0) + margin - self.origin
         self.num_tiles = np.ceil(extent / (TILE * voxel)).astype(np.int64)
         self.num_samples = self.num_tiles * TILE + 1
         self._corners = surface.triangles
-        reach = (CARVING_HALO + BAND_VOXELS + 1) * voxel
+        reach = (EDITS_HALO + BAND_VOXELS + 1) * voxel
         low, high = boxes_of(self._corners)
         low = np.floor((low - reach - self.origin) / (TILE * voxel)).astype(np.int64)
         high = np.floor((high + reach - self.origin) / (TILE * voxel)).astype(np.int64)
@@ -249,14 +249,14 @@ class Lattice:
 
     def box(self, tile: IntArray) -> tuple[Array, Array]:
         """Return the corners of all samples that are looked at for a tile, m."""
-        low = self.origin + self.voxel * (tile * TILE - CARVING_HALO)
-        return low, low + self.voxel * (TILE + 2 * CARVING_HALO)
+        low = self.origin + self.voxel * (tile * TILE - EDITS_HALO)
+        return low, low + self.voxel * (TILE + 2 * EDITS_HALO)
 
-    def tiles_of(self, carving: Carving) -> IntArray:
+    def tiles_of(self, edits: FieldEdits) -> IntArray:
         """Return the (T, 3) tiles with wall near them, and those that legs and columns of water pass through."""
-        near, around = np.unique(self._tile_ids), carving.leg_radius
-        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg in carving.legs]
-        boxes += [column.box for column in carving.columns]
+        near, around = np.unique(self._tile_ids), edits.leg_radius
+        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg in edits.legs]
+        boxes += [column.box for column in edits.columns]
         if boxes:
             places = (np.array(boxes) - self.origin) / (TILE * self.voxel)
             last = self.num_tiles - 1

@@ -18,7 +18,7 @@ PROTECTED_TOLERANCES = 10.0
 """Wall within this many tolerances of faces that cross is left as it is in the next round."""
 
 
-def without_excess(mesh: Mesh, tolerance: float, labels: IntArray | None = None) -> Mesh:
+def simplify(mesh: Mesh, tolerance: float, labels: IntArray | None = None) -> Mesh:
     """Return a closed mesh with triangles merged where that moves it by about `tolerance` (m), none crossing.
 
     A merger moves the surface by no more than the tolerance, and in one place they add up to more than that (measured:

@@ -9,7 +9,7 @@ import numpy as np
 from aquanav_tools.cave.mesh.patches import Patches
 from aquanav_tools.cave.scan.confirmed import is_supported, thickness, thin_confirmed
 from aquanav_tools.cave.scan.light import dark_faces
-from aquanav_tools.cave.scan.orientation import face_the_water
+from aquanav_tools.cave.scan.orientation import orient_outward
 from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
 from aquanav_tools.errors import InputError, UnseenWallsError
 from aquanav_tools.libraries import load_open3d
@@ -176,7 +176,7 @@ def _outward_signs(points: Array, normals: Array, spacing: Array) -> Array:
     from scipy.spatial import cKDTree
 
     squares = _squares(points, normals, spacing)
-    facing = face_the_water(squares, SQUARE_OFFSET * float(np.median(spacing)), drop_hidden=False)
+    facing = orient_outward(squares, SQUARE_OFFSET * float(np.median(spacing)), drop_hidden=False)
     is_turned = (facing.mesh.faces != squares.mesh.faces).any(axis=1)[: len(points)]
     outward = np.where(is_turned, -1.0, 1.0)[:, None] * normals
     _, neighbours = cKDTree(points).query(points, k=min(NUM_NEIGHBOURS, len(points)))

@@ -41,7 +41,7 @@ class FacingSurface:
     """Share of the area that was left out because it lies behind other wall."""
 
 
-def face_the_water(patches: Patches, offset: float, *, drop_hidden: bool = True) -> FacingSurface:
+def orient_outward(patches: Patches, offset: float, *, drop_hidden: bool = True) -> FacingSurface:
     """Return the patches wound with their normals out of the water, without walls hidden behind other walls.
 
     Args:

@@ -11,7 +11,7 @@ from aquanav_tools.cave.mesh.patches import Patches, find_patches
 from aquanav_tools.cave.mesh.proximity import are_within, surface_tree
 from aquanav_tools.cave.mesh.welding import weld
 from aquanav_tools.cave.scan.light import dark_faces
-from aquanav_tools.cave.scan.orientation import face_areas, face_the_water, is_gap
+from aquanav_tools.cave.scan.orientation import face_areas, is_gap, orient_outward
 from aquanav_tools.errors import InputError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
@@ -71,10 +71,10 @@ def surface_from_mesh(mesh: Mesh, voxel: float, lamps: Array = NO_LAMPS) -> Surf
     area = float(face_areas(clean)[0].sum())
     smooth = Mesh(clean.vertices, clean.faces[~_spikes(clean)])
     smooth = Mesh(smooth.vertices, smooth.faces[~dark_faces(smooth, lamps, RAY_OFFSET * voxel)])
-    facing = face_the_water(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
+    facing = orient_outward(_main_patches(find_patches(smooth)), RAY_OFFSET * voxel)
     if facing.hidden_share > 0.0:
         # What was one patch with the outside of a shell is one of its own now, and votes as one.
-        facing = face_the_water(_main_patches(find_patches(facing.mesh)), RAY_OFFSET * voxel)
+        facing = orient_outward(_main_patches(find_patches(facing.mesh)), RAY_OFFSET * voxel)
     kept = _without_unused(facing.mesh)
     turned = min(facing.turned_share, 1.0 - facing.turned_share)
     return Surface(kept, kept.vertices, 1.0 - float(face_areas(kept)[0].sum()) / area, turned)

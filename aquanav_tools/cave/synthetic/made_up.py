@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, prove_watertight
-from aquanav_tools.cave.mesh.decimation import without_excess
+from aquanav_tools.cave.mesh.decimation import simplify
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, IntArray, Mesh
 
@@ -28,7 +28,7 @@ def made_up_cavity(truth: Mesh, tolerance: float) -> Cavity:
     for end in ends:
         vertices[np.abs(vertices[:, 0] - end) < END_TOLERANCE, 0] = end
     flat = Mesh(vertices, truth.faces)
-    mesh = without_excess(flat, tolerance, _labels(flat, ends))
+    mesh = simplify(flat, tolerance, _labels(flat, ends))
     prove_watertight(mesh)
     labels = _labels(mesh, ends)
     for label, end in enumerate(ends, start=1):

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.cave.closing.carving import NO_CARVING, Carving
+from aquanav_tools.cave.closing.field_edits import NO_EDITS, FieldEdits
 from aquanav_tools.cave.closing.tiles import TILE, TileCache, implicit_field, water_surface
 from aquanav_tools.cave.scan.sight import make_sight
 from aquanav_tools.types import Mesh
@@ -59,7 +59,7 @@ def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
     apart = joined(left, Mesh(right.vertices + [2.3, 0.0, 0.0], right.faces))
     assert len(water_surface(implicit_field(apart, VOXEL)).to_trimesh().split()) == 2
     leg = np.array([[[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]])
-    carved = water_surface(implicit_field(apart, VOXEL), Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(apart, VOXEL), FieldEdits(leg, 0.2, np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     gap = np.pi * 0.2**2 * 0.3
     balls = 2 * 4 / 3 * np.pi
@@ -72,7 +72,7 @@ def test_a_leg_through_rock_far_from_any_wall_is_dug_all_the_way() -> None:
     left, right = sphere(0.5), sphere(0.5)
     both = joined(left, Mesh(right.vertices + [apart, 0.0, 0.0], right.faces))
     leg = np.array([[[0.0, 0.0, 0.0], [apart, 0.0, 0.0]]])
-    carved = water_surface(implicit_field(both, VOXEL), Carving(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(both, VOXEL), FieldEdits(leg, 0.2, np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     assert len(carved.to_trimesh().split()) == 1
 
@@ -81,11 +81,11 @@ def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
     ball = without_faces_near(sphere(1.0), np.array([1.0, 0.0, 0.0]), 0.4)
     stray = Mesh(ball.vertices * 0.02 + [-4.3, 0.0, 0.0], ball.faces)
     holed = joined(ball, stray)  # so that a border of tiles passes through the ball
-    faults = np.array([[0.0, 0.0, 1.0, 0.5, 0.0], [0.9, 0.0, 0.0, 0.4, 0.0]])
-    carving = Carving(np.array([[[0.0, 0.0, 0.0], [0.0, 1.6, 0.0]]]), 0.2, faults, 0.2)
+    spurious = np.array([[0.0, 0.0, 1.0, 0.5, 0.0], [0.9, 0.0, 0.0, 0.4, 0.0]])
+    edits = FieldEdits(np.array([[[0.0, 0.0, 0.0], [0.0, 1.6, 0.0]]]), 0.2, spurious, 0.2)
     field, cache = implicit_field(holed, VOXEL), TileCache()
-    before = water_surface(field, NO_CARVING, cache)
-    again, at_first = water_surface(field, carving, cache), water_surface(field, carving)
+    before = water_surface(field, NO_EDITS, cache)
+    again, at_first = water_surface(field, edits, cache), water_surface(field, edits)
     assert not np.array_equal(again.vertices, before.vertices)
     assert np.array_equal(again.vertices, at_first.vertices)
     assert np.array_equal(again.faces, at_first.faces)

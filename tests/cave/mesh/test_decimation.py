@@ -6,7 +6,7 @@ import igl
 import numpy as np
 import trimesh
 
-from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces, without_excess
+from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces, simplify
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.types import Mesh
 
@@ -20,7 +20,7 @@ def bumpy_sphere(seed: int, noise: float) -> Mesh:
 
 def test_merging_keeps_the_surface_within_the_tolerance_and_drops_most_faces() -> None:
     sphere = bumpy_sphere(0, 0.002)
-    merged = without_excess(sphere, 0.01)
+    merged = simplify(sphere, 0.01)
     assert len(merged.faces) < 0.5 * len(sphere.faces)
     assert merged.to_trimesh().is_volume
     distance = np.sqrt(igl.point_mesh_squared_distance(sphere.vertices, merged.vertices, merged.faces)[0])
@@ -33,7 +33,7 @@ def test_where_merging_makes_faces_cross_the_wall_is_left_as_it_is() -> None:
     sphere = bumpy_sphere(0, 0.002)
     lens = Mesh(sphere.vertices * [1.0, 1.0, 0.03], sphere.faces)
     assert len(self_intersections(merge_faces(lens, np.zeros(len(lens.faces), dtype=np.int64), 0.01)))
-    kept = without_excess(lens, 0.01)
+    kept = simplify(lens, 0.01)
     assert not len(self_intersections(kept))
     assert kept.to_trimesh().is_volume
     assert len(kept.faces) < 0.5 * len(lens.faces)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.mesh.patches import find_patches
-from aquanav_tools.cave.scan.orientation import FacingSurface, face_areas, face_the_water, is_gap
+from aquanav_tools.cave.scan.orientation import FacingSurface, face_areas, is_gap, orient_outward
 from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import RADIUS, straight
@@ -13,7 +13,7 @@ OFFSET = 0.01
 
 
 def face(mesh: Mesh) -> FacingSurface:
-    return face_the_water(find_patches(mesh), OFFSET)
+    return orient_outward(find_patches(mesh), OFFSET)
 
 
 def radial_normals(mesh: Mesh) -> np.ndarray:

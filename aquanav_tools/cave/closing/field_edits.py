@@ -1,4 +1,4 @@
-"""Carving: where the sampled water is corrected by what is known about it beside the surface.
+"""Field edits: where the sampled water is corrected by what is known about it beside the surface.
 
 All of it changes the field before its surface is drawn, so that water that is added meets the wall in one smooth piece.
 """
@@ -33,46 +33,46 @@ MIN_CARVED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Carving:
+class FieldEdits:
     """Corrections of the sampled water."""
 
     legs: Array
     """(M, 2, 3) lines that are water up to `leg_radius` around them, m."""
     leg_radius: float
     """m."""
-    faults: Array
+    spurious: Array
     """(K, 5) balls (centre, radius) in which wall is smoothed until no window or pillar is left in it, and how near to
     the scan it stays as it is, m."""
-    fault_radius: float
+    smoothing_radius: float
     """Windows and pillars that are thinner than twice this disappear there, m."""
     columns: tuple[Column, ...] = ()
     """Water out to the cuts of open ends."""
 
-    def near(self, low: Array, high: Array) -> Carving:
-        """Return only the legs, faults and columns that reach into the box from (3,) low to (3,) high, m."""
+    def near(self, low: Array, high: Array) -> FieldEdits:
+        """Return only the legs, spurious handles and columns that reach into the box from (3,) low to (3,) high, m."""
         around = 2.0 * self.leg_radius
         is_leg = (self.legs.min(axis=1) - around <= high).all(axis=1)
         is_leg &= (self.legs.max(axis=1) + around >= low).all(axis=1)
-        centres, radii = self.faults[:, :3], self.faults[:, 3:4]
-        is_fault = ((centres - radii <= high) & (centres + radii >= low)).all(axis=1)
+        centres, radii = self.spurious[:, :3], self.spurious[:, 3:4]
+        is_near = ((centres - radii <= high) & (centres + radii >= low)).all(axis=1)
         columns = tuple(c for c in self.columns if (c.box[0] <= high).all() and (c.box[1] >= low).all())
-        return replace(self, legs=self.legs[is_leg], faults=self.faults[is_fault], columns=columns)
+        return replace(self, legs=self.legs[is_leg], spurious=self.spurious[is_near], columns=columns)
 
-    def is_as(self, other: Carving) -> bool:
-        """Return whether two carvings of one surface do the same."""
+    def is_as(self, other: FieldEdits) -> bool:
+        """Return whether two sets of edits of one surface do the same."""
         return (
             np.array_equal(self.legs, other.legs)
-            and np.array_equal(self.faults, other.faults)
-            and (not len(self.faults) or self.fault_radius == other.fault_radius)
+            and np.array_equal(self.spurious, other.spurious)
+            and (not len(self.spurious) or self.smoothing_radius == other.smoothing_radius)
             and len(self.columns) == len(other.columns)
             and all(one is another for one, another in zip(self.columns, other.columns, strict=True))
         )
 
 
-NO_CARVING = Carving(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
+NO_EDITS = FieldEdits(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
 
 
-def carve(field: Samples, distance: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
+def apply_edits(field: Samples, distance: Samples, origin: Array, voxel: float, edits: FieldEdits) -> Samples:
     """Return the field of a box of samples with all corrections that reach into it.
 
     Args:
@@ -80,15 +80,15 @@ def carve(field: Samples, distance: Samples, origin: Array, voxel: float, carvin
         distance: (X, Y, Z) from the surface, voxels.
         origin: (3,) of the first sample, m.
         voxel: spacing of the samples, m.
-        carving: corrections.
+        edits: corrections.
     """
     field = field.copy()
-    for column in carving.columns:
+    for column in edits.columns:
         part = _part(field.shape, (column.box - origin) / voxel, BAND_VOXELS)
         depth = column.depth(_points(part, origin, voxel).reshape(-1, 3)).reshape(field[part].shape)
         field[part] = np.minimum(field[part], np.clip(-depth / voxel, -BAND_VOXELS, BAND_VOXELS))
-    field = _without_faults(field, distance, origin, voxel, carving)
-    return _with_legs(field, origin, voxel, carving)
+    field = _without_spurious(field, distance, origin, voxel, edits)
+    return _with_legs(field, origin, voxel, edits)
 
 
 def is_seen_through(sight: Sight, points: Array, voxel: float) -> BoolArray:
@@ -112,26 +112,26 @@ def with_seen_through(field: Samples, seen: BoolArray) -> Samples:
     return np.where(beside > MIN_CARVED, np.minimum(field, level), field)
 
 
-def _without_faults(field: Samples, distance: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
-    """Change a field, in place: inside the faulty places the wall is closed and opened by a ball. Return it."""
-    if not len(carving.faults):
+def _without_spurious(field: Samples, distance: Samples, origin: Array, voxel: float, edits: FieldEdits) -> Samples:
+    """Change a field, in place: at spurious handles the wall is closed and opened by a ball. Return it."""
+    if not len(edits.spurious):
         return field
-    is_faulty = np.zeros(field.shape, dtype=bool)
-    for *centre, ball, untouched in carving.faults:
+    is_spurious = np.zeros(field.shape, dtype=bool)
+    for *centre, ball, untouched in edits.spurious:
         part = _part(field.shape, (np.array([centre, centre]) - origin) / voxel, ball / voxel)
         squared = ((_points(part, origin, voxel) - centre) ** 2).sum(axis=-1)
-        is_faulty[part] |= (squared < ball**2) & (distance[part] * voxel >= untouched)
-    if not is_faulty.any():
+        is_spurious[part] |= (squared < ball**2) & (distance[part] * voxel >= untouched)
+    if not is_spurious.any():
         return field
-    radius = carving.fault_radius / voxel
-    places = np.argwhere(is_faulty)
+    radius = edits.smoothing_radius / voxel
+    places = np.argwhere(is_spurious)
     # Four passes with the ball look no farther than four of its radii.
     part = _part(field.shape, np.stack([places.min(axis=0), places.max(axis=0)]), 4.0 * radius + 1.0)
     water = _depth(field[part] >= 0) <= radius  # grown: pillars drown
     water = _depth(water) > radius  # shrunk back
     water = _depth(water) > radius  # shrunk: windows close
     water = _depth(~water) <= radius  # grown back
-    field[part] = np.where(is_faulty[part], np.where(water, -1.0, 1.0), field[part])
+    field[part] = np.where(is_spurious[part], np.where(water, -1.0, 1.0), field[part])
     return field
 
 
@@ -142,16 +142,16 @@ def _depth(flags: BoolArray) -> Array:
     return np.full(flags.shape, np.inf) if flags.all() else np.asarray(distance_transform_edt(flags))
 
 
-def _with_legs(field: Samples, origin: Array, voxel: float, carving: Carving) -> Samples:
+def _with_legs(field: Samples, origin: Array, voxel: float, edits: FieldEdits) -> Samples:
     """Change a field, in place: water around the legs. Return it."""
-    for start, end in carving.legs:
-        reach = carving.leg_radius / voxel + BAND_VOXELS
+    for start, end in edits.legs:
+        reach = edits.leg_radius / voxel + BAND_VOXELS
         part = _part(field.shape, (np.stack([np.minimum(start, end), np.maximum(start, end)]) - origin) / voxel, reach)
         points = _points(part, origin, voxel)
         along = end - start
         share = np.clip((points - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
         distance = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-        field[part] = np.minimum(field[part], (distance - carving.leg_radius) / voxel)
+        field[part] = np.minimum(field[part], (distance - edits.leg_radius) / voxel)
     return field
 
 
