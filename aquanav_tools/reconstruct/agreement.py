@@ -35,8 +35,6 @@ class Tolerance(NamedTuple):
     """Largest relative difference of their depths."""
     cosine: float
     """Least cosine between their normals."""
-    parallax_cosine: float
-    """Largest cosine between their rays to the point at which they are two witnesses."""
 
 
 class Pair(NamedTuple):
@@ -53,7 +51,6 @@ class Pair(NamedTuple):
     max_reprojection_px: float
     max_depth_error: float
     min_cosine: float
-    max_parallax_cosine: float
     """As in `Tolerance`; the compiler takes no tuple inside a tuple."""
 
 
@@ -129,34 +126,18 @@ def _agrees(row, column, first, other, pair):  # type: ignore[no-untyped-def]
     return other_row, other_column, z
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _is_from_elsewhere(row, column, depth, pair):  # type: ignore[no-untyped-def]
-    """Return whether the rays of both cameras to a pixel's point differ enough."""
-    fx, fy, cx, cy = pair.pinhole
-    a, b = (column + 0.5 - cx) / fx * depth, (row + 0.5 - cy) / fy * depth
-    turn, shift = pair.turn, pair.shift
-    x = turn[0, 0] * a + turn[0, 1] * b + turn[0, 2] * depth
-    y = turn[1, 0] * a + turn[1, 1] * b + turn[1, 2] * depth
-    z = turn[2, 0] * a + turn[2, 1] * b + turn[2, 2] * depth
-    u, v, w = x + shift[0], y + shift[1], z + shift[2]
-    lengths = np.sqrt((x * x + y * y + z * z) * (u * u + v * v + w * w))
-    return x * u + y * v + z * w <= pair.max_parallax_cosine * lengths
-
-
 @numba.njit(cache=True, parallel=True, error_model="numpy")
 def confirm(first, other, pair, step, wanted, count):  # type: ignore[no-untyped-def]
-    """Add 1 to the (h, w) `count` of the first map's cells that the other map confirms, up to `wanted`.
+    """Add 1 to the (h, w) `count` of the first map's cells with which the other map agrees, up to `wanted`.
 
-    It does where both agree and see the point from different places: photos from nearly one place err alike. A cell is
-    `step` pixels wide and stands for the pixel in its middle.
+    A cell is `step` pixels wide and stands for the pixel in its middle.
     """
     for i in numba.prange(count.shape[0]):
         for j in range(count.shape[1]):
             row, column = step * i + step // 2, step * j + step // 2
             if first.depth[row, column] > 0.0 and count[i, j] < wanted:
                 if _agrees(row, column, first, other, pair)[0] >= 0:
-                    if _is_from_elsewhere(row, column, first.depth[row, column], pair):
-                        count[i, j] += 1
+                    count[i, j] += 1
 
 
 @numba.njit(cache=True, parallel=True, error_model="numpy")

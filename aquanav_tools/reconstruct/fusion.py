@@ -35,9 +35,7 @@ class FusionOptions:
     max_cost: float = 0.5
     """Pixels with a larger matching cost (1 - NCC) are dropped first."""
     min_photos: int = 2
-    """Photos that must agree on a point, its own included ..."""
-    min_parallax_deg: float = 0.0
-    """... with at least this angle between the first one's ray to it and another's."""
+    """Photos that must agree on a point, its own included."""
     max_reprojection_px: float = 3.0
     """Largest offset between their pixels."""
     max_depth_error: float = 0.02
@@ -52,14 +50,11 @@ class FusionOptions:
             raise ValueError(f"FusionOptions needs max_cost in (0, 2] and min_photos >= 2, got {self}.")
         if min(self.max_reprojection_px, self.max_depth_error, self.max_normal_deg) <= 0:
             raise ValueError(f"FusionOptions needs positive tolerances, got {self}.")
-        if not 0.0 <= self.min_parallax_deg < 90.0:
-            raise ValueError(f"FusionOptions needs min_parallax_deg in [0, 90), got {self}.")
 
     @property
     def tolerance(self) -> Tolerance:
         """The same for the inner loops."""
-        cosines = np.cos(np.deg2rad([self.max_normal_deg, self.min_parallax_deg]))
-        return Tolerance(self.max_reprojection_px, self.max_depth_error, float(cosines[0]), float(cosines[1]))
+        return Tolerance(self.max_reprojection_px, self.max_depth_error, float(np.cos(np.deg2rad(self.max_normal_deg))))
 
 
 @dataclass(frozen=True, eq=False)
