@@ -51,7 +51,7 @@ SMOOTHING = 0.35
 rock: of a scan with 3 mm of noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 5.3 at 0.4 and
 1.9 / 7.3 at 0.6."""
 PHOTO_SMOOTHING = 0.6
-"""The same of surfaces from photos, which are rough at the scale of a voxel: openings are judged by what was invented."""
+"""The same of surfaces from photos, which are rough at the scale of a voxel."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
 SMALLEST_VALUE = 1e-3
