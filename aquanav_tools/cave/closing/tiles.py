@@ -46,12 +46,10 @@ SPURIOUS_HALO = 28
 """... and where spurious handles are smoothed away, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles with water that was only looked through."""
-SMOOTHING = 0.35
-"""Standard deviation of the filter that rounds off where distance and winding number meet, voxels. It also rounds off
-rock: of a scan with 3 mm of noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 5.3 at 0.4 and
-1.9 / 7.3 at 0.6."""
-PHOTO_SMOOTHING = 0.6
-"""The same of surfaces from photos, which are rough at the scale of a voxel."""
+SMOOTHING = 0.6
+"""Standard deviation of the filter that removes the staircase, voxels. It rounds off rock, too: of a scan with 3 mm of
+noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 5.3 at 0.4 and 1.9 / 7.3 at 0.6. But below
+0.6 the wall follows noise of half a voxel, which then is not noticed, and ends of photos fray."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
 SMALLEST_VALUE = 1e-3
@@ -159,7 +157,7 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     if water.sight is not None:
         values = with_seen_through(values, _seen_through(water, tile, halo, values > 0.0, cache))
     values = apply_edits(values, distance, origin, voxel, edits)
-    smooth = _smoothed(values, halo, SMOOTHING if water.sight is None else PHOTO_SMOOTHING)
+    smooth = _smoothed(values, halo, SMOOTHING)
     for axis in range(3):  # no water leaves the samples
         ends = np.moveaxis(smooth, axis, 0)
         if tile[axis] == 0:
