@@ -16,17 +16,15 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from aquanav_tools import machine
 from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
-from aquanav_tools.machine import num_cores
+from aquanav_tools.machine import CACHE_VARIABLE, cache_folder, num_cores
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
 
 CONTENT, BAYS = "scenarios", "scenarios/bays"
 """Folders of the caves, and of the bays for boats, which need no building."""
-CACHE_VARIABLE = machine.CACHE_VARIABLE
 SETTINGS_FILE = "scenario.toml"
 SLOT_PREFIX = "cave-real-"
 """Names of slots for a user's own caves."""
@@ -55,7 +53,7 @@ def cache_dir() -> Path:
     Raises:
         InputError: there is neither.
     """
-    folder = machine.cache_folder()
+    folder = cache_folder()
     if folder is None:
         raise InputError(
             f"There is no folder to keep built caves in: this user has no home. Set {CACHE_VARIABLE} to a folder."

@@ -16,6 +16,7 @@ from aquanav_tools.build.shipped_scenarios import build_shipped, difficulty
 from aquanav_tools.cave.cavity import prove_watertight
 from aquanav_tools.cli.scenarios import Scenarios, run_scenarios
 from aquanav_tools.errors import AquanavError, InputError
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario
 
@@ -49,7 +50,7 @@ def recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir(parents=True)
     (folder / "tiny.toml").write_text(RECIPE)
     monkeypatch.setattr(content, "CONTENT_DIR", folder.parent)
-    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
 
     def build_here(command: list[str], **_: object) -> subprocess.CompletedProcess[str]:
         assert command[-2:] == ["scenarios", "tiny"]

@@ -13,6 +13,7 @@ from aquanav_tools.cave.styles.names import style_of
 from aquanav_tools.envs import factory
 from aquanav_tools.envs.factory import make_batch, with_drawn
 from aquanav_tools.errors import InputError, ScenarioError
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.split import fixed_draw, is_test_cave
@@ -22,7 +23,7 @@ from tests.caves import tube_scenario
 @pytest.fixture(autouse=True)
 def tubes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """Have tubes built in place of drawn caves; return the names of those that were."""
-    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     built: list[str] = []
 
     def build(name: str, folder: Path, *_: object) -> None:

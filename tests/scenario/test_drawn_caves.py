@@ -9,7 +9,7 @@ import pytest
 
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.cli.info import main
-from aquanav_tools.scenario import shipped
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.shipped import named_folder
 from tests.commands import run_here
@@ -20,7 +20,7 @@ from tests.evaluate.test_policies import score
 def drawn(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A drawn cave in a cache of its own."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(shipped.CACHE_VARIABLE, str(tmp_path_factory.mktemp("cache")))
+        patch.setenv(CACHE_VARIABLE, str(tmp_path_factory.mktemp("cache")))
         yield build_generated("phreatic-tube", 1)
 
 

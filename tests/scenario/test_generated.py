@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from aquanav_tools.build.generated import MAX_WIDTHS, MIN_WIDTHS, _limits, build_generated
 from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.shipped import named_folder, scenario_folder
@@ -21,7 +22,7 @@ NAME = "generated/phreatic-tube/1"
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 

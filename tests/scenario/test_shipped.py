@@ -8,6 +8,7 @@ import pytest
 
 from aquanav_tools.build.shipped_scenarios import read_shipped
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import Scenario
@@ -18,7 +19,7 @@ from aquanav_tools.store import locked
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     return tmp_path / "cache"
 
 

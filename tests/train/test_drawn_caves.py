@@ -13,7 +13,7 @@ import pytest
 
 from aquanav_tools.build.generated_set import BuiltCave, CaveTask
 from aquanav_tools.errors import InputError, ResourceError
-from aquanav_tools.scenario import shipped
+from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.scenario.split import is_test_cave, names_for_tests
@@ -246,7 +246,7 @@ def test_senseless_numbers_of_caves_are_told() -> None:
 
 @pytest.mark.slow
 def test_a_run_learns_in_real_drawn_caves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv(shipped.CACHE_VARIABLE, str(tmp_path / "cache"))
+    monkeypatch.setenv(CACHE_VARIABLE, str(tmp_path / "cache"))
     monkeypatch.setattr(cave_supply, "AHEAD", 1)  # more would be built for nothing
     pipeline = drawn_lesson(256, scenario="generated/bedding-plane", current="half", new_cave_every=128)
     train(pipeline, 1, tmp_path / "run")
