@@ -17,16 +17,16 @@ from aquanav_tools.types import Mesh, silent
 from tests.build.test_scan_build import run
 from tests.cave.open_caves import RADIUS, straight
 
-CEILING = -0.2
-"""Above this height nothing was scanned, m: from below it, wall fills less than 60 % of the view, by 5 and more."""
-HALF_ANGLE = np.arccos(-CEILING / RADIUS)
-"""Of the arc that was, rad."""
+WIDTH = 1.5
+"""Of an ellipse over its height. Scanned wall fills 56 % of the view from within its lower half, of a circle's 60 %."""
+ARC = 0.5 * 7.9327 * RADIUS
+"""Half the circumference of an ellipse with half axes of 1.5 and 1 m, m (by its elliptic integral)."""
 
 
 def half_pipe() -> Mesh:
-    """A level tube of which the upper half, and a strip more, was not scanned."""
+    """A level tube, wider than high, of which the upper half was not scanned."""
     tube = straight()
-    return Mesh(tube.vertices, tube.faces[tube.triangles[:, :, 2].mean(axis=1) < CEILING])
+    return Mesh(tube.vertices * [1.0, WIDTH, 1.0], tube.faces[tube.triangles[:, :, 2].mean(axis=1) < 0.0])
 
 
 def test_the_refusal_names_side_threshold_way_on_and_a_picture(tmp_path: Path) -> None:
@@ -46,15 +46,14 @@ def test_what_is_accepted_becomes_a_proven_cavity_with_its_unseen_wall_marked(tm
     built = build_scenario(half_pipe(), options, journal)
     cavity = built.scenario.cavity
     prove_watertight(cavity.mesh)
-    segment = (HALF_ANGLE - np.sin(HALF_ANGLE) * np.cos(HALF_ANGLE)) * RADIUS**2
-    assert cavity.volume == pytest.approx(segment * 10.0, rel=0.1)  # the fill bulges by 5 cm
+    assert cavity.volume == pytest.approx(0.5 * np.pi * WIDTH * RADIUS**2 * 10.0, rel=0.1)  # the fill bulges by 5 cm
     assert {"open-walls", "unobserved-wall"} <= {code for code, _ in journal.notices}
     middles, areas = cavity.mesh.triangles.mean(axis=1), cavity.mesh.areas
-    is_lid = middles[:, 2] > CEILING - 0.01 * RADIUS
+    is_lid = middles[:, 2] > -0.01 * RADIUS
     assert not cavity.observed[is_lid & (np.abs(middles[:, 1]) < 0.5 * RADIUS)].any()
     # An arc was scanned, its chord was not; a strip on either side of it lies within reach of the scan.
-    arc, chord = 2.0 * HALF_ANGLE, 2.0 * np.sin(HALF_ANGLE)
-    assert areas[cavity.observed].sum() / areas.sum() == pytest.approx(arc / (arc + chord), abs=0.1)
+    chord = 2.0 * WIDTH * RADIUS
+    assert areas[cavity.observed].sum() / areas.sum() == pytest.approx(ARC / (ARC + chord), abs=0.1)
 
 
 def test_how_much_photos_show_is_told_from_their_cameras_and_what_is_guessed_elsewhere_is_named(tmp_path: Path) -> None:

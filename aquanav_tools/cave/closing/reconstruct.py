@@ -22,7 +22,7 @@ from aquanav_tools.cave.closing.field_edits import NO_EDITS, FieldEdits
 from aquanav_tools.cave.closing.lids import close_with_lids
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
-from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, check_is_cave, faces_within, main_water
+from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, faces_within, main_water
 from aquanav_tools.cave.closing.tiles import ImplicitField, TileCache, implicit_field, water_surface
 from aquanav_tools.cave.mesh.decimation import merge_faces, simplify
 from aquanav_tools.cave.mesh.handles import Handle, find_handles
@@ -201,8 +201,6 @@ def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSu
             return None, replace(draft, edits=edits, num_smoothed=draft.num_smoothed + 1)
     merged = simplify(_faired(scan, mesh, draft.holes), SIMPLIFY_VOXELS * voxel)
     is_scan = faces_within(merged, scan.tree, SCAN_VOXELS * voxel)
-    if not len(scan.evidence.inside):
-        check_is_cave(merged, is_scan, scan.surface.mesh, scan.accept)
     return ClosedSurface(merged, is_scan, "winding", cautions + _handles_left(spurious)), draft
 
 

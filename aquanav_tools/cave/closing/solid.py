@@ -101,23 +101,6 @@ def main_water(
     return bodies[chosen], tuple(_floating_rock(rocks))
 
 
-def check_is_cave(closed: Mesh, is_scan: BoolArray, surface: Mesh, accept: Callable[[UnseenWallsError], None]) -> None:
-    """Refuse water around which much of the surface was invented, unless scanned wall is all around its middle.
-
-    Args:
-        closed: the water, in one piece.
-        is_scan: (F,) its faces that follow the scan.
-        surface: the scan.
-        accept: raises what it is given, or notes it.
-    """
-    areas = face_areas(closed)[0]
-    if areas[~is_scan].sum() > MAX_HOLLOW_SHARE * areas.sum():
-        try:
-            check_enclosure(surface, _middles(closed), "the middle of the closed water")
-        except UnseenWallsError as error:
-            accept(error)
-
-
 def _check_is_the_cave(
     bodies: list[Mesh],
     volumes: Array,
