@@ -36,7 +36,7 @@ demo: .venv/installed ## Photograph a synthetic cave, rebuild it from the photos
 	@echo "  the dives' report       $(DEMO)/eval/report.html"
 	@echo "  a dive, as recorded     $(BIN)/rerun $(DEMO)/eval/episode-00000.rrd"
 
-test: .venv/installed ## Run the default tests (20 minutes on two cores the first time, when all compiles)
+test: .venv/installed ## Run the default tests (15 minutes on two cores the first time, when all compiles)
 	@echo "Running the default tests; the slow ones are left out (run them with: $(BIN)/pytest -m slow)."
 	@$(ONE_THREAD) $(BIN)/pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder
 

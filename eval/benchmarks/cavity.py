@@ -29,6 +29,8 @@ from eval.child import Ended, run_child
 from eval.smoke import parser_of
 
 ROOT = Path(__file__).parents[2]
+NOT_INSTALLED = "cannot be imported"
+"""What cavity_peers.py says of a library that its interpreter lacks."""
 PEERS = ("open3d-poisson", "pymeshfix", "pymeshlab-alpha-wrap", "pymeshlab-close-holes", "point-cloud-utils-watertight")
 BUILD = "from aquanav_tools.cli.build_cave import main; main()"
 LENGTH = 50.0
@@ -212,6 +214,9 @@ def main() -> None:
             is_ours = method == "aquanav"
             row = run_ours(folder, arguments.timeout) if is_ours else None
             row = row or run_peer(arguments.peers, method, folder, arguments.timeout)
+            if NOT_INSTALLED in row["failure"]:
+                print(f"{method}: left out. {row['failure']}", flush=True)
+                continue
             row |= pool.submit(judge, method, folder).result() if row["exit_code"] == 0 else {}
             rows.append(row)
             print("  ".join(_row(row)), flush=True)
