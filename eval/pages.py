@@ -44,13 +44,18 @@ class Record:
 
 def machine() -> str:
     """Return what a measurement was made on, of which code and how busy: for a sentence."""
-    command = ["git", "-C", str(ROOT), "describe", "--always", "--dirty"]
-    found = subprocess.run(command, capture_output=True, text=True, check=False)
-    commit = found.stdout.strip() if found.returncode == 0 else "no commit"
+    commit = _git("rev-parse", "--short=9", "HEAD") or "no commit"
+    changed = ", changed since" if _git("status", "--porcelain", "--", ".", ":!eval/results") else ""
     return (
-        f"{time.strftime('%Y-%m-%d')} at {commit}: {len(os.sched_getaffinity(0))} cores, {_processor()}; "
+        f"{time.strftime('%Y-%m-%d')} at {commit}{changed}: {len(os.sched_getaffinity(0))} cores, {_processor()}; "
         f"load by others at the start {os.getloadavg()[0]:.1f}"
     )
+
+
+def _git(*words: str) -> str:
+    """Return what git says of this checkout; nothing where there is none."""
+    found = subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=False)
+    return found.stdout.strip() if found.returncode == 0 else ""
 
 
 def _processor() -> str:

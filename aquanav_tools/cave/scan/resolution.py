@@ -31,7 +31,7 @@ SPACINGS_PER_VOXEL = 2.0
 """A voxel of a cloud holds about four points of its wall."""
 BASE_GB = 0.4
 """The libraries and the scan itself."""
-BYTES_PER_CELL = 3000
+BYTES_PER_CELL = 3600
 """Peak memory of closing and proving per voxel of wall; measured, see eval/benchmarks/cavity.py."""
 
 
