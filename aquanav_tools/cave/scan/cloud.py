@@ -91,7 +91,8 @@ def surface_from_cloud(
     fitted = _poisson(points, outward, voxel)
     trimmed = Mesh(fitted.vertices, fitted.faces[_supported(fitted, points, spacing, voxel)])
     surface = surface_facing_water(trimmed) if knows_side else surface_from_mesh(trimmed, voxel, lamps)
-    return Surface(surface.mesh, points, 1.0 - len(points) / num_thinned, surface.turned_share)
+    judging = points[_drawn(votes, len(points))] if cloud.faces_water else points
+    return Surface(surface.mesh, judging, 1.0 - len(points) / num_thinned, surface.turned_share)
 
 
 def _check_lies_on_surface(points: Array, votes: Array, cell: float, *, is_from_photos: bool) -> None:
