@@ -27,7 +27,7 @@ from aquanav_tools.cave.closing.enclosure import (
 )
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
-from aquanav_tools.cave.scan.sight import OUTSIDE, Sight
+from aquanav_tools.cave.scan.sight import OUTSIDE, UNSURE, Sight
 from aquanav_tools.errors import InputError, ReconstructionError, UnseenWallsError
 from aquanav_tools.reconstruct.georeference.gps import has_fix
 from aquanav_tools.reconstruct.georeference.place import UNUSED
@@ -48,6 +48,8 @@ SCALE_OPTIONS = (
 )
 SEEN_HEIGHT_ERROR = 0.5
 """The same where floor or ceiling were not seen; chosen."""
+FAR_SEEN = 90.0
+"""Percentile of the depths in photos within which of a place what they show around it counts for its height."""
 PREVIEW_CELLS = 100
 """Cells along the longest side of the coarse surface that tells whether the photos show a cave."""
 
@@ -239,8 +241,10 @@ def _height(
         return free_height(preview, reconstruction.camera_centres), HEIGHT_ERROR, ""
     except UnseenWallsError as error:
         accept(error)
-    height = seen_height(reconstruction.cloud.points, reconstruction.camera_centres)
-    return height, SEEN_HEIGHT_ERROR, ", taken for the height of what was seen, as floor or ceiling were not,"
+    sight = reconstruction.sight
+    reach = np.inf if sight is None else float(np.percentile(sight.depth[sight.depth > UNSURE], FAR_SEEN))
+    height, what = seen_height(preview, reconstruction.cloud.points, reconstruction.camera_centres, reach)
+    return height, SEEN_HEIGHT_ERROR, f", taken for {what}, as floor or ceiling were not seen,"
 
 
 def write_found(reconstruction: Reconstruction, folder: Path) -> None:

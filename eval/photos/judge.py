@@ -7,14 +7,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.scenario.folder import read_scenario
-from aquanav_tools.types import Array, Mesh, Sim3
+from aquanav_tools.types import Array, BoolArray, Mesh, Sim3
 from eval.photos.depth_truth import (
     FREE_SPACING,
     DepthReference,
     is_free,
+    is_judged,
     lattice,
     refined,
     score_against,
@@ -92,6 +94,7 @@ def _judge_room(build: Path, truth_from_build: Sim3, reference: DepthReference |
         "portals": len(cavity.portals),
     }
     if reference is not None:
+        found |= _judge_walls(mesh, is_wall & cavity.observed, reference)
         ends = np.concatenate([mesh.vertices, reference.points])
         places = lattice(ends.min(axis=0), ends.max(axis=0))
         free = is_free(reference, places)
@@ -99,6 +102,16 @@ def _judge_room(build: Path, truth_from_build: Sim3, reference: DepthReference |
         found["free_volume"] = float(free.sum() * FREE_SPACING**3)
         found["free_held"], found["held_free"] = float(held[free].mean()), float(free[held].mean())
     return found
+
+
+def _judge_walls(mesh: Mesh, is_seen: BoolArray, reference: DepthReference) -> dict[str, float]:
+    """Return how far wall that photos saw lies from what a depth camera shows, where that can judge it, m."""
+    import trimesh
+
+    seen = mesh.to_trimesh().submesh([is_seen], append=True)
+    samples = np.asarray(trimesh.sample.sample_surface(seen, SURFACE_SAMPLES, seed=0)[0])
+    off, _ = cKDTree(reference.points).query(samples[is_judged(reference, samples)])
+    return {"wall_median": float(np.median(off)), "wall_95": float(np.percentile(off, 95.0))}
 
 
 def judge_rendered(build: Path, dive: Path) -> dict[str, Any]:

@@ -91,7 +91,7 @@ REAL = (
         "redkitchen",
         folder="img_redkitchen",
         images=("images", "*.jpg"),
-        every=2,
+        every=4,
         # Its camera looks into a fifth of all directions, which is refused unless the user says otherwise.
         flags=("--passage-height", "2.5", "--accept-open"),
         reference=depth_centres,

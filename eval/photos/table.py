@@ -18,7 +18,8 @@ MODELS = (
 )  # fmt: skip
 CLOUDS = (
     "set", "cloud within 2 cm: precision, recall, F", "5 cm", "10 cm", "scale", "volume (m3)", "extent (m)",
-    "invented wall", "of seen free space in it", "of it seen free", "gap of a loop", "outcome", "commit",
+    "invented wall", "seen wall off, median / 95 % (cm)", "of seen free space in it", "of it seen free",
+    "gap of a loop", "outcome", "commit",
 )  # fmt: skip
 STAGES = {
     "features": ("Finding features",),
@@ -147,6 +148,7 @@ def _cloud_row(result: dict[str, Any]) -> tuple[str, ...]:
         f"{result['volume']:.1f}" if "volume" in result else "",
         " x ".join(f"{size:.1f}" for size in result.get("extent_m", ())),
         share("invented_share"),
+        f"{100 * result['wall_median']:.1f} / {100 * result['wall_95']:.1f}" if "wall_median" in result else "",
         share("free_held"),
         share("held_free"),
         share("loop_gap"),

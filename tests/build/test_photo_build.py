@@ -26,7 +26,7 @@ from aquanav_tools.build.photo_stages import (
     preview_surface,
     write_found,
 )
-from aquanav_tools.cave.closing.enclosure import MIN_FACING
+from aquanav_tools.cave.closing.enclosure import MIN_FACING, seen_height
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.scan.sight import Sight, make_sight
@@ -181,22 +181,43 @@ def test_the_passage_height_gives_the_scale(tube_of_ten: tuple[Reconstruction, M
     assert scaled.statistics["scale_error_percent_95"] == 33.0
 
 
-def test_where_no_ceiling_was_seen_the_height_of_what_was_seen_gives_the_scale_if_that_is_accepted(
-    tube_of_ten: tuple[Reconstruction, Mesh],
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        (-np.inf, 3.0, 10.0),  # the axis lies 5 above the floor, so that the passage is 10 high
+        (-np.inf, 1.0, 10.0),
+        (-3.0, 3.0, 6.0),  # neither floor nor ceiling: as high as what was seen
+    ],
+)
+def test_where_no_ceiling_was_seen_the_floor_or_what_was_seen_gives_the_scale_if_that_is_accepted(
+    tube_of_ten: tuple[Reconstruction, Mesh], low: float, high: float, expected: float
 ) -> None:
     whole = tube_of_ten[0]
-    below = whole.cloud.points[:, 2] < 3.0  # of a tube of radius 5: no ceiling, walls up to 3 above its axis
+    z = whole.cloud.points[:, 2]
+    is_seen = (z > low) & (z < high)  # of a tube of radius 5
     assert whole.cloud.normals is not None
-    open_above = replace(whole, cloud=PointCloud(whole.cloud.points[below], whole.cloud.normals[below]))
+    open_above = replace(whole, cloud=PointCloud(whole.cloud.points[is_seen], whole.cloud.normals[is_seen]))
     preview, scale = preview_surface(open_above.cloud), PhotoScaleOptions(passage_height=4.0)
     journal = Journal(silent)
-    with pytest.raises(UnseenWallsError, match="straight above 0 of them there is surface, straight below 9"):
+    with pytest.raises(UnseenWallsError, match=r"straight above 0 of them there is .*, straight below [09]"):
         in_metres(open_above, preview, scale, journal)
     scaled = in_metres(open_above, preview, scale, journal, accepting(ClosingOptions(accept_open=True), journal))
-    # The 8 units that were seen become 4 m, less the 2 % left out below and above.
-    assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(0.5 * 40.0, rel=0.1)
+    # Less the 2 % of what was seen that is left out below and above; the coarse surface adds as much.
+    assert np.ptp(scaled.cloud.points[:, 0]) == pytest.approx(4.0 / expected * 40.0, rel=0.1)
     assert [code for code, _ in journal.notices] == ["height-unknown", "rough-scale"]
     assert scaled.statistics["scale_error_percent_95"] == 50.0
+
+
+def test_a_low_thing_beside_the_cameras_is_not_the_height_of_the_room() -> None:
+    """A table below the cameras, where they stand, and a wall 6 high that they look at, 4 away."""
+    rng = np.random.default_rng(0)
+    table = rng.uniform([-1.0, -1.0, -1.2], [1.0, 1.0, -1.0], (5_000, 3))
+    wall = rng.uniform([4.0, -4.0, -3.0], [4.1, 4.0, 3.0], (20_000, 3))
+    cameras = np.column_stack([np.zeros(9), np.linspace(-1.0, 1.0, 9), np.zeros(9)])
+    elsewhere = Mesh(wall[:3], np.array([[0, 1, 2]]))  # neither below the cameras nor above
+    height, what = seen_height(elsewhere, np.concatenate([table, wall]), cameras, 6.0)
+    assert height == pytest.approx(6.0, rel=0.1)  # 2 % are left out below and above, of all points
+    assert what == "the height of what was seen"
 
 
 def test_a_passage_height_that_differs_from_the_model_is_noted(tube_of_ten: tuple[Reconstruction, Mesh]) -> None:

@@ -38,8 +38,10 @@ MIN_TUNNEL_HITS = 0.8
 """From a tunnel's wall this share of the rays before it meets rock; the outside of a cave sees little of itself ..."""
 MAX_TUNNEL_SHARE = 0.03
 """... on at most this share of its area. Measured: nine closed caves 0.0 %, blocks around a passage 10 to 20 %."""
-NUM_HEIGHT_SAMPLES, NUM_AROUND = 100_000, 1_000
-"""Points of a cloud, and those of them beside a viewpoint, between whose lowest and highest its height is taken."""
+NUM_HEIGHT_SAMPLES = 20_000
+"""Points of a cloud between whose lowest and highest around a viewpoint its height is taken."""
+MIN_ABOVE_FLOOR = 0.5
+"""Floor counts as seen when it was straight below this share of the viewpoints."""
 NUM_TUNNEL_SAMPLES = 4_000
 TUNNEL_OFFSET = 1e-3
 """Rays that look for a tunnel start this far from the wall, m."""
@@ -92,19 +94,32 @@ def free_height(surface: Mesh, viewpoints: Array) -> float:
     return float(np.median(heights[np.isfinite(heights)]))
 
 
-def seen_height(points: Array, viewpoints: Array) -> float:
-    """Return the median height of what was seen around (N, 3) viewpoints, where floor or ceiling were not.
+def seen_height(surface: Mesh, points: Array, viewpoints: Array, reach: float) -> tuple[float, str]:
+    """Return the height of a passage of which floor or ceiling were not seen, in the model's unit, and what it is.
+
+    What was seen of it may be much less: photos that look down along a corridor show its lower half. Then it is twice
+    as high as the viewpoints are above the floor, for who walks or dives keeps about half-way up.
 
     Args:
-        points: (K, 3) on the walls, in any unit.
+        surface: what was seen.
+        points: (K, 3) on it.
         viewpoints: (N, 3) inside.
+        reach: how far was seen from there, horizontally.
     """
-    from scipy.spatial import cKDTree
-
     sample = points[:: max(1, len(points) // NUM_HEIGHT_SAMPLES)]
-    _, around = cKDTree(sample[:, :2]).query(viewpoints[:, :2], k=min(NUM_AROUND, len(sample)))
-    low, high = np.percentile(sample[around, 2], [2.0, 98.0], axis=1)
-    return float(np.median(high - low))
+    spans = []
+    for place in viewpoints:
+        near = np.hypot(*(sample - place)[:, :2].T) <= reach
+        if near.any():
+            spans.append(float(np.ptp(np.percentile(sample[near, 2], [2.0, 98.0]))))
+    seen = float(np.median(spans)) if spans else float(np.ptp(sample[:, 2]))
+    found = [(seen, "the height of what was seen")]
+    distances = _cast(surface, viewpoints, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    for side, what in zip(distances.T, ("above the floor", "below the ceiling"), strict=True):
+        is_met = np.isfinite(side)
+        if is_met.mean() >= MIN_ABOVE_FLOOR:
+            found.append((2.0 * float(np.median(side[is_met])), f"twice the height of the cameras {what}"))
+    return max(found)
 
 
 def _first_hits(surface: Mesh, origins: Array, directions: Array) -> IntArray:

@@ -44,7 +44,8 @@ class Surface:
     mesh: Mesh
     """Normals out of the water."""
     points: Array
-    """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m."""
+    """(N, 3) the scanned points it stands for: what the cavity's fit is measured against, m; of photos, each as often
+    as photos confirm them."""
     dropped_share: float = 0.0
     """Share of the scanned area that was stray objects, spikes, or wall hidden behind other wall or out of view."""
     turned_share: float = 0.0

@@ -137,6 +137,33 @@ def test_scattered_points_of_photos_are_not_called_a_wrong_file(rng: np.random.G
         surface_from_cloud(cloud, 0.3)
 
 
+def photographed(points: np.ndarray, num_photos: np.ndarray) -> PointCloud:
+    """Points that so many photos agree on, taken from the tube's axis."""
+    towards = points * [0.0, -1.0, -1.0]
+    normals = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    return PointCloud(points, normals, num_photos=num_photos, spread=np.zeros(len(points)))
+
+
+def test_strays_that_fill_more_cells_than_the_wall_do_not_outvote_it(rng: np.random.Generator) -> None:
+    """Thinned to one point per cell, three in four are strays; of what photos confirm, one in ten is."""
+    wall, inside = dense_tube(100_000, rng), dense_tube(60_000, rng)
+    strays = inside * np.column_stack([np.ones(60_000), *[rng.uniform(0.4, 1.0, 60_000)] * 2])
+    points, is_wall = np.vstack([wall, strays]), np.arange(160_000) < 100_000
+    judging = surface_from_cloud(photographed(points, np.where(is_wall, 10, 2)), VOXEL).points
+    is_on_wall = np.abs(np.linalg.norm(judging[:, 1:], axis=1) - RADIUS) < 0.5 * VOXEL
+    assert is_on_wall.mean() > 0.85  # 100,000 * 10 of 100,000 * 10 + 60,000 * 2 are 89 %
+    alike = photographed(np.vstack([wall[::10], strays]), np.full(70_000, 2))
+    with pytest.raises(UnseenWallsError, match="points asked, each as often as photos confirm it, of"):
+        surface_from_cloud(alike, VOXEL)
+
+
+def test_a_volume_is_no_wall_however_unevenly_photos_confirm_it(rng: np.random.Generator) -> None:
+    points, normals = rng.uniform(0.0, 5.0, (20_000, 3)), np.tile([0.0, 0.0, 1.0], (20_000, 1))
+    votes = np.ceil(rng.lognormal(1.0, 2.0, 20_000)).astype(np.int64) + 1  # as unevenly as of a real kitchen's cells
+    with pytest.raises(UnseenWallsError, match=r"0\.8. times as thick as wide"):
+        surface_from_cloud(PointCloud(points, normals, num_photos=votes, spread=np.zeros(20_000)), 0.3)
+
+
 def test_scattered_points_can_be_accepted(rng: np.random.Generator) -> None:
     surface = surface_from_cloud(PointCloud(rng.uniform(0.0, 5.0, (5000, 3))), 0.3, accept_thick=True)
     assert len(surface.mesh.faces) > 100
