@@ -46,6 +46,8 @@ WIDTH, TILE = 1000, (500, 240)
 """Of a picture, and of one of several in it, px."""
 MAX_BYTES, MAX_FILM_BYTES = 100_000, 600_000
 FILMS = ("dive", "touch", "boat")
+EPISODES = 20
+"""Dives among which one with a contact is looked for."""
 FILM_SIZE, FILM_SECONDS = (320, 240), 10.0
 ROCK = (196.0, 186.0, 170.0)
 PHOTOS = ("0", "20", "40", "60")
@@ -117,12 +119,21 @@ def boat(path: Path) -> Path:
 
 
 def _film(path: Path, policy: str, scenario: str, current: float, begin: float | None) -> Path:
-    """Write FILM_SECONDS of an episode, from a time on or around its first contact; fewer where they take much room."""
+    """Write FILM_SECONDS of an episode, from a time on; fewer where they take too much room.
+
+    Without a time it is the first episode with a contact, around that.
+    """
     path = path.with_suffix(".webp")
     shown = read_any_scenario(scenario)
     (condition,) = conditions_of(Grid(current=(current,)))
-    with open_env_cache(load_policy(policy), ProtocolOptions(episodes=1)) as env_cache:
-        trajectory, _ = env_cache.run(EpisodeSpec(0, shown, condition, EpisodePlan(0, 0)))
+    with open_env_cache(load_policy(policy), ProtocolOptions(episodes=EPISODES)) as env_cache:
+        for episode in range(EPISODES):
+            spec = EpisodeSpec(episode, shown, condition, EpisodePlan(episode, episode))
+            trajectory, _ = env_cache.run(spec)
+            if begin is not None or trajectory.collided.any():
+                break
+        else:
+            sys.exit(f"None of {EPISODES} dives of {policy} in {scenario} touches the wall. Film another policy.")
     camera = adapter_of(shown).camera(trajectory, "chase", FILM_SIZE)
     frames = frames_of(trajectory)
     if begin is None:
