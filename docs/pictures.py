@@ -13,6 +13,8 @@ import importlib
 import json
 import os
 import runpy
+import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -43,7 +45,10 @@ CAVE, HARD_CAVE = "cave-test-1", "cave-test-3"
 WIDTH, TILE = 1000, (500, 240)
 """Of a picture, and of one of several in it, px."""
 MAX_BYTES, MAX_FILM_BYTES = 100_000, 600_000
-FILM_SIZE, FILM_SECONDS = (320, 240), (2.0, 12.0)
+FILMS = ("dive", "touch", "boat")
+EPISODES = 20
+"""Dives among which one with a contact is looked for."""
+FILM_SIZE, FILM_SECONDS = (320, 240), 10.0
 ROCK = (196.0, 186.0, 170.0)
 PHOTOS = ("0", "20", "40", "60")
 """Of those that are rendered, by their places in the list."""
@@ -61,7 +66,7 @@ def main() -> None:
     os.chdir(options.work)
     for name in options.names:
         path = PICTURES[name](out / name)
-        size, most = path.stat().st_size, MAX_FILM_BYTES if name == "dive" else MAX_BYTES
+        size, most = path.stat().st_size, MAX_FILM_BYTES if name in FILMS else MAX_BYTES
         print(f"{path.name}: {size / 1e3:.0f} kB")
         if size > most:
             sys.exit(f"That is over {most / 1e3:.0f} kB.")
@@ -99,20 +104,65 @@ def cave(path: Path) -> Path:
 
 
 def dive(path: Path) -> Path:
-    """Write ten seconds of a dive as a film; fewer where they take too much room."""
+    """Write ten seconds of a dive as a film."""
+    return _film(path, "baseline:reference", CAVE, 1.0, 2.0)
+
+
+def touch(path: Path) -> Path:
+    """Write the seconds around the first contact of a dive as a film."""
+    return _film(path, "baseline:reactive", HARD_CAVE, 0.5, None)
+
+
+def boat(path: Path) -> Path:
+    """Write ten seconds of a boat among rocks as a film."""
+    return _film(path, "baseline:boat-safe", "bay-rough", 1.0, 15.0)
+
+
+def _film(path: Path, policy: str, scenario: str, current: float, begin: float | None) -> Path:
+    """Write FILM_SECONDS of an episode, from a time on; fewer where they take too much room.
+
+    Without a time it is the first episode with a contact, around that.
+    """
     path = path.with_suffix(".webp")
-    shown = cave_of(CAVE)
-    (condition,) = conditions_of(Grid())
-    with open_env_cache(load_policy("baseline:reference"), ProtocolOptions(episodes=1)) as env_cache:
-        trajectory, _ = env_cache.run(EpisodeSpec(0, shown, condition, EpisodePlan(0, 0)))
+    shown = read_any_scenario(scenario)
+    (condition,) = conditions_of(Grid(current=(current,)))
+    with open_env_cache(load_policy(policy), ProtocolOptions(episodes=EPISODES)) as env_cache:
+        for episode in range(EPISODES):
+            plan = EpisodePlan(episode, None if begin is not None else episode)
+            spec = EpisodeSpec(episode, shown, condition, plan)
+            trajectory, _ = env_cache.run(spec)
+            if begin is not None or trajectory.collided.any():
+                break
+        else:
+            sys.exit(f"None of {EPISODES} dives of {policy} in {scenario} touches the wall. Film another policy.")
     camera = adapter_of(shown).camera(trajectory, "chase", FILM_SIZE)
-    low, high = FILM_SECONDS
-    frames = [frame for frame in frames_of(trajectory) if low <= frame.time <= high]
+    frames = frames_of(trajectory)
+    if begin is None:
+        begin = next(frame.time for frame in frames if frame.is_touching) - 0.7 * FILM_SECONDS
+    frames = [frame for frame in frames if begin <= frame.time <= begin + FILM_SECONDS]
     film(camera, frames, path, 10.0)
     while path.stat().st_size > MAX_FILM_BYTES:
         frames = frames[: int(0.95 * len(frames) * MAX_FILM_BYTES / path.stat().st_size)]
         film(camera, frames, path, 10.0)
     return path
+
+
+def report(path: Path) -> Path:
+    """Write the top of an evaluation's report, as a browser shows it."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        sys.exit("The picture of a report is taken by chromium, which is not installed. Leave it out, or install it.")
+    words = ("baseline:reactive", "--scenario", HARD_CAVE, "--current", "half", "--record", "none", "-o", "out/hard")
+    page = command("evaluate", *words, leaves="out/hard/report.html").resolve()
+    flags = (
+        "--headless",
+        "--no-sandbox",
+        "--hide-scrollbars",
+        f"--window-size={WIDTH},1200",
+        "--screenshot=report.png",
+    )
+    subprocess.run([browser, *flags, page.as_uri()], check=True, capture_output=True, timeout=120)
+    return save(Image.open("report.png"), path)
 
 
 def guide(path: Path) -> Path:
@@ -240,7 +290,23 @@ def _grid(images: list[Image.Image], columns: int) -> Image.Image:
 
 PICTURES: dict[str, Callable[[Path], Path]] = {
     function.__name__: function
-    for function in (cave, dive, guide, scan, survey, photos, training, trails, stress, export, styles, bays)
+    for function in (
+        cave,
+        dive,
+        touch,
+        boat,
+        report,
+        guide,
+        scan,
+        survey,
+        photos,
+        training,
+        trails,
+        stress,
+        export,
+        styles,
+        bays,
+    )
 }
 """By their names; docs/pictures/sonar.png is made by examples/sonar_ping.py."""
 

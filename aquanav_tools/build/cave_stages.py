@@ -312,6 +312,7 @@ def _close_at(
             keep_triangles=isinstance(scan, Mesh),
             cuts=tuple(_cut(plane) for plane in options.closing.cut),
             accept_open=options.closing.accept_open,
+            noise=resolution.noise,
         )
         found = close_scan(surface, how, evidence, progress)
         if not len(evidence.inside) and not len(evidence.legs):

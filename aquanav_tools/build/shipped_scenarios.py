@@ -129,7 +129,7 @@ def made_up(name: str, recipe: ShippedScenario) -> Closing:
         raise InputError(f"{name}: {cause}") from cause
     cavity = made_up_cavity(cave.truth, MERGED_VOXELS * recipe.cave.voxel)
     closed = ClosedSurface(cavity.mesh, cavity.labels == WALL, "made-up")
-    resolution = Resolution(recipe.cave.voxel, "the grid the cave was made up on", 0.0)
+    resolution = Resolution(recipe.cave.voxel, "the grid the cave was made up on", 0.0, 0.0)
     return Closing(resolution, Surface(cave.mesh, cave.mesh.vertices), closed, cavity)
 
 

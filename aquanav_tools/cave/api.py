@@ -108,7 +108,8 @@ def close(
     planes = _rows(cuts, 6, "cuts")
     if not np.linalg.norm(planes[:, 3:], axis=1).all():
         raise InputError("A row of cuts has no direction: its last three numbers are all 0.")
-    size = choose_resolution(scan, 0.5 * width, _positive(memory, "memory"), voxel).voxel
+    resolution = choose_resolution(scan, 0.5 * width, _positive(memory, "memory"), voxel)
+    size = resolution.voxel
     if isinstance(scan, Mesh):
         surface = surface_from_mesh(scan, size, known)
     else:
@@ -119,6 +120,7 @@ def close(
         keep_triangles=isinstance(scan, Mesh),
         cuts=tuple(Cut(plane[:3], plane[3:] / np.linalg.norm(plane[3:])) for plane in planes),
         accept_open=accept_open,
+        noise=resolution.noise,
     )
     return close_scan(surface, options, Evidence(known)).cavity
 

@@ -73,6 +73,7 @@ class SurfaceTask:
         """
         if options.start_range != EVERYWHERE:
             raise InputError("Bays have no share of the way to begin in: leave out start_range.")
+        self._law = own.law(DT)
         self._ranges = None if options.randomisation is None else read_randomisation(options.randomisation)
         self.options, self.boat, self.pattern = options, boat_of(choices.vehicle), boat_pattern()
         self.footprint = footprint_of(self.boat)
@@ -92,6 +93,7 @@ class SurfaceTask:
             pattern=self.pattern,
             num_waves=self._seas.num_waves,
             randomisation=self._ranges,
+            law=self._law,
             next_step=next_step,
             device=device,
             num_threads=num_threads,
@@ -119,13 +121,8 @@ def refuse_in_bays(options: TaskOptions, observation: str | Parts) -> None:
     """Refuse what has a meaning in caves alone.
 
     Raises:
-        InputError: it is a law of motion, or a sensor that comes with aquanav.
+        InputError: it is a sensor that comes with aquanav.
     """
-    if options.motion is not None:
-        raise InputError(
-            f"A boat floats on its hulls among waves and wind, of which a law of motion of your own is told nothing, "
-            f"and motion is '{options.motion}'. Leave it out, or take a cave."
-        )
     parts = () if isinstance(observation, str) else observation.values()
     for name in (*options.sensors, *parts):
         if isinstance(name, str) and name in sensors.BUILT_IN:

@@ -43,7 +43,7 @@ def _solid(name: str, mesh: Mesh) -> Part:
 
 
 def _line(name: str, points: Array, colour: tuple[int, int, int]) -> Part:
-    return Part(name, points, np.tile(np.array(colour, dtype=np.float64), (len(points), 1)))
+    return Part(name, points, np.array(colour))
 
 
 def _closed(points: Array) -> Array:

@@ -1,23 +1,21 @@
-"""Binary glTF 2.0: scenes of coloured triangles and lines in one file."""
+"""Binary glTF 2.0: scenes of coloured triangles and lines in one file, written by trimesh."""
 
 from __future__ import annotations
 
-import json
-import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from aquanav_tools.types import Array, IntArray
 
-_FLOAT, _UNSIGNED_SHORT, _UNSIGNED_INT = 5126, 5123, 5125
-_ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963
-_LINE_STRIP, _TRIANGLES = 3, 4
-"""Constants of glTF 2.0, section 5."""
+_COLOURS = "_COLOR_0"
+"""trimesh's own colours have 8 bits, of which linear light needs more: of the darkest fifth of sRGB nine levels would
+be left. So 16 bits go in as an attribute of one's own, and get the standard's name in the end."""
+_TRIANGLES = 4
 _ROUGH = {"doubleSided": True, "pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 0.9}}
+"""Without a material viewers draw one side, as metal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,10 +23,11 @@ class Part:
     """Triangles, or a line from point to point."""
 
     name: str
+    """No other part of the scene has it."""
     points: Array
     """(N, 3) world, m."""
     colours: Array
-    """(N, 3) sRGB, 0 to 255."""
+    """(N, 3) sRGB, 0 to 255; a line has one colour, (3,)."""
     faces: IntArray | None = None
     """(F, 3) of triangles, counter-clockwise from outside; None for a line."""
     normals: Array | None = None
@@ -37,83 +36,54 @@ class Part:
 
 def glb(parts: Sequence[Part]) -> bytes:
     """Return a scene as a file; (x, y, z) of the world becomes (x, z, -y), as glTF has y up."""
-    scene = _Scene()
+    import trimesh
+    from trimesh.exchange.gltf import export_glb
+
+    scene = trimesh.Scene()
     for part in parts:
-        scene.add(part)
-    return scene.file()
+        scene.add_geometry(_line(part) if part.faces is None else _solid(part), part.name, part.name)
+    written: bytes = export_glb(scene, unitize_normals=False, tree_postprocessor=_finish)
+    return written
 
 
-class _Scene:
-    """A document under way, with its binary part."""
+def _solid(part: Part) -> Any:
+    import trimesh
 
-    def __init__(self) -> None:
-        self._body: list[bytes] = []
-        self._offset = 0
-        self._views: list[dict[str, Any]] = []
-        self._accessors: list[dict[str, Any]] = []
-        self._nodes: list[dict[str, Any]] = []
-        self._meshes: list[dict[str, Any]] = []
-
-    def add(self, part: Part) -> None:
-        """Add a part as a node of its own."""
-        points = _turned(part.points)
-        limits = {"min": points.min(axis=0).tolist(), "max": points.max(axis=0).tolist()}
-        opaque = np.round(65535 * np.column_stack([_linear(part.colours), np.ones(len(points))])).astype("<u2")
-        attributes = {"POSITION": self._store(points, "VEC3", _FLOAT, limits)}
-        if part.normals is not None:
-            attributes["NORMAL"] = self._store(_turned(part.normals), "VEC3", _FLOAT)
-        attributes["COLOR_0"] = self._store(opaque, "VEC4", _UNSIGNED_SHORT, {"normalized": True})
-        primitive: dict[str, Any] = {"attributes": attributes, "material": 0}
-        if part.faces is None:
-            primitive["mode"] = _LINE_STRIP
-        else:
-            corners = part.faces.astype("<u4").ravel()
-            primitive["indices"] = self._store(corners, "SCALAR", _UNSIGNED_INT, target=_ELEMENT_ARRAY_BUFFER)
-        self._nodes.append({"mesh": len(self._meshes), "name": part.name})
-        self._meshes.append({"name": part.name, "primitives": [primitive]})
-
-    def file(self) -> bytes:
-        """Return the finished file."""
-        document = {
-            "asset": {"version": "2.0", "generator": "aquanav"},
-            "scene": 0,
-            "scenes": [{"nodes": list(range(len(self._nodes)))}],
-            "nodes": self._nodes,
-            "meshes": self._meshes,
-            "materials": [_ROUGH],
-            "accessors": self._accessors,
-            "bufferViews": self._views,
-            "buffers": [{"byteLength": self._offset}],
-        }
-        text = json.dumps(document, separators=(",", ":")).encode()
-        text += b" " * (-len(text) % 4)
-        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", self._offset, 0x004E4942)
-        head = struct.pack("<III", 0x46546C67, 2, 12 + len(chunks) + self._offset)
-        return head + chunks + b"".join(self._body)
-
-    def _store(
-        self,
-        values: npt.NDArray[Any],
-        shape: str,
-        component: int,
-        more: dict[str, Any] | None = None,
-        target: int = _ARRAY_BUFFER,
-    ) -> int:
-        """Keep values, which take a multiple of four bytes, and return their accessor."""
-        view = {"buffer": 0, "byteOffset": self._offset, "byteLength": values.nbytes, "target": target}
-        accessor = {"bufferView": len(self._views), "componentType": component, "count": len(values), "type": shape}
-        self._views.append(view)
-        self._accessors.append(accessor | (more or {}))
-        self._body.append(values.tobytes())
-        self._offset += values.nbytes
-        return len(self._accessors) - 1
+    opaque = np.column_stack([_linear(part.colours), np.ones(len(part.points))])
+    return trimesh.Trimesh(
+        _turned(part.points),
+        part.faces,
+        vertex_normals=None if part.normals is None else _turned(part.normals),
+        vertex_attributes={_COLOURS: np.round(65535 * opaque).astype(np.uint16)},
+        process=False,
+    )
 
 
-def _turned(rows: Array) -> npt.NDArray[np.float32]:
-    return np.stack([rows[:, 0], rows[:, 2], -rows[:, 1]], axis=1).astype("<f4")
+def _line(part: Part) -> Any:
+    from trimesh.path import Path3D
+    from trimesh.path.entities import Line
+
+    opaque = np.round(255 * np.append(_linear(part.colours), 1.0)).astype(np.uint8)
+    return Path3D([Line(np.arange(len(part.points)), color=opaque)], _turned(part.points), process=False)
+
+
+def _finish(tree: dict[str, Any]) -> None:
+    """Name the colours of triangles by the standard, and give all parts one material."""
+    tree["materials"] = [_ROUGH]
+    for mesh in tree["meshes"]:
+        primitive = mesh["primitives"][0]
+        primitive["material"] = 0
+        if primitive["mode"] == _TRIANGLES:
+            accessor = primitive["attributes"].pop(_COLOURS)
+            primitive["attributes"]["COLOR_0"] = accessor
+            tree["accessors"][accessor]["normalized"] = True
+
+
+def _turned(rows: Array) -> Array:
+    return np.stack([rows[:, 0], rows[:, 2], -rows[:, 1]], axis=1)
 
 
 def _linear(colours: Array) -> Array:
     """Return sRGB values of 0 to 255 as linear light in [0, 1], which glTF's vertex colours are (IEC 61966-2-1)."""
-    share = colours / 255.0
+    share = np.asarray(colours) / 255.0
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

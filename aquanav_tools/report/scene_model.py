@@ -49,10 +49,10 @@ def write_scene(
     parts = [cave_part(scenario.cavity, scenario.collision, MAX_TRIANGLES, shown)]
     parts.append(_line("route", scenario.guide.centreline, ROUTE))
     goal = scenario.guide.panels[-1].polygon
-    parts.append(_line("route", np.vstack([goal, goal[:1]]), PORTAL_COLOUR))
+    parts.append(_line("goal", np.vstack([goal, goal[:1]]), PORTAL_COLOUR))
     parts += [
-        _line("trail", _some(trajectory.positions), TOUCHED if trajectory.num_collisions else CLEAN)
-        for trajectory in trajectories
+        _line(f"trail-{n}", _some(trajectory.positions), TOUCHED if trajectory.num_collisions else CLEAN)
+        for n, trajectory in enumerate(trajectories)
     ]
     if vehicle is not None:
         parts.append(_placed(*vehicle))
@@ -82,7 +82,7 @@ def scene_caption(scenario: Scenario, num_trajectories: int = 0, total: int = 0)
 
 
 def _line(name: str, points: Array, colour: tuple[int, int, int]) -> Part:
-    return Part(name, points, np.tile(np.array(colour, dtype=np.float64), (len(points), 1)))
+    return Part(name, points, np.array(colour))
 
 
 def _some(points: Array) -> Array:

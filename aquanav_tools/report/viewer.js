@@ -1,5 +1,5 @@
-// Shows a glTF scene (GLB, y up) that lies in the page as base64: triangles and line strips with colours at their
-// corners. Turn by dragging, move by dragging with the right button or Shift, zoom with the wheel or two fingers.
+// Shows a glTF scene (GLB, y up) that lies in the page as base64: triangles and lines with colours at their corners.
+// Turn by dragging, move by dragging with the right button or Shift, zoom with the wheel or two fingers.
 "use strict";
 
 const TRIANGLES = `attribute vec3 place, normal; attribute vec4 colour; uniform mat4 view; uniform vec3 eye;
@@ -25,25 +25,26 @@ function readGlb(bytes) {
   const head = new DataView(bytes), jsonSize = head.getUint32(12, true);
   const text = new TextDecoder().decode(new Uint8Array(bytes, 20, jsonSize));
   const scene = JSON.parse(text), start = 28 + jsonSize;
-  const types = { 5126: Float32Array, 5123: Uint16Array, 5125: Uint32Array }, sizes = { SCALAR: 1, VEC3: 3, VEC4: 4 };
+  const types = { 5126: Float32Array, 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array };
+  const sizes = { SCALAR: 1, VEC3: 3, VEC4: 4 }, most = { 5121: 255, 5123: 65535 };
   const values = (index) => {
     const accessor = scene.accessors[index], view = scene.bufferViews[accessor.bufferView];
     const found = new types[accessor.componentType](bytes, start + (view.byteOffset || 0), accessor.count * sizes[accessor.type]);
-    return accessor.normalized ? Float32Array.from(found, (x) => x / 65535) : found;
+    return accessor.normalized ? Float32Array.from(found, (x) => x / most[accessor.componentType]) : found;
   };
-  return scene.nodes.flatMap((node) => scene.meshes[node.mesh].primitives.map((part) => ({
-    name: node.name, isLine: part.mode === 3, place: values(part.attributes.POSITION),
+  return scene.nodes.filter((node) => node.mesh !== undefined).flatMap((node) => scene.meshes[node.mesh].primitives.map((part) => ({
+    name: node.name, isLine: part.mode === 1, place: values(part.attributes.POSITION),
     normal: part.attributes.NORMAL === undefined ? null : values(part.attributes.NORMAL),
     colour: values(part.attributes.COLOR_0), index: part.indices === undefined ? null : values(part.indices),
   })));
 }
 
-function asRibbon(part) { // a line strip as triangles: four corners for each piece, moved apart by the shader
-  const count = part.place.length / 3 - 1, place = [], next = [], side = [], colour = [], index = [];
+function asRibbon(part) { // lines as triangles: four corners for each piece, moved apart by the shader
+  const count = part.place.length / 6, place = [], next = [], side = [], colour = [], index = [];
   for (let k = 0; k < count; k++) {
-    const a = part.place.slice(3 * k, 3 * k + 3), b = part.place.slice(3 * k + 3, 3 * k + 6);
+    const a = part.place.slice(6 * k, 6 * k + 3), b = part.place.slice(6 * k + 3, 6 * k + 6);
     const beyond = a.map((x, n) => 2 * b[n] - x), first = 4 * k;
-    for (const [from, to, sign, at] of [[a, b, -1, k], [a, b, 1, k], [b, beyond, -1, k + 1], [b, beyond, 1, k + 1]]) {
+    for (const [from, to, sign, at] of [[a, b, -1, 2 * k], [a, b, 1, 2 * k], [b, beyond, -1, 2 * k + 1], [b, beyond, 1, 2 * k + 1]]) {
       place.push(...from); next.push(...to); side.push(sign); colour.push(...part.colour.slice(4 * at, 4 * at + 4));
     }
     index.push(first, first + 1, first + 2, first + 2, first + 1, first + 3);
@@ -136,7 +137,7 @@ function show(figure) {
     gl.uniformMatrix4fv(gl.getUniformLocation(chosen, "view"), false, view.matrix);
     if (mesh.isLine) {
       gl.uniform2f(gl.getUniformLocation(chosen, "size"), width, height);
-      gl.uniform1f(gl.getUniformLocation(chosen, "width"), (mesh.name === "route" ? 2.5 : 1.6) * scale);
+      gl.uniform1f(gl.getUniformLocation(chosen, "width"), (["route", "goal"].includes(mesh.name) ? 2.5 : 1.6) * scale);
     } else {
       gl.uniform3fv(gl.getUniformLocation(chosen, "eye"), view.eye);
       gl.uniform1f(gl.getUniformLocation(chosen, "alpha"), alpha);

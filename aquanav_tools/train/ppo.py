@@ -42,21 +42,26 @@ class Batch(NamedTuple):
     log_probs: torch.Tensor
     """(N,) of the actions, when they were chosen."""
     advantages: torch.Tensor
-    """(N,), not normalised."""
+    """(N,); in minibatches each has the mean 0 and the standard deviation 1."""
     returns: torch.Tensor
     """(N,)."""
 
 
-class LossStats(NamedTuple):
-    """Means over a minibatch, by the names that SB3 logs them by."""
+class Losses(NamedTuple):
+    """Of a minibatch."""
 
-    entropy_loss: float
-    policy_gradient_loss: float
-    approx_kl: float
-    """Kullback-Leibler divergence from the policy that chose the actions, by Schulman's estimator (ratio - 1) - log."""
-    clip_fraction: float
-    """Share of the decisions whose ratio of probabilities is out of the clip range."""
-    value_loss: float
+    entropy: torch.Tensor
+    """Its mean, with the other sign."""
+    policy: torch.Tensor
+    value: torch.Tensor
+    log_ratio: torch.Tensor
+    """(N,) logarithms of how much more probable the actions have become since they were chosen."""
+
+
+STATISTICS = ("entropy_loss", "policy_gradient_loss", "approx_kl", "clip_fraction", "value_loss")
+"""Means over a minibatch, by the names that SB3 logs them by. The third is the Kullback-Leibler divergence from the
+policy that chose the actions, by Schulman's estimator (ratio - 1) - log; the fourth the share of decisions whose ratio
+of probabilities is out of the clip range."""
 
 
 class ParallelPPO(PPO):
@@ -105,14 +110,15 @@ class ParallelPPO(PPO):
         policy.optimizer.param_groups[0]["fused"] = True  # also where an older checkpoint says otherwise
         clip_range = float(self.clip_range(self._current_progress_remaining))  # type: ignore[operator]  # a schedule
         rollout = self._rollout()
+        parameters = list(policy.parameters())
         with ThreadPoolExecutor(1) as critic_thread:
-            stats = [
-                self._update(batch, clip_range, critic_thread)
+            losses = [
+                self._update(batch, clip_range, parameters, critic_thread)
                 for _ in range(self.n_epochs)
                 for batch in _minibatches(rollout, self.batch_size)
             ]
         self._n_updates += self.n_epochs
-        self._log(np.array(stats), clip_range)
+        self._log(_statistics(losses, clip_range), clip_range)
 
     def _rollout(self) -> Batch:
         """Return all decisions of the rollout."""
@@ -123,31 +129,29 @@ class ParallelPPO(PPO):
         features = features_of(self.policy, observations)
         return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
 
-    def _update(self, batch: Batch, clip_range: float, critic_thread: Executor) -> LossStats:
+    def _update(
+        self, batch: Batch, clip_range: float, parameters: list[nn.Parameter], critic_thread: Executor
+    ) -> Losses:
         """Take one step of the optimiser."""
         policy: Any = self.policy
         policy.optimizer.zero_grad()
         critic = critic_thread.submit(self._backward_critic, batch)
-        stats = self._backward_actor(batch, clip_range)
+        entropy_loss, policy_loss, log_ratio = self._backward_actor(batch, clip_range)
         value_loss = critic.result()
-        nn.utils.clip_grad_norm_(policy.parameters(), self.max_grad_norm)
+        nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         policy.optimizer.step()
-        return LossStats(*map(float, (*stats, value_loss)))
+        return Losses(entropy_loss, policy_loss, value_loss, log_ratio)
 
-    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, ...]:
-        """Compute the actor's gradients; return all of `LossStats` but the last."""
+    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Compute the actor's gradients; return the first two of `Losses` and the last."""
         distribution = action_distribution(self.policy, self.actor(batch.features))
         log_ratio = distribution.log_prob(batch.actions) - batch.log_probs
         ratio = log_ratio.exp()
-        advantages = _normalised(batch.advantages)
-        surrogate = torch.min(advantages * ratio, advantages * ratio.clamp(1.0 - clip_range, 1.0 + clip_range))
-        policy_loss = -surrogate.mean()
+        clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
+        policy_loss = -torch.min(batch.advantages * ratio, batch.advantages * clipped).mean()
         entropy_loss = -distribution.entropy().mean()
         (policy_loss + self.ent_coef * entropy_loss).backward()  # type: ignore[no-untyped-call]
-        with torch.no_grad():
-            approx_kl = (ratio - 1.0 - log_ratio).mean()
-            clip_fraction = ((ratio - 1.0).abs() > clip_range).float().mean()
-        return entropy_loss.detach(), policy_loss.detach(), approx_kl, clip_fraction
+        return entropy_loss.detach(), policy_loss.detach(), log_ratio.detach()
 
     def _backward_critic(self, batch: Batch) -> torch.Tensor:
         """Compute the critic's gradients; return the mean square of its error."""
@@ -157,10 +161,10 @@ class ParallelPPO(PPO):
         return loss.detach()
 
     def _log(self, stats: np.ndarray, clip_range: float) -> None:
-        """Log what SB3 logs, by its names, of (M, 5) `LossStats` of M minibatches."""
-        for name, mean in zip(LossStats._fields, stats.mean(axis=0).tolist(), strict=True):
+        """Log what SB3 logs, by its names, of (M, 5) `STATISTICS` of M minibatches."""
+        for name, mean in zip(STATISTICS, stats.mean(axis=0).tolist(), strict=True):
             self.logger.record(f"train/{name}", mean)
-        last = dict(zip(LossStats._fields, stats[-1].tolist(), strict=True))
+        last = dict(zip(STATISTICS, stats[-1].tolist(), strict=True))
         loss = last["policy_gradient_loss"] + self.ent_coef * last["entropy_loss"] + self.vf_coef * last["value_loss"]
         self.logger.record("train/loss", loss)
         buffer = self.rollout_buffer
@@ -175,12 +179,24 @@ class ParallelPPO(PPO):
 def _minibatches(rollout: Batch, size: int) -> Iterator[Batch]:
     """Yield all decisions in a random order, `size` at a time; the last may be fewer."""
     order = torch.from_numpy(np.random.permutation(len(rollout.features)))
-    shuffled = (torch.split(column[order], size) for column in rollout)
-    return (Batch(*columns) for columns in zip(*shuffled, strict=True))
+    columns = Batch(*(column.index_select(0, order) for column in rollout))
+    for part in torch.split(columns.advantages, size):
+        if len(part) > 1:  # a single one has no deviation and stays as it is
+            deviation, mean = torch.std_mean(part)
+            part.sub_(mean).div_(deviation + EPSILON)
+    shuffled = (torch.split(column, size) for column in columns)
+    return (Batch(*parts) for parts in zip(*shuffled, strict=True))
 
 
-def _normalised(advantages: torch.Tensor) -> torch.Tensor:
-    """Return advantages with mean 0 and standard deviation 1; a single one has no deviation and stays as it is."""
-    if len(advantages) == 1:
-        return advantages
-    return (advantages - advantages.mean()) / (advantages.std() + EPSILON)
+def _statistics(losses: list[Losses], clip_range: float) -> np.ndarray:
+    """Return the (M, 5) statistics of M minibatches, as of `STATISTICS`."""
+    sizes = [len(one.log_ratio) for one in losses]
+    log_ratio = torch.cat([one.log_ratio for one in losses])
+    change = log_ratio.exp() - 1.0
+    divergence = [part.mean() for part in torch.split(change - log_ratio, sizes)]
+    clipped = [part.mean() for part in torch.split((change.abs() > clip_range).float(), sizes)]
+    columns = [
+        [one.entropy for one in losses], [one.policy for one in losses], divergence, clipped,
+        [one.value for one in losses],
+    ]  # fmt: skip
+    return np.stack([torch.stack(column).numpy() for column in columns], axis=1)

@@ -10,6 +10,8 @@ the flights stay the same. On a machine that others use too, CPU time says more 
 "scraping" presses every vehicle along the walls; "dynamics" lets each episode draw its vehicle's dynamics, from ranges
 without width, so that all flights stay the same, in turns with a batch that does not; "caves" has as
 many vehicles in one cave as in 256 copies of it, each of which lies in memory of its own as another cave would.
+
+With --keep what is printed goes into eval/results/batch.md.
 """
 
 from __future__ import annotations
@@ -42,9 +44,11 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
 from eval.benchmarks.env import fine_tube
+from eval.pages import RESULTS, Record
 from eval.smoke import parser_of
 
 Act = Callable[[np.ndarray], np.ndarray]
+Say = Callable[[str], None]
 OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "reward": "safe"}
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
@@ -88,8 +92,8 @@ def cpu_seconds(pids: list[int]) -> float:
     return total
 
 
-def measure(name: str, env: Any, act: Act, seconds: float) -> float:
-    """Print a line on one environment, and return its decisions per CPU second."""
+def measure(name: str, env: Any, act: Act, seconds: float, say: Say) -> float:
+    """Print a row on one environment, and return its decisions per CPU second."""
     pids = [process.pid for process in getattr(env, "processes", [])]
     obs = env.reset()
     for _ in range(3):
@@ -102,10 +106,9 @@ def measure(name: str, env: Any, act: Act, seconds: float) -> float:
         ended += int(dones.sum())
         touched += sum(infos[n]["num_collisions"] > 0 for n in np.flatnonzero(dones))
     wall, cpu = time.perf_counter() - start, cpu_seconds(pids) - cpu
-    print(
-        f"  {name:<26}{env.num_envs:>7}{steps / wall:>12,.0f}{1e6 * cpu / steps:>12.2f}{steps / cpu:>13,.0f}"
-        f"{ended:>9}{touched:>9}",
-        flush=True,
+    say(
+        f"| {name} | {env.num_envs:,} | {steps / wall:,.0f} | {steps / cpu:,.0f} | {1e6 * cpu / steps:.2f} | {ended:,} "
+        f"| {touched:,} |"
     )
     return steps / cpu
 
@@ -140,8 +143,8 @@ def copy_of(scenario: Scenario) -> Scenario:
     )
 
 
-def own_dynamics(scenario: Scenario, num: int, options: argparse.Namespace) -> None:
-    """Print what it costs that each vehicle has drawn dynamics of its own, once episodes end in every step."""
+def own_dynamics(scenario: Scenario, num: int, options: argparse.Namespace, say: Say) -> None:
+    """Say what it costs that each vehicle has drawn dynamics of its own, once episodes end in every step."""
     unity = {name: (1.0, 1.0) for name in ("mass", "inertia", "added_mass", "linear_damping", "quadratic_damping")}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "unity.toml"
@@ -162,27 +165,28 @@ def own_dynamics(scenario: Scenario, num: int, options: argparse.Namespace) -> N
     for env in envs:
         env.close()
     (nominal, own), cost = np.median(spent[1:], axis=0), np.median(spent[1:, 1] / spent[1:, 0]) - 1.0
-    print(f"  own dynamics, {num} vehicles: {own:.2f} us of CPU time per decision, {nominal:.2f} without, {cost:+.1%}")
+    say(f"- Own dynamics, {num:,} vehicles: {own:.2f} us of CPU time per decision, {nominal:.2f} without, {cost:+.1%}.")
 
 
-def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.Namespace) -> None:
-    """Print how a batch in many caves compares with one of as many vehicles in one cave, and what a cave takes."""
-    rates = []
+def many_caves(scenario: Scenario, num_caves: int, num: int, options: argparse.Namespace, say: Say) -> list[str]:
+    """Print a row each of a batch in one cave and in many with as many vehicles; return how they compare."""
+    rates, notes = [], []
     for count in (1, num_caves):
         caves = [copy_of(scenario) for _ in range(count)]
         before = psutil.Process().memory_info().rss
         env = BatchedVecEnv(caves, num, num_threads=options.threads, device=options.device, **OPTIONS)
         grown = psutil.Process().memory_info().rss - before
-        rates.append(max(measure(f"Warp field, {count} caves", env, steer, options.seconds) for _ in range(2)))
-        print(f"  {'':<26}{grown / 1e6 / count:,.2f} MB for each cave and its {num // count} vehicles", flush=True)
+        rates.append(max(measure(f"batch, field, {count} caves", env, steer, options.seconds, say) for _ in range(2)))
+        notes.append(f"- {count} caves: {grown / 1e6 / count:,.2f} MB for each and its {num // count:,} vehicles.")
         env.close()
-    print(
-        f"  {num_caves} caves have {rates[1] / rates[0]:.2f} of the throughput of one, with {num} vehicles", flush=True
-    )
+    return [
+        *notes,
+        f"- {num_caves} caves have {rates[1] / rates[0]:.2f} of the throughput of one, with {num:,} vehicles.",
+    ]
 
 
-def parts(scenario: Scenario, num: int, rays: str) -> None:
-    """Print the CPU time of each kernel per decision of a vehicle, on one thread."""
+def parts(scenario: Scenario, num: int, rays: str, say: Say) -> None:
+    """Say the CPU time of each kernel per decision of a vehicle, on one thread."""
     env = BatchedVecEnv(scenario, num, rays=rays, num_threads=1, **OPTIONS)
     task: Any = env._task
     obs = env.reset()
@@ -196,7 +200,7 @@ def parts(scenario: Scenario, num: int, rays: str) -> None:
                 spent[launch.kernel.key] = spent.get(launch.kernel.key, 0.0) + time.process_time() - start
         obs = env._task.copy_of("observations")
     line = ", ".join(f"{name} {1e6 * duration / 30 / num:.2f}" for name, duration in spent.items())
-    print(f"  {rays}, {num} vehicles, microseconds of CPU time per decision: {line}", flush=True)
+    say(f"- Rays in the {rays}, {num:,} vehicles, microseconds of CPU time per decision: {line}.")
     env.close()
 
 
@@ -209,39 +213,52 @@ def main() -> None:
     parser.add_argument("--device", default="cpu", help="of the batch: cpu, cuda")
     everything = ["pybullet", "mesh", "field", "scraping", "dynamics", "caves"]
     parser.add_argument("--only", nargs="+", default=everything, choices=everything, help="what to measure")
+    parser.add_argument("--keep", action="store_true", help="put the table into eval/results/batch.md")
     options = parser.parse_args()
+    record = Record("eval/benchmarks/batch.py")
     tube, num_caves, num_in_caves = (144, 174), 256, 4096
     if options.smoke:
         options.sizes, options.seconds, tube, num_caves, num_in_caves = [1, 8], 0.2, (24, 30), 3, 12
     scenario = fine_tube(*tube) if options.scenario is None else read_scenario(options.scenario)
-    faces = f"{len(scenario.cavity.mesh.faces)} triangles, {len(scenario.collision.faces)} for contacts"
-    print(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m")
-    print(f"  {'':<26}{'N':>7}{'per second':>12}{'CPU-s / 1e6':>12}{'per CPU-s':>13}{'episodes':>9}{'touched':>9}")
-    acts = {"": steer, " + policy": with_network()}
+    faces = f"{len(scenario.cavity.mesh.faces):,} triangles, {len(scenario.collision.faces):,} for contacts"
+    record.say(f"{scenario.name}: {faces}, field every {scenario.field.spacing:g} m.\n")
+    record.say(
+        "| | N | decisions/s | decisions/CPU-s | CPU-us/decision | episodes | touched |\n|---|---|---|---|---|---|---|"
+    )
+    notes = rows(scenario, num_caves, num_in_caves, options, record.say)
+    record.say("")
+    for note in notes:
+        record.say(note)
+    if "dynamics" in options.only:
+        for num in options.sizes:
+            own_dynamics(scenario, num, options, record.say)
+    for rays in ("mesh", "field"):
+        if rays in options.only and options.device == "cpu":
+            parts(scenario, max(options.sizes), rays, record.say)
+    if options.keep:
+        record.keep(RESULTS / "batch.md", "batch")
+
+
+def rows(scenario: Scenario, num_caves: int, num_in_caves: int, options: argparse.Namespace, say: Say) -> list[str]:
+    """Print the table's rows, and return what is to be said below it."""
+    acts = {"": steer, ", policy asked": with_network()}
     for kind, sizes in PYBULLET_SIZES.items() if "pybullet" in options.only else ():
         for num in sizes:
             env = pybullet_env(kind, num, scenario)
-            measure(f"PyBullet {kind}", env, steer, options.seconds)
+            measure(f"PyBullet, {kind}", env, steer, options.seconds, say)
             env.close()
-    sources = [rays for rays in ("mesh", "field") if rays in options.only]
-    for rays in sources:
-        for num in options.sizes:
+    for rays in ("mesh", "field"):
+        for num in options.sizes if rays in options.only else ():
             env = BatchedVecEnv(scenario, num, rays=rays, num_threads=options.threads, device=options.device, **OPTIONS)
             for suffix, act in acts.items():
-                measure(f"Warp {rays}{suffix}", env, act, options.seconds)
+                measure(f"batch, {rays}{suffix}", env, act, options.seconds, say)
             env.close()
-    most = max(options.sizes)
     if "scraping" in options.only:
-        env = BatchedVecEnv(scenario, most, num_threads=options.threads, device=options.device, **OPTIONS)
-        measure("Warp field, scraping", env, scrape, options.seconds)
+        num = max(options.sizes)
+        env = BatchedVecEnv(scenario, num, num_threads=options.threads, device=options.device, **OPTIONS)
+        measure("batch, field, scraping", env, scrape, options.seconds, say)
         env.close()
-    if "dynamics" in options.only:
-        for num in options.sizes:
-            own_dynamics(scenario, num, options)
-    if "caves" in options.only:
-        many_caves(scenario, num_caves, num_in_caves, options)
-    for rays in sources if options.device == "cpu" else ():
-        parts(scenario, most, rays)
+    return many_caves(scenario, num_caves, num_in_caves, options, say) if "caves" in options.only else []
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Measure boats in a batch beside the environment with one: decisions per second of processor time.
 
-    python eval/benchmarks/boats.py [--num 256] [--decisions 200]
+    python eval/benchmarks/boats.py [--num 256] [--decisions 200] [--keep]
 
 The same habit everywhere: ahead, steering at random for a second at a time; episodes end at the first contact, so that
 new bays are drawn as in training. Rounds take turns, and the best of each counts, since others use the machine too.
@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the pac
 from aquanav_tools.envs.boat_batch import BoatBatch
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.sim.sea_state import SEA_STATES
+from eval.pages import RESULTS, Record
 from eval.smoke import parser_of
 
 HELD = 10
@@ -66,14 +67,19 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--num", type=int, default=256, help="boats in the batch")
     parser.add_argument("--decisions", type=int, default=200, help="of each boat")
+    parser.add_argument("--keep", action="store_true", help="put the table into eval/results/boats.md")
     options = parser.parse_args()
+    record = Record("eval/benchmarks/boats.py")
     num, decisions, num_alone, num_rounds = (4, 5, 5, 1) if options.smoke else (options.num, options.decisions, 1000, 3)
     batched("still", 2, 2), alone("still", 2)  # compiles
-    print("| sea | alone, decisions per CPU second | batch | ratio |\n|---|---|---|---|")
+    record.say(f"{num} boats on one thread, resets included, best of {num_rounds} rounds that take turns.\n")
+    record.say("| sea | alone, decisions per CPU second | batch | ratio |\n|---|---|---|---|")
     for sea in SEA_STATES:
         rounds = [(alone(sea, num_alone), batched(sea, num, decisions)) for _ in range(num_rounds)]
         one, many = (max(column) for column in zip(*rounds, strict=True))
-        print(f"| {sea} | {one:,.0f} | {many:,.0f} | {many / one:.1f} |", flush=True)
+        record.say(f"| {sea} | {one:,.0f} | {many:,.0f} | {many / one:.1f} |")
+    if options.keep:
+        record.keep(RESULTS / "boats.md", "boats")
 
 
 if __name__ == "__main__":

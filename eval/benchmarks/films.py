@@ -1,8 +1,8 @@
-"""CPU time of a film's frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER] [--smoke].
+"""CPU time of a frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER] [--keep] [--smoke].
 
-A film in a cave from behind and from the nose, and one of a boat at sea, each with its numbers on it, written as MP4;
-all threads' time, which is also what it costs where many films are made side by side. The first frame, which compiles
-and reads, is left out. Without a scenario the cave is a straight tube.
+A film in a cave from behind and from the nose, and one of a boat at sea, each with its numbers on it, as WebM and as
+MP4; all threads' time, which is also what it costs where many films are made side by side. The first frame, which
+compiles and reads, is left out. Without a scenario the cave is a straight tube.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.sensors import boat_pattern
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.types import Array, yaw_quaternion
+from eval.pages import RESULTS, Record
 from eval.smoke import parser_of
 from tests.caves import tube_scenario
 
@@ -57,7 +58,9 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("count", nargs="?", type=int, default=100)
     parser.add_argument("--scenario", type=Path)
+    parser.add_argument("--keep", action="store_true", help="put the table into eval/results/films.md")
     options = parser.parse_args()
+    record = Record("eval/benchmarks/films.py")
     count = 3 if options.smoke else options.count
     cave = tube_scenario() if options.scenario is None else read_scenario(options.scenario)
     along = np.linspace(0.1, 0.6, count) * cave.guide.length
@@ -68,12 +71,16 @@ def main() -> None:
         np.concatenate([place, yaw_quaternion(float(np.arctan2(way[1], way[0])))])
         for place, way in zip(places, ways, strict=True)
     ]
-    size = FILM_SIZES[".mp4"]
-    print(f"| film of {size[0]} x {size[1]} px | CPU time per frame, ms | first frame, ms |\n|---|---|---|")
-    for view in ("chase", "onboard"):
-        report(f"{cave.name}, {view}", vehicle_camera(cave, view, size), states)
-    boat = BoatCamera(size)
-    report("boat, rough sea", boat, [boat.state] * count)
+    record.say(f"{count} frames of each; a film shows one for each decision, {SECONDS:g} s.\n")
+    record.say("| film | px | CPU time per frame, ms | by the clock, ms | first frame, ms |\n|---|---|---|---|---|")
+    for suffix in (".webm", ".mp4"):
+        size = FILM_SIZES[suffix]
+        for view in ("chase", "onboard"):
+            record.say(row(f"{cave.name}, {view}", vehicle_camera(cave, view, size), states, suffix))
+        boat = BoatCamera(size)
+        record.say(row("boat, rough sea", boat, [boat.state] * count, suffix))
+    if options.keep:
+        record.keep(RESULTS / "films.md", "films")
 
 
 def vehicle_camera(cave: Scenario, view: str, size: tuple[int, int]) -> VehicleCamera:
@@ -82,14 +89,20 @@ def vehicle_camera(cave: Scenario, view: str, size: tuple[int, int]) -> VehicleC
     return VehicleCamera(cave, vehicle.capsule, vehicle_mesh(vehicle), view, size)
 
 
-def report(name: str, camera: Camera, states: list[Array]) -> None:
-    """Print a row of the table."""
+def row(name: str, camera: Camera, states: list[Array], suffix: str) -> str:
+    """Return a row of the table."""
     frames = [Frame(state, SECONDS * n, 0.5, 0, False, 1.0, 1.0) for n, state in enumerate(states)]
+    times = [(time.process_time(), time.perf_counter())]
+
+    def note(*_: int) -> None:
+        times.append((time.process_time(), time.perf_counter()))
+
     with tempfile.TemporaryDirectory() as folder:
-        times = [time.process_time()]
-        film(camera, frames, Path(folder) / "film.mp4", 1.0 / SECONDS, lambda *_: times.append(time.process_time()))
-    spent = 1e3 * np.diff(times)
-    print(f"| {name} | {spent[1:].mean():.0f} | {spent[0]:.0f} |", flush=True)
+        film(camera, frames, Path(folder) / f"film{suffix}", 1.0 / SECONDS, note)
+    spent = 1e3 * np.diff(times, axis=0)
+    cpu, clock = spent[1:].mean(axis=0)
+    width, height = camera.size
+    return f"| {name} | {width} x {height}, {suffix} | {cpu:.0f} | {clock:.0f} | {spent[0, 0]:.0f} |"
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Measure training: what collecting decisions costs in several places, and what learning from them costs.
 
-    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 ours batch512] [--smoke]
+    python eval/benchmarks/train.py [--scenario cave-train-1] [--rounds 3] [--only sb3 ours batch512] [--keep] [--smoke]
 
 Settings are those of the paper's curriculum (31 values, 3 x 128 swish, twice; rollouts of 20480, batch 1024, 5 epochs),
 or with --settings reference those of that pipeline (44 values, rollouts of 24576, batch 2048). Collecting: "here" are
@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import copy
 import dataclasses
-import os
 import sys
 import time
 from collections.abc import Callable
@@ -44,6 +43,7 @@ from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.ppo import ParallelPPO
 from aquanav_tools.train.settings import TrainSettings
+from eval.pages import RESULTS, Record
 from eval.smoke import parser_of
 from tests.caves import tube_scenario
 
@@ -130,7 +130,9 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--only", nargs="+", choices=PLACES + LEARNERS, default=PLACES + LEARNERS, metavar="NAME")
     parser.add_argument("--settings", choices=SETTINGS, default="paper")
+    parser.add_argument("--keep", action="store_true", help="put the table into eval/results/train.md")
     options = parser.parse_args()
+    record = Record("eval/benchmarks/train.py")
     scenario = tube_scenario() if options.smoke else read_scenario(options.scenario)
     settings, num_rounds = (SMOKE, 1) if options.smoke else (SETTINGS[options.settings], options.rounds)
     actions: dict[str, Action] = {}
@@ -150,7 +152,7 @@ def main() -> None:
                 actions["learn sbx"] = learning_in_jax(full)
             else:
                 print("sbx is left out: it is not installed (pip install sbx-rl).")
-    print(f"{scenario.name}, {os.cpu_count()} processors, {num_rounds} rounds, load {os.getloadavg()[0]:.1f}")
+    record.say(f"{scenario.name}, settings of `{options.settings}`, {num_rounds} rounds.\n")
     spent = {name: np.zeros(2) for name in actions}
     for turn in range(num_rounds + 1):
         for name, act in actions.items():
@@ -158,11 +160,12 @@ def main() -> None:
             act()
             if turn > 0:
                 spent[name] += np.array([time.perf_counter(), cpu_seconds()]) - before
-    print(f"| {'':<22} | decisions/CPU-s | CPU-us/decision | decisions/s |\n|---|---|---|---|")
+    record.say("| | decisions/CPU-s | CPU-us/decision | decisions/s |\n|---|---|---|---|")
     for name, (wall, cpu) in spent.items():
         num = num_rounds * settings.rollout_size
-        print(f"| {name:<22} | {num / cpu:>15,.0f} | {1e6 * cpu / num:>15.1f} | {num / wall:>11,.0f} |")
-    print(f"load {os.getloadavg()[0]:.1f}")
+        record.say(f"| {name} | {num / cpu:,.0f} | {1e6 * cpu / num:.1f} | {num / wall:,.0f} |")
+    if options.keep:
+        record.keep(RESULTS / "train.md", "train")
     for learner in learners:
         learner.env.close()
 

@@ -166,6 +166,14 @@ def test_trimesh_reads_the_meshes(name: str, file: str, scenario: Scenario, tmp_
     np.testing.assert_allclose(mesh_distances(solid, *rays[:2]), rays[2], atol=CENTIMETRE)
 
 
+def test_trimesh_reads_the_lines_of_a_gltf(scenario: Scenario, tmp_path: Path) -> None:
+    lines = trimesh.load(exported(scenario, "gltf", tmp_path / "out") / "places.glb").geometry
+    assert {"route", "panel-0", "portal-1", "start-0"} <= set(lines)
+    ends = np.asarray(lines["route"].vertices)[[0, -1]]
+    expected = scenario.guide.centreline[[0, -1]]
+    np.testing.assert_allclose(np.stack([ends[:, 0], -ends[:, 2], ends[:, 1]], axis=1), expected, atol=1e-5)
+
+
 def test_an_obj_has_the_colour_of_every_face(scenario: Scenario, tmp_path: Path) -> None:
     solid = trimesh.load(exported(scenario, "obj", tmp_path / "out") / "meshes" / "cave.obj", process=False)
     u, v = solid.visual.uv[solid.faces[:, 0]].T

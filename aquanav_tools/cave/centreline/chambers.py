@@ -29,13 +29,14 @@ def find_chambers(line: Line, portals: IntArray) -> tuple[Chamber, ...]:
     chambers: list[Chamber] = []
     usual = float(np.median(line.clearance))
     for peak in _peaks(line):
-        stretch = _stretch(line, int(peak))
         radius = float(line.clearance[peak])
+        if radius < MIN_WIDENING * usual:
+            break  # so are all that follow
+        stretch = _stretch(line, int(peak))
         is_known = any((line.points[stretch] == chamber.centre).all(axis=1).any() for chamber in chambers)
         is_top = not is_known and not (line.clearance[stretch] > radius).any()
         is_compact = np.linalg.norm(line.points[stretch] - line.points[peak], axis=1).max() <= MAX_ELONGATION * radius
-        is_wide = radius >= MIN_WIDENING * usual
-        if is_top and is_wide and is_compact and not is_portal[stretch].any() and _has_way_out(line, stretch):
+        if is_top and is_compact and not is_portal[stretch].any() and _has_way_out(line, stretch):
             chambers.append(Chamber(line.points[peak], radius, int(line.branch[peak])))
     return tuple(chambers)
 

@@ -16,7 +16,7 @@ from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MAX_DEPTH = 2.0
 """Surface reaches in no deeper than this many radii of the end: more is another part of the passage."""
-MIN_FACING = 0.35
+MIN_ENTRY_COSINE = 0.35
 """Cosine to the normal of surface through which water is met: floor and walls along the passage are beside the end."""
 SINK_VOXELS = 1.0
 """The column begins this far inside the water, voxels."""
@@ -189,7 +189,7 @@ def _look_in(mesh: Mesh, patch: IntArray, starts: Array, normal: Array) -> tuple
     lowest = np.full(len(starts), np.inf)
     in_water = is_first & (facing < 0.0)  # the start: what is met first is met from within
     lowest[rays[in_water]] = 0.0
-    enters = is_free & (facing > MIN_FACING)
+    enters = is_free & (facing > MIN_ENTRY_COSINE)
     np.minimum.at(lowest, rays[enters], heights[enters])
     is_blocked = np.zeros(len(starts), dtype=bool)
     is_blocked[rays[is_first & is_other & (facing > 0.0)]] = True

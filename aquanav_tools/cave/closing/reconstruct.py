@@ -66,6 +66,9 @@ class ReconstructionOptions:
     """Where the user ends the cave."""
     accept_open: bool = False
     """Go on where what was scanned may be no cave, and note that among the cautions."""
+    noise: float = np.inf
+    """Typical distance of the scan's points from the wall, m: the resampled surface is smoothed as much as that asks
+    for, and most where it is not known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +120,8 @@ class _Scan:
     @cached_property
     def water(self) -> ImplicitField:
         """The field of the water in the scan."""
-        return implicit_field(self.surface.mesh, self.options.voxel, self.evidence.sight)
+        options = self.options
+        return implicit_field(self.surface.mesh, options.voxel, self.evidence.sight, options.noise / options.voxel)
 
     def accept(self, error: UnseenWallsError) -> None:
         """Raise an error, or note it where the user accepts open walls."""

@@ -46,10 +46,12 @@ SPURIOUS_HALO = 28
 """... and where spurious handles are smoothed away, with balls of up to five samples four times over."""
 BETWEEN_STEP = 12
 """Samples of which one is asked to find tiles with water that was only looked through."""
-SMOOTHING = 0.6
-"""Standard deviation of the filter that removes the staircase, voxels. It rounds off rock, too: of a scan with 3 mm of
-noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 5.3 at 0.4 and 1.9 / 7.3 at 0.6. But below
-0.6 the wall follows noise of half a voxel, which then is not noticed, and ends of photos fray."""
+SMOOTHING_OF_NOISE = 3.0
+"""Standard deviation of the filter that removes the staircase, over the scan's noise ..."""
+MIN_SMOOTHING, MAX_SMOOTHING = 0.35, 0.6
+"""... but within these, voxels. It rounds off rock, too: of a scan with 3 mm of noise at 42 mm, median and 95 % of the
+error are 1.4 / 5.0 mm at 0.35 and 1.9 / 7.3 at 0.6. But below 0.6 the wall follows noise of half a voxel, which then
+is not noticed, and ends of photos fray; at 0.3 nothing is gained any more."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
 SMALLEST_VALUE = 1e-3
@@ -90,13 +92,16 @@ class ImplicitField:
     winding: WindingField
     seen_tiles: IntArray
     """(T, 3) tiles in which cameras looked through space."""
+    smoothing: float
+    """Standard deviation of the filter, voxels."""
 
 
-def implicit_field(surface: Mesh, voxel: float, sight: Sight | None = None) -> ImplicitField:
-    """Return the field of the water in a surface; see `ImplicitField`."""
+def implicit_field(surface: Mesh, voxel: float, sight: Sight | None = None, noise: float = np.inf) -> ImplicitField:
+    """Return the field of the water in a surface, which has noise of so many voxels; see `ImplicitField`."""
     lattice = Lattice(surface, voxel, surface.vertices[:0] if sight is None else sight.centres)
     seen = np.zeros((0, 3), dtype=np.int64) if sight is None else lattice.tiles_seen(sight)
-    return ImplicitField(surface, voxel, sight, lattice, winding_field(surface), seen)
+    smoothing = float(np.clip(SMOOTHING_OF_NOISE * noise, MIN_SMOOTHING, MAX_SMOOTHING))
+    return ImplicitField(surface, voxel, sight, lattice, winding_field(surface), seen, smoothing)
 
 
 def water_surface(
@@ -157,7 +162,7 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     if water.sight is not None:
         values = with_seen_through(values, _seen_through(water, tile, halo, values > 0.0, cache))
     values = apply_edits(values, distance, origin, voxel, edits)
-    smooth = _smoothed(values, halo, SMOOTHING)
+    smooth = _smoothed(values, halo, water.smoothing)
     for axis in range(3):  # no water leaves the samples
         ends = np.moveaxis(smooth, axis, 0)
         if tile[axis] == 0:

@@ -12,7 +12,13 @@ from aquanav_tools.cave.mesh.half_edges import HalfEdges, cut_and_cap, following
 from aquanav_tools.types import Array, IntArray, Mesh
 
 NUM_ROOTS = 24
-"""Random places tried beside the first when a handle's tightest loop is sought."""
+"""Random places at which short loops are sought ..."""
+MAX_FREE_ROOTS = 64
+"""... beside ends of the edges that no spanning tree has, at least one of which lies on each handle."""
+MAX_AT_ONCE = 48
+"""Loops that one round cuts: well below the bits by which they are told apart."""
+LONGER = 1.5
+"""A round cuts loops up to so many times as long as its shortest: longer ones may yet be shortened by its cuts."""
 NUM_REROOTS = 4
 """Places along a loop from which a shorter one is sought."""
 SHORTER = 0.995
@@ -55,11 +61,12 @@ def genus(mesh: Mesh) -> int:
 def find_handles(mesh: Mesh, seed: int = 0) -> tuple[Handle, ...]:
     """Return the handles of a closed mesh, as many as its genus, thinnest first.
 
-    Again and again a short loop that does not divide the surface is found, and the surface is cut along it and capped,
-    which removes that handle, until none is left. Whether a loop divides is read off a closed 1-form with random
-    periods: its sum along a loop vanishes where the loop bounds a piece of surface, and hardly ever elsewhere. A
-    loop is the shortest through some vertex, tightened by starting again from its own vertices and from random ones;
-    it follows edges, so it is up to about 15 % longer than the tightest curve.
+    Again and again short loops that do not divide the surface, not even together, are found, and the surface is cut
+    along them and capped, which removes as many handles, until none is left. Whether loops divide is read off closed
+    1-forms modulo 2 with random periods, 64 of them in the bits of one number: their sums along a loop vanish where it
+    bounds a piece of surface, and hardly ever elsewhere; along several loops, where these bound one together. A loop is
+    the shortest through some vertex, tightened by starting again from its own vertices; it follows edges, so it is up
+    to about 15 % longer than the tightest curve.
 
     Args:
         mesh: closed, outward normals.
@@ -71,9 +78,10 @@ def find_handles(mesh: Mesh, seed: int = 0) -> tuple[Handle, ...]:
     rng = np.random.default_rng(seed)
     surface = half_edges(mesh)
     loops = []
-    while (loop := _tight_loop(surface, rng)) is not None:
-        loops.append((surface.points[surface.tail[loop]], float(surface.length[loop].sum())))
-        surface = cut_and_cap(surface, loop)
+    while found := _short_loops(surface, rng):
+        for loop in found:
+            loops.append((surface.points[surface.tail[loop]], float(surface.length[loop].sum())))
+            surface = cut_and_cap(surface, loop)
     is_pillar = _go_around_rock(mesh, [points for points, _ in loops])
     handles = [Handle(*loop, pillar) for loop, pillar in zip(loops, is_pillar, strict=True)]
     return tuple(sorted(handles, key=lambda handle: handle.length))
@@ -92,28 +100,62 @@ def _go_around_rock(mesh: Mesh, loops: list[Array]) -> list[bool]:
     return [bool(part.mean() > 0.5) for part in np.split(is_rock, ends)]
 
 
-def _tight_loop(surface: HalfEdges, rng: np.random.Generator) -> IntArray | None:
-    """Return the half-edges of a short loop that does not divide the surface, or None on a sphere."""
+def _short_loops(surface: HalfEdges, rng: np.random.Generator) -> list[IntArray]:
+    """Return the half-edges of short loops without common vertices that do not divide the surface, not even together.
+
+    There are none on a sphere.
+    """
     order, free, parents = _tree_and_cotree(*surface[:3])
     if not len(free):
-        return None
-    form = _closed_form(surface.twin, order, parents, free, rng.integers(-(2**62), 2**62, len(free)))
-    roots = np.concatenate([surface.tail[free[:1]], rng.integers(0, len(surface.first), NUM_ROOTS)])
-    best = np.zeros(0, dtype=np.int64)
-    length = np.inf
+        return []
+    forms = _closed_forms(surface.twin, order, parents, free, rng.integers(-(2**63), 2**63, len(free)))
+    ends = free if len(free) <= MAX_FREE_ROOTS else rng.choice(free, MAX_FREE_ROOTS, replace=False)
+    roots = np.concatenate([surface.tail[ends], rng.integers(0, len(surface.first), NUM_ROOTS)])
+    shortest, found = np.inf, []
     for root in roots:
-        best, length = _improve(surface, form, best, length, root)
-    while True:
+        loop, length = _tight_loop(surface, forms, root, LONGER * shortest)
+        if len(loop):
+            shortest = min(shortest, length)
+            found.append((length, loop))
+    found.sort(key=lambda one: one[0])
+    return _apart(surface, forms, [loop for length, loop in found if length <= LONGER * shortest])
+
+
+def _apart(surface: HalfEdges, forms: IntArray, loops: list[IntArray]) -> list[IntArray]:
+    """Return the first of some loops, and of the others those that share no vertex and divide nothing with these."""
+    is_used = np.zeros(len(surface.first), dtype=np.bool_)
+    chosen: list[IntArray] = []
+    basis: list[int] = []
+    for loop in loops:
+        vertices = surface.tail[loop]
+        rest = int(np.bitwise_xor.reduce(forms[loop])) & (2**64 - 1)
+        for one in basis:  # each has a highest bit of its own
+            rest = min(rest, rest ^ one)
+        if rest and not is_used[vertices].any() and len(chosen) < MAX_AT_ONCE:
+            is_used[vertices] = True
+            chosen.append(loop)
+            basis.append(rest)
+            basis.sort(reverse=True)
+    return chosen
+
+
+def _tight_loop(surface: HalfEdges, forms: IntArray, root: int, bound: float) -> tuple[IntArray, float]:
+    """Return a loop that does not divide the surface, near the shortest through a vertex, and its length.
+
+    It has no half-edges where there is none shorter than a bound.
+    """
+    best, length = _improve(surface, forms, np.zeros(0, dtype=np.int64), bound, root)
+    before = np.inf
+    while len(best) and length < SHORTER * before:
         before = length
-        for root in surface.tail[best[:: max(1, len(best) // NUM_REROOTS)]]:
-            best, length = _improve(surface, form, best, length, root)
-        if length >= SHORTER * before:
-            return best
+        for other in surface.tail[best[:: max(1, len(best) // NUM_REROOTS)]]:
+            best, length = _improve(surface, forms, best, length, other)
+    return best, length
 
 
-def _improve(surface: HalfEdges, form: IntArray, best: IntArray, length: float, root: int) -> tuple[IntArray, float]:
+def _improve(surface: HalfEdges, forms: IntArray, best: IntArray, length: float, root: int) -> tuple[IntArray, float]:
     """Return the better of a loop and the shortest one through a vertex, and its length."""
-    loop = _loop_through(surface, form, root, length)
+    loop = _loop_through(surface, forms, root, length)
     loop_length = float(surface.length[loop].sum())
     return (loop, loop_length) if len(loop) and loop_length < length else (best, length)
 
@@ -178,25 +220,21 @@ def _dual_tree(twin, is_used):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True)
-def _closed_form(twin, order, parents, free, values):  # type: ignore[no-untyped-def]
-    """Return integers per half-edge that sum to zero around every face, with given values on the free edges.
-
-    Sums wrap around at 64 bits, which does no harm: they are compared with zero only.
-    """
-    form = np.zeros(len(twin), np.int64)
+def _closed_forms(twin, order, parents, free, values):  # type: ignore[no-untyped-def]
+    """Return bits per half-edge that add up to zero, modulo 2, around every face, with given ones on the free edges."""
+    forms = np.zeros(len(twin), np.int64)
     for i in range(len(free)):
-        form[free[i]], form[twin[free[i]]] = values[i], -values[i]
+        forms[free[i]] = forms[twin[free[i]]] = values[i]
     for i in range(len(order) - 1, -1, -1):
         edge = parents[order[i]]
         if edge >= 0:
-            form[edge] = -(form[following(edge)] + form[preceding(edge)])
-            form[twin[edge]] = -form[edge]
-    return form
+            forms[edge] = forms[twin[edge]] = forms[following(edge)] ^ forms[preceding(edge)]
+    return forms
 
 
 @numba.njit(cache=True)
-def _loop_through(surface, form, root, bound):  # type: ignore[no-untyped-def]
-    """Return the half-edges of the shortest loop through a vertex along which the form does not vanish, stem removed.
+def _loop_through(surface, forms, root, bound):  # type: ignore[no-untyped-def]
+    """Return the half-edges of the shortest loop through a vertex along which the forms do not vanish, stem removed.
 
     Empty if it would be longer than `bound`. The loop is two shortest paths and the edge between their ends (Erickson
     and Whittlesey 2005, "Greedy optimal homotopy and homology generators").
@@ -219,10 +257,10 @@ def _loop_through(surface, form, root, bound):  # type: ignore[no-untyped-def]
             head = surface.tail[surface.twin[edge]]
             total = reach + surface.length[edge]
             if is_settled[head]:
-                if sums[vertex] + form[edge] != sums[head] and total + distance[head] < bound:
+                if sums[vertex] ^ forms[edge] != sums[head] and total + distance[head] < bound:
                     bound, closing = total + distance[head], edge
             elif total < distance[head]:
-                distance[head], entered[head], sums[head] = total, edge, sums[vertex] + form[edge]
+                distance[head], entered[head], sums[head] = total, edge, sums[vertex] ^ forms[edge]
                 heapq.heappush(heap, (total, head))
             edge = surface.twin[preceding(edge)]
             if edge == start:

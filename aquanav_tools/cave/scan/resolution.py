@@ -31,7 +31,7 @@ SPACINGS_PER_VOXEL = 2.0
 """A voxel of a cloud holds about four points of its wall."""
 BASE_GB = 0.4
 """The libraries and the scan itself."""
-BYTES_PER_CELL = 3000
+BYTES_PER_CELL = 3600
 """Peak memory of closing and proving per voxel of wall; measured, see eval/benchmarks/cavity.py."""
 
 
@@ -45,6 +45,8 @@ class Resolution:
     """What decided it."""
     memory_gb: float
     """Forecast of the peak while closing, GB."""
+    noise: float
+    """Typical distance of the scan's points from the plane through their neighbours, m; of a coarse mesh its relief."""
 
 
 def choose_resolution(
@@ -67,13 +69,14 @@ def choose_resolution(
     """
     area = _wall_area(scan, vehicle_radius)
     smallest = float(np.sqrt(area * BYTES_PER_CELL / max((budget_gb - BASE_GB) * 1e9, 1.0)))
+    unevenness = _noise(scan)
     if wanted is not None:
         if wanted < smallest:
             raise ResourceError(
                 f"Closing {area:.0f} m2 of wall at {wanted:.3g} m takes about {_memory(area, wanted):.1f} GB, more "
                 f"than the {budget_gb:.1f} GB allowed. Give --voxel {1.01 * smallest:.2g} or more, or more --memory."
             )
-        return Resolution(wanted, "as given", _memory(area, wanted))
+        return Resolution(wanted, "as given", _memory(area, wanted), unevenness)
     finest = vehicle_radius / VOXELS_PER_RADIUS
     edge = float(np.median(_edge_lengths(scan))) if isinstance(scan, Mesh) else 0.0
     if isinstance(scan, Mesh):
@@ -84,7 +87,6 @@ def choose_resolution(
         )
     else:
         detail, reason = SPACINGS_PER_VOXEL * _spacing(scan.points), "twice the spacing of the points"
-    unevenness = _noise(scan)
     noise = min(VOXELS_OF_NOISE * unevenness, vehicle_radius / NOISE_VOXELS_PER_RADIUS)
     is_relief = isinstance(scan, Mesh) and unevenness < MIN_MESH_NOISE * edge
     if detail < noise and not is_relief:
@@ -99,7 +101,7 @@ def choose_resolution(
             f"{detail / vehicle_radius:.0f} times the vehicle's radius: passages it fits through would be lost. Check "
             "--unit, give more --memory, or build the cave in parts."
         )
-    return Resolution(detail, reason, _memory(area, detail))
+    return Resolution(detail, reason, _memory(area, detail), unevenness)
 
 
 def _memory(area: float, voxel: float) -> float:

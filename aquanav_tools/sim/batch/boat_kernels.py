@@ -17,7 +17,16 @@ from aquanav_tools.sim.batch.boat_contact import (
 from aquanav_tools.sim.batch.boat_motion import BoatBody, drive_wrench, sail
 from aquanav_tools.sim.batch.boat_observation import show_goal, show_motion
 from aquanav_tools.sim.batch.boat_rays import NOTHING, cast_beam
-from aquanav_tools.sim.batch.boat_state import AHEAD, FULL, ORIGINAL, BoatRules, BoatState, Model, Surroundings
+from aquanav_tools.sim.batch.boat_state import (
+    AHEAD,
+    FULL,
+    ORIGINAL,
+    BoatRules,
+    BoatState,
+    FreeMotion,
+    Model,
+    Surroundings,
+)
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
@@ -68,6 +77,24 @@ def begin(first: int, boats: BoatState, around: Surroundings):
 
 
 @wp.func
+def state_of(i: int, boats: BoatState):
+    """Return how boat `i` moves."""
+    state = State()
+    state.position = boats.positions[i]
+    state.orientation = boats.orientations[i]
+    state.velocity = boats.velocities[i]
+    return state
+
+
+@wp.func
+def keep_state(i: int, state: State, boats: BoatState):
+    """Write how boat `i` moves."""
+    boats.positions[i] = state.position
+    boats.orientations[i] = state.orientation
+    boats.velocities[i] = state.velocity
+
+
+@wp.func
 def meet_rocks(i: int, state: State, bay: Bay, mobility: vec6, model: Model):
     """Return the state after contacts, the deepest first, and whether there were any; `mobility` as of `BoatBody`."""
     result, is_touched, solved = state, int(0), int(0)
@@ -106,33 +133,68 @@ def hold_command(
     return state, touched
 
 
+@wp.func
+def take_command(i: int, boats: BoatState, around: Surroundings):
+    """Let the command of boat `i` that is due take effect, and return the current and the wind of this decision."""
+    for n in range(3):
+        boats.acting[i, n] = boats.commands[i, n]
+    exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], boats.action_delays[i])
+    now = boats.decisions[i] % NUM_AHEAD
+    return around.currents[i, now], around.winds[i, now]
+
+
+@wp.func
+def pass_time(i: int, current: wp.vec3d, boats: BoatState, around: Surroundings, rules: BoatRules):
+    """Let the waves of boat `i` go on by a decision, and count it."""
+    duration = f64(rules.substeps) * rules.dt
+    for b in range(around.sea.phases.shape[1]):
+        around.sea.phases[i, b] = around.sea.phases[i, b] + around.sea.table[i, RATE, b] * duration
+    boats.currents[i] = current
+    boats.decisions[i] = boats.decisions[i] + 1
+
+
 @wp.kernel
 def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules: BoatRules):
     """Hold each boat's command for a decision; waves go on, current and wind stay as they are."""
     i = first + wp.tid()
     if boats.held[i] == 1:
         return
-    state = State()
-    state.position = boats.positions[i]
-    state.orientation = boats.orientations[i]
-    state.velocity = boats.velocities[i]
-    for n in range(3):
-        boats.acting[i, n] = boats.commands[i, n]
-    exchange(boats.acting, boats.waiting_commands, i, boats.decisions[i], boats.action_delays[i])
-    now, bay = boats.decisions[i] % NUM_AHEAD, around.bays[around.bay_of[i]]
-    current, wind = around.currents[i, now], around.winds[i, now]
-    body = model.bodies[boats.body_of[i]]
+    state = state_of(i, boats)
+    current, wind = take_command(i, boats, around)
+    bay, body = around.bays[around.bay_of[i]], model.bodies[boats.body_of[i]]
     after, touched = hold_command(i, state, current, wind, bay, body, boats, around, model, rules)
-    state = after
-    duration = f64(rules.substeps) * rules.dt
-    for b in range(around.sea.phases.shape[1]):
-        around.sea.phases[i, b] = around.sea.phases[i, b] + around.sea.table[i, RATE, b] * duration
-    boats.positions[i] = state.position
-    boats.orientations[i] = state.orientation
-    boats.velocities[i] = state.velocity
-    boats.currents[i] = current
+    keep_state(i, after, boats)
     boats.touched[i] = touched
-    boats.decisions[i] = boats.decisions[i] + 1
+    pass_time(i, current, boats, around, rules)
+
+
+@wp.kernel
+def take(first: int, boats: BoatState, around: Surroundings, rules: BoatRules):
+    """Begin a decision of boats that a law of the user's own moves; what it leads to is no matter of the waves."""
+    i = first + wp.tid()
+    if boats.held[i] == 1:
+        return
+    current, _wind = take_command(i, boats, around)
+    boats.touched[i] = 0
+    pass_time(i, current, boats, around, rules)
+
+
+@wp.kernel
+def obey(first: int, free: FreeMotion, boats: BoatState, around: Surroundings, model: Model):
+    """Let boats go where a law of the user's own says, as far as rocks let them: a physics step."""
+    i = first + wp.tid()
+    if boats.held[i] == 1:
+        return
+    boats.positions_before[i] = boats.positions[i]
+    boats.orientations_before[i] = boats.orientations[i]
+    state = State()
+    state.position = free.positions[i]
+    state.orientation = free.orientations[i]
+    state.velocity = free.velocities[i]
+    mobility = model.bodies[boats.body_of[i]].mobility
+    after, is_touched = meet_rocks(i, state, around.bays[around.bay_of[i]], mobility, model)
+    keep_state(i, after, boats)
+    boats.touched[i] = boats.touched[i] + is_touched
 
 
 @wp.func

@@ -128,6 +128,15 @@ class Model:
 
 
 @wp.struct
+class FreeMotion:
+    """Where a law of motion of the user's own says that boats would go were there no rocks."""
+
+    positions: wp.array(dtype=wp.vec3d)
+    orientations: wp.array(dtype=wp.vec4d)
+    velocities: wp.array(dtype=vec6)
+
+
+@wp.struct
 class BoatState:
     """All boats: one row of each array per boat."""
 

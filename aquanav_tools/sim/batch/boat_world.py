@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from aquanav_tools.sim.batch import boat_kernels as kernels
 from aquanav_tools.sim.batch.boat_bodies import BoatBodies
 from aquanav_tools.sim.batch.boat_contact import Bay, make_bay, make_hull_outline, make_outline_work
 from aquanav_tools.sim.batch.boat_hull import make_hull_work
+from aquanav_tools.sim.batch.boat_law import BoatLaw
 from aquanav_tools.sim.batch.boat_rays import make_beams
 from aquanav_tools.sim.batch.boat_state import (
     AHEAD,
@@ -35,6 +37,7 @@ from aquanav_tools.sim.batch.boat_state import (
     write_row,
 )
 from aquanav_tools.sim.batch.boat_water import pack_sea
+from aquanav_tools.sim.batch.engine import MotionLaw
 from aquanav_tools.sim.batch.runtime import find_device, launch_kernel, run_slices, sequence
 from aquanav_tools.sim.batch.waves import NUM_ROWS, num_blocks, vec8
 from aquanav_tools.sim.boat import DENSITY, Boat, footprint_of
@@ -66,6 +69,7 @@ class BoatWorld:
         pattern: RayPattern,
         num_waves: int,
         randomisation: Randomisation | None = None,
+        law: MotionLaw | None = None,
         next_step: bool = True,
         device: str = "cpu",
         num_threads: int | None = None,
@@ -81,17 +85,22 @@ class BoatWorld:
             num_waves: In the sea of each; episodes may have fewer.
             randomisation: From which each episode draws its boat's dynamics; None leaves them as the boat's file has
                 them.
+            law: Where boats go in a physics step were there no rocks; None leaves it to water and wind.
             next_step: Whether an ended episode's successor begins at the next step, or in the same one.
             device: "cpu", "cuda" or "cuda:0".
             num_threads: On the processor; None takes as many as the process may use.
 
         Raises:
-            InputError: no such device, or a senseless number; or a boat may sink by what is drawn.
+            InputError: no such device, or a senseless number; or a boat may sink by what is drawn; or a law is to
+                move boats on a GPU.
         """
         if not 1 <= num <= MAX_BOATS:
             raise InputError(f"A batch must have 1 to {MAX_BOATS} boats, got {num}.")
         self.num, self.boat, self.footprint = num, boat, footprint_of(boat)
         self.device = find_device(device)
+        if law is not None and not self.device.is_cpu:
+            why = "A law of motion of your own is computed on the processor"
+            raise InputError(f"{why}, not on {device}. Leave that out.")
         self._draw_episode, self._next_step, self._task = draw_episode, next_step, task
         self._num_blocks = num_blocks(num_waves)
         self._deepest = -float(pattern.radii.max())
@@ -103,6 +112,7 @@ class BoatWorld:
         self._model = self._make_model(pattern, task)
         self._around = self._make_surroundings()
         self._rules = make_boat_rules(task, self.device)
+        self._law = None if law is None else BoatLaw(law, self.boats, self.device)
         self._bay_slots = BaySlots(self._around.bays, self._deepest)
         self.episodes: list[BoatEpisode | None] = [None] * num
         """The episode that each boat is in."""
@@ -111,7 +121,7 @@ class BoatWorld:
         self._is_retired = np.zeros(num, dtype=np.bool_)
         self._bounds = _slices(num, num_threads) if self.device.is_cpu else [0, num]
         self._threads = ThreadPoolExecutor(len(self._bounds) - 1) if len(self._bounds) > 2 else None
-        self._decision, self._beginning, self._clearing = self._record()
+        self._sequences = self._record()
 
     def _make_model(self, pattern: RayPattern, task: BoatTask) -> Model:
         model, device = Model(), self.device
@@ -140,7 +150,7 @@ class BoatWorld:
         self._begin(everyone)
         for name in ("rewards", "terms", "terminated", "truncated"):
             getattr(self.boats, name).zero_()
-        run_slices(self._beginning, self._threads)
+        run_slices(self._sequences.beginning, self._threads)
 
     def randomise_time_limits(self, decisions: npt.NDArray[np.integer]) -> None:
         """Let time run out (N,) decisions earlier in the episodes that have just begun."""
@@ -161,7 +171,7 @@ class BoatWorld:
         self._hold(is_over, begins)
         if begins.any():
             self._begin(begins)
-        run_slices(self._decision, self._threads)
+        self._decide()
         self._draw_on(~is_over)
         if judge is not None:
             judge()
@@ -170,7 +180,17 @@ class BoatWorld:
             if ended.any():
                 self._hold(is_over, ended)
                 self._begin(ended)
-                run_slices(self._beginning, self._threads)
+                run_slices(self._sequences.beginning, self._threads)
+
+    def _decide(self) -> None:
+        """Run the kernels of a decision, and ask the user's law between them where there is one."""
+        sequences = self._sequences
+        run_slices(sequences.decision, self._threads)
+        if self._law is not None:
+            for _ in range(self._task.substeps):
+                self._law.ask()
+                run_slices(sequences.obeying, self._threads)
+            run_slices(sequences.judging, self._threads)
 
     def _hold(self, held: npt.NDArray[np.bool_], begun: npt.NDArray[np.bool_]) -> None:
         """Say which boats stay where they are in a step, and which begin an episode."""
@@ -236,7 +256,7 @@ class BoatWorld:
     def as_numpy(self, name: str) -> Any:
         """Return an array of `BoatState` as NumPy's: the same memory on the processor, a copy from a GPU."""
         if name == "clearances":
-            run_slices(self._clearing, self._threads)
+            run_slices(self._sequences.clearing, self._threads)
         if name in self._views:
             return self._views[name]
         array = getattr(self.boats, name)
@@ -279,11 +299,9 @@ class BoatWorld:
         if self._threads is not None:
             self._threads.shutdown()
 
-    def _record(self) -> list[list[Callable[[], None]]]:
-        """Return the launches of a decision, of a beginning and of clearances; for each slice."""
-        decision: list[Callable[[], None]] = []
-        beginning: list[Callable[[], None]] = []
-        clearing: list[Callable[[], None]] = []
+    def _record(self) -> _Sequences:
+        """Return the launches for each slice."""
+        recorded = _Sequences([], [], [], [], [])
         boats, around, model, rules = self.boats, self._around, self._model, self._rules
         for first, last in zip(self._bounds[:-1], self._bounds[1:], strict=True):
 
@@ -291,14 +309,35 @@ class BoatWorld:
                 return launch_kernel(kernel, dim=num, inputs=list(inputs), device=self.device, record_cmd=True)
 
             begin = launch_of(kernels.begin, first, boats, around)
-            move = launch_of(kernels.move, first, boats, around, model, rules)
             sense = launch_of(kernels.sense, first, 0, boats, around, model, rules)
             sense_begun = launch_of(kernels.sense, first, 1, boats, around, model, rules)
             score = launch_of(kernels.score, first, boats, around, model, rules)
-            decision.append(sequence([begin, move, sense, score], self.device))
-            beginning.append(sequence([begin, sense_begun], self.device))
-            clearing.append(sequence([launch_of(kernels.clear, first, boats, around, model)], self.device))
-        return [decision, beginning, clearing]
+            if self._law is None:
+                move = launch_of(kernels.move, first, boats, around, model, rules)
+                recorded.decision.append(sequence([begin, move, sense, score], self.device))
+            else:
+                take = launch_of(kernels.take, first, boats, around, rules)
+                obey = launch_of(kernels.obey, first, self._law.free, boats, around, model)
+                recorded.decision.append(sequence([begin, take], self.device))
+                recorded.obeying.append(sequence([obey], self.device))
+                recorded.judging.append(sequence([sense, score], self.device))
+            recorded.beginning.append(sequence([begin, sense_begun], self.device))
+            recorded.clearing.append(sequence([launch_of(kernels.clear, first, boats, around, model)], self.device))
+        return recorded
+
+
+@dataclass(frozen=True)
+class _Sequences:
+    """Kernels to be run one after the other, of each slice of the boats."""
+
+    decision: list[Callable[[], None]]
+    """The whole of it; its beginning alone where a law of the user's own moves boats."""
+    obeying: list[Callable[[], None]]
+    """A physics step by such a law."""
+    judging: list[Callable[[], None]]
+    """What follows the last of these."""
+    beginning: list[Callable[[], None]]
+    clearing: list[Callable[[], None]]
 
 
 class BaySlots:

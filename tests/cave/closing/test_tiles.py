@@ -37,6 +37,23 @@ def test_tiles_join_without_a_seam() -> None:
     assert surface.to_trimesh().volume == pytest.approx(4 / 3 * np.pi * 2.5**3, rel=3e-3)
 
 
+@pytest.mark.parametrize(("noise", "deviation"), [(0.15, 0.45), (0.5, 0.6), (np.inf, 0.6)])
+def test_the_wall_is_rounded_off_by_as_much_as_the_noise_asks_for(noise: float, deviation: float) -> None:
+    """A filter of variance v moves the zero of the distance from a sphere of radius r inwards by v / r.
+
+    Its variance is that of a Gaussian at whole samples. Chords of the triangles move both surfaces alike.
+    """
+    radius, samples = 10.0 * VOXEL, np.arange(-4, 5)
+    weights = [np.exp(-0.5 * (samples / each) ** 2) for each in (0.35, deviation)]
+    least, variance = ((each * samples**2).sum() / each.sum() for each in weights)
+    ball = sphere(radius)
+    least_smoothed, smoothed = (
+        np.linalg.norm(water_surface(implicit_field(ball, VOXEL, noise=each)).vertices, axis=1).mean()
+        for each in (0.0, noise)
+    )
+    assert least_smoothed - smoothed == pytest.approx((variance - least) * VOXEL**2 / radius, rel=0.02)
+
+
 def test_the_surface_does_not_depend_on_where_tiles_begin() -> None:
     ball = sphere(1.5)
     stray = Mesh(ball.vertices * 0.02 + [-4.0, -3.0, -3.5], ball.faces)  # moves the lattice's origin

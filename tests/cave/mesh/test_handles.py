@@ -10,6 +10,7 @@ from aquanav_tools.cave.cavity import from_manifold, to_manifold
 from aquanav_tools.cave.mesh.half_edges import cut_and_cap, half_edges
 from aquanav_tools.cave.mesh.handles import find_handles, genus
 from aquanav_tools.cave.synthetic.caves import tube
+from aquanav_tools.cave.synthetic.mines import MineOptions, mine
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Mesh
 
@@ -71,6 +72,18 @@ def test_a_window_between_two_chambers_is_the_narrowest_way_around() -> None:
     assert not handle.is_pillar
     assert handle.length == pytest.approx(3.2, rel=0.05)
     assert 7.0 <= handle.centre[0] <= 7.8
+
+
+def test_every_pillar_of_a_mine_is_a_handle_of_its_own() -> None:
+    rooms = (5, 9)
+    solid = mine(MineOptions(rooms=rooms)).truth.solid
+    assert solid is not None
+    handles = find_handles(from_manifold(to_manifold(solid).refine_to_length(2.0)))
+    assert len(handles) == rooms[0] * rooms[1]
+    # The way around the water between two pillars, and around the largest pillar.
+    shortest, longest = 2.0 * (6.0 + 6.0), 4.0 * 9.0
+    assert shortest * 0.999 < handles[0].length < shortest * EDGE_PATHS
+    assert handles[-1].length < longest * EDGE_PATHS
 
 
 def test_noise_handles_on_a_rough_surface_are_all_listed_and_small(rng: np.random.Generator) -> None:
