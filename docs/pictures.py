@@ -128,7 +128,7 @@ def _film(path: Path, policy: str, scenario: str, current: float, begin: float |
     (condition,) = conditions_of(Grid(current=(current,)))
     with open_env_cache(load_policy(policy), ProtocolOptions(episodes=EPISODES)) as env_cache:
         for episode in range(EPISODES):
-            plan = EpisodePlan(episode, None if begin is not None else episode)
+            plan = EpisodePlan(episode, episode if isinstance(shown, Scenario) else None)  # drawn bays have no list
             spec = EpisodeSpec(episode, shown, condition, plan)
             trajectory, _ = env_cache.run(spec)
             if begin is not None or trajectory.collided.any():
