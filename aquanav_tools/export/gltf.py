@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.export.scene import Scene
-from aquanav_tools.report.glb import Part, glb
+from aquanav_tools.report.glb import Part, glb, line
 from aquanav_tools.types import Array, Mesh, rotation_matrix
 
 ROUTE, GATE, START = (255, 183, 3), (251, 86, 7), (120, 220, 190)
@@ -21,10 +21,10 @@ def write_gltf(scene: Scene, folder: Path) -> tuple[str, ...]:
     files["collision.glb"] = [_solid("collision", scene.collision)]
     ahead = [(pose.position, rotation_matrix(pose.orientation)[:, 0]) for pose in scene.starts]
     files["places.glb"] = [
-        _line("route", scene.guide.centreline, ROUTE),
-        *(_line(f"panel-{n}", _closed(gate.polygon), GATE) for n, gate in enumerate(scene.guide.panels)),
-        *(_line(f"portal-{lid.label}", np.stack([lid.centre, lid.centre + lid.normal]), GATE) for lid in scene.portals),
-        *(_line(f"start-{n}", np.stack([at, at + ARROW * way]), START) for n, (at, way) in enumerate(ahead)),
+        line("route", scene.guide.centreline, ROUTE),
+        *(line(f"panel-{n}", _closed(gate.polygon), GATE) for n, gate in enumerate(scene.guide.panels)),
+        *(line(f"portal-{lid.label}", np.stack([lid.centre, lid.centre + lid.normal]), GATE) for lid in scene.portals),
+        *(line(f"start-{n}", np.stack([at, at + ARROW * way]), START) for n, (at, way) in enumerate(ahead)),
     ]
     files["vehicle.glb"] = [_solid("vehicle", scene.craft.look)]
     for name, parts in files.items():
@@ -40,10 +40,6 @@ def _solid(name: str, mesh: Mesh) -> Part:
     normals = np.asarray(mesh.to_trimesh().vertex_normals)
     colours = np.full(mesh.vertices.shape, 128.0) if mesh.colours is None else mesh.colours.astype(np.float64)
     return Part(name, mesh.vertices, colours, mesh.faces, normals)
-
-
-def _line(name: str, points: Array, colour: tuple[int, int, int]) -> Part:
-    return Part(name, points, np.array(colour))
 
 
 def _closed(points: Array) -> Array:

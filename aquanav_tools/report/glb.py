@@ -34,6 +34,11 @@ class Part:
     """(N, 3) of triangles, unit vectors."""
 
 
+def line(name: str, points: Array, colour: tuple[int, int, int]) -> Part:
+    """Return a line of one colour, sRGB from 0 to 255, along (N, 3) points."""
+    return Part(name, points, np.array(colour))
+
+
 def glb(parts: Sequence[Part]) -> bytes:
     """Return a scene as a file; (x, y, z) of the world becomes (x, z, -y), as glTF has y up."""
     import trimesh

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import WALL
-from aquanav_tools.report.glb import Part, glb
+from aquanav_tools.report.glb import Part, glb, line
 from aquanav_tools.report.trajectory import TrajectorySummary
 from aquanav_tools.report.viewer_model import PORTAL_COLOUR, cave_part
 from aquanav_tools.types import Array, Mesh, Pose, rotation_matrix
@@ -47,11 +47,11 @@ def write_scene(
     """
     shown = by_height(scenario.cavity.mesh.vertices) if colours is None else colours
     parts = [cave_part(scenario.cavity, scenario.collision, MAX_TRIANGLES, shown)]
-    parts.append(_line("route", scenario.guide.centreline, ROUTE))
+    parts.append(line("route", scenario.guide.centreline, ROUTE))
     goal = scenario.guide.panels[-1].polygon
-    parts.append(_line("goal", np.vstack([goal, goal[:1]]), PORTAL_COLOUR))
+    parts.append(line("goal", np.vstack([goal, goal[:1]]), PORTAL_COLOUR))
     parts += [
-        _line(f"trail-{n}", _some(trajectory.positions), TOUCHED if trajectory.num_collisions else CLEAN)
+        line(f"trail-{n}", _some(trajectory.positions), TOUCHED if trajectory.num_collisions else CLEAN)
         for n, trajectory in enumerate(trajectories)
     ]
     if vehicle is not None:
@@ -79,10 +79,6 @@ def scene_caption(scenario: Scenario, num_trajectories: int = 0, total: int = 0)
         f"The cave in 3D with its route in yellow{portals}, the vehicle to scale, pale wall high and blue wall low."
         f"{trails} Drag to turn, right button or Shift to move, wheel to zoom, double-click to begin again."
     )
-
-
-def _line(name: str, points: Array, colour: tuple[int, int, int]) -> Part:
-    return Part(name, points, np.array(colour))
 
 
 def _some(points: Array) -> Array:

@@ -58,12 +58,6 @@ class Losses(NamedTuple):
     """(N,) logarithms of how much more probable the actions have become since they were chosen."""
 
 
-STATISTICS = ("entropy_loss", "policy_gradient_loss", "approx_kl", "clip_fraction", "value_loss")
-"""Means over a minibatch, by the names that SB3 logs them by. The third is the Kullback-Leibler divergence from the
-policy that chose the actions, by Schulman's estimator (ratio - 1) - log; the fourth the share of decisions whose ratio
-of probabilities is out of the clip range."""
-
-
 class ParallelPPO(PPO):
     """SB3's PPO for networks whose feature extractor learns nothing; no target_kl, no clip_range_vf, no gSDE."""
 
@@ -160,11 +154,11 @@ class ParallelPPO(PPO):
         (self.vf_coef * loss).backward()  # type: ignore[no-untyped-call]
         return loss.detach()
 
-    def _log(self, stats: np.ndarray, clip_range: float) -> None:
-        """Log what SB3 logs, by its names, of (M, 5) `STATISTICS` of M minibatches."""
-        for name, mean in zip(STATISTICS, stats.mean(axis=0).tolist(), strict=True):
-            self.logger.record(f"train/{name}", mean)
-        last = dict(zip(STATISTICS, stats[-1].tolist(), strict=True))
+    def _log(self, stats: dict[str, torch.Tensor], clip_range: float) -> None:
+        """Log what SB3 logs, by its names, of the statistics of all minibatches."""
+        for name, values in stats.items():
+            self.logger.record(f"train/{name}", float(values.mean()))
+        last = {name: float(values[-1]) for name, values in stats.items()}
         loss = last["policy_gradient_loss"] + self.ent_coef * last["entropy_loss"] + self.vf_coef * last["value_loss"]
         self.logger.record("train/loss", loss)
         buffer = self.rollout_buffer
@@ -188,15 +182,23 @@ def _minibatches(rollout: Batch, size: int) -> Iterator[Batch]:
     return (Batch(*parts) for parts in zip(*shuffled, strict=True))
 
 
-def _statistics(losses: list[Losses], clip_range: float) -> np.ndarray:
-    """Return the (M, 5) statistics of M minibatches, as of `STATISTICS`."""
+def _statistics(losses: list[Losses], clip_range: float) -> dict[str, torch.Tensor]:
+    """Return (M,) statistics of M minibatches, by the names that SB3 logs them by.
+
+    `approx_kl` is the Kullback-Leibler divergence from the policy that chose the actions, by Schulman's estimator
+    (ratio - 1) - log; `clip_fraction` the share of decisions whose ratio of probabilities is out of the clip range.
+    """
     sizes = [len(one.log_ratio) for one in losses]
     log_ratio = torch.cat([one.log_ratio for one in losses])
     change = log_ratio.exp() - 1.0
-    divergence = [part.mean() for part in torch.split(change - log_ratio, sizes)]
-    clipped = [part.mean() for part in torch.split((change.abs() > clip_range).float(), sizes)]
-    columns = [
-        [one.entropy for one in losses], [one.policy for one in losses], divergence, clipped,
-        [one.value for one in losses],
-    ]  # fmt: skip
-    return np.stack([torch.stack(column).numpy() for column in columns], axis=1)
+
+    def means(values: torch.Tensor) -> torch.Tensor:
+        return torch.stack([part.mean() for part in torch.split(values, sizes)])
+
+    return {
+        "entropy_loss": torch.stack([one.entropy for one in losses]),
+        "policy_gradient_loss": torch.stack([one.policy for one in losses]),
+        "approx_kl": means(change - log_ratio),
+        "clip_fraction": means((change.abs() > clip_range).float()),
+        "value_loss": torch.stack([one.value for one in losses]),
+    }

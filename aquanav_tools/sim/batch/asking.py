@@ -7,9 +7,9 @@ import warp as wp
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.contact import after_contact, mean_motion
 from aquanav_tools.sim.batch.craft import Craft
-from aquanav_tools.sim.batch.motion import State, vec6
+from aquanav_tools.sim.batch.motion import State, read_motion, vec6
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.state import ASKED, TOUCHED, BatchState, ContactExchange
+from aquanav_tools.sim.batch.state import ASKED, TOUCHED, ContactExchange
 
 wp.set_module_options(OPTIONS)
 
@@ -19,29 +19,7 @@ f64 = wp.float64
 @wp.func
 def given_motion(i: int, exchange: ContactExchange):
     """Return where vehicle `i` would go were there no wall, as an exchange has it."""
-    free = State()
-    free.position = exchange.free_positions[i]
-    free.orientation = exchange.free_orientations[i]
-    free.velocity = exchange.free_velocities[i]
-    return free
-
-
-@wp.func
-def state_of(i: int, state: BatchState):
-    """Return how vehicle `i` moves."""
-    moving = State()
-    moving.position = state.positions[i]
-    moving.orientation = state.orientations[i]
-    moving.velocity = state.velocities[i]
-    return moving
-
-
-@wp.func
-def keep_motion(i: int, moving: State, state: BatchState):
-    """Write how vehicle `i` moves."""
-    state.positions[i] = moving.position
-    state.orientations[i] = moving.orientation
-    state.velocities[i] = moving.velocity
+    return read_motion(i, exchange.free_positions, exchange.free_orientations, exchange.free_velocities)
 
 
 @wp.func

@@ -29,7 +29,7 @@ from aquanav_tools.sim.batch.boat_state import (
 )
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, NUM_TERMS, SUCCESS, TIMEOUT, outcome_of, term_amount
-from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
+from aquanav_tools.sim.batch.motion import State, read_motion, rotation_of, vec6, write_motion
 from aquanav_tools.sim.batch.original_observation import show_original, show_tag
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS
 from aquanav_tools.sim.batch.waves import RATE
@@ -74,24 +74,6 @@ def begin(first: int, boats: BoatState, around: Surroundings):
         boats.commands[i, n] = 0.0
         boats.acting[i, n] = 0.0
     fill_queue(boats.acting, boats.waiting_commands, i)
-
-
-@wp.func
-def state_of(i: int, boats: BoatState):
-    """Return how boat `i` moves."""
-    state = State()
-    state.position = boats.positions[i]
-    state.orientation = boats.orientations[i]
-    state.velocity = boats.velocities[i]
-    return state
-
-
-@wp.func
-def keep_state(i: int, state: State, boats: BoatState):
-    """Write how boat `i` moves."""
-    boats.positions[i] = state.position
-    boats.orientations[i] = state.orientation
-    boats.velocities[i] = state.velocity
 
 
 @wp.func
@@ -159,11 +141,11 @@ def move(first: int, boats: BoatState, around: Surroundings, model: Model, rules
     i = first + wp.tid()
     if boats.held[i] == 1:
         return
-    state = state_of(i, boats)
+    state = read_motion(i, boats.positions, boats.orientations, boats.velocities)
     current, wind = take_command(i, boats, around)
     bay, body = around.bays[around.bay_of[i]], model.bodies[boats.body_of[i]]
     after, touched = hold_command(i, state, current, wind, bay, body, boats, around, model, rules)
-    keep_state(i, after, boats)
+    write_motion(i, after, boats.positions, boats.orientations, boats.velocities)
     boats.touched[i] = touched
     pass_time(i, current, boats, around, rules)
 
@@ -187,13 +169,10 @@ def obey(first: int, free: FreeMotion, boats: BoatState, around: Surroundings, m
         return
     boats.positions_before[i] = boats.positions[i]
     boats.orientations_before[i] = boats.orientations[i]
-    state = State()
-    state.position = free.positions[i]
-    state.orientation = free.orientations[i]
-    state.velocity = free.velocities[i]
+    state = read_motion(i, free.positions, free.orientations, free.velocities)
     mobility = model.bodies[boats.body_of[i]].mobility
     after, is_touched = meet_rocks(i, state, around.bays[around.bay_of[i]], mobility, model)
-    keep_state(i, after, boats)
+    write_motion(i, after, boats.positions, boats.orientations, boats.velocities)
     boats.touched[i] = boats.touched[i] + is_touched
 
 
@@ -294,9 +273,7 @@ def score(first: int, boats: BoatState, around: Surroundings, model: Model, rule
 def clear(first: int, boats: BoatState, around: Surroundings, model: Model):
     """Write how far each hull is from the nearest rock, reef or edge, as seen from above."""
     i = first + wp.tid()
-    state = State()
-    state.position = boats.positions[i]
-    state.orientation = boats.orientations[i]
+    state = read_motion(i, boats.positions, boats.orientations, boats.velocities)
     place_hull(i, state, model.outline, model.outline_work)
     corners, bay = model.outline_work.corners[i], around.bays[around.bay_of[i]]
     boats.clearances[i] = hull_clearance(corners, model.outline.radius, bay)

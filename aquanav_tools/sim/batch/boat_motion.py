@@ -30,10 +30,12 @@ from aquanav_tools.sim.batch.motion import (
     linear,
     make_body,
     moved,
+    read_motion,
     rotation_of,
     six,
     swim,
     vec6,
+    write_motion,
 )
 from aquanav_tools.sim.batch.original import DraggedBody, drag_along, make_dragged_body
 from aquanav_tools.sim.batch.runtime import BOAT_OPTIONS, find_device, launch_kernel
@@ -206,16 +208,11 @@ def sail_alone(
     positions: wp.array(dtype=wp.vec3d), orientations: wp.array(dtype=wp.vec4d), velocities: wp.array(dtype=vec6),
 ):  # fmt: skip
     """Fill the rows of a voyage's states from its first."""
-    state = State()
-    state.position = positions[0]
-    state.orientation = orientations[0]
-    state.velocity = velocities[0]
+    state = read_motion(0, positions, orientations, velocities)
     drives = drive_wrench(action[0], action[1], boat.controls)
     for n in range(1, positions.shape[0]):
         state = sail(0, state, drives, current, wind, sea, dt * f64(n - 1), boat, work, dt)
-        positions[n] = state.position
-        orientations[n] = state.orientation
-        velocities[n] = state.velocity
+        write_motion(n, state, positions, orientations, velocities)
 
 
 @wp.kernel

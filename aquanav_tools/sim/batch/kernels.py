@@ -5,7 +5,7 @@ from __future__ import annotations
 import warp as wp
 
 from aquanav_tools.sim.batch.actuators import actuated
-from aquanav_tools.sim.batch.asking import answered, ask, given_motion, keep_motion, state_of
+from aquanav_tools.sim.batch.asking import answered, ask, given_motion
 from aquanav_tools.sim.batch.beginning import axis_of, begin
 from aquanav_tools.sim.batch.caves import Cave, Starts
 from aquanav_tools.sim.batch.contact import axis_clearance, beside_wall, largest_move
@@ -14,7 +14,7 @@ from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped
 from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.field import TURNS, found, mat_turns, on_grid, room_at, room_in, vec_turns
 from aquanav_tools.sim.batch.guide import remaining_at, tracked
-from aquanav_tools.sim.batch.motion import State, rotation_of, swim, thrust, vec6
+from aquanav_tools.sim.batch.motion import State, read_motion, rotation_of, swim, thrust, vec6, write_motion
 from aquanav_tools.sim.batch.observation import FULL, ORIGINAL, Fan, show_goal, show_motion
 from aquanav_tools.sim.batch.original import drag_along
 from aquanav_tools.sim.batch.original_observation import show_original, show_tag
@@ -86,7 +86,8 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
 
     It is not where an engine or a law outside of the kernels is asked; then this is called again with the answer.
     """
-    moving, touched, level, first = state_of(i, state), int(0), f64(state.levels[i]), int(0)
+    moving = read_motion(i, state.positions, state.orientations, state.velocities)
+    touched, level, first = int(0), f64(state.levels[i]), int(0)
     hull, grid, dt = craft.hull, cave.grid, cave.rules.dt
     zero, room, is_moved = f64(0.0), f64(0.0), int(0)
     if settings.has_law == 1 and exchange.status[i] == MOVED:
@@ -133,7 +134,7 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
                 exchange.is_continued[i] = 0
     state.levels[i] = level
     state.touched[i] = touched
-    keep_motion(i, moving, state)
+    write_motion(i, moving, state.positions, state.orientations, state.velocities)
     return is_over
 
 

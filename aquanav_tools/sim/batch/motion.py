@@ -51,6 +51,32 @@ class State:
     velocity: vec6
 
 
+@wp.func
+def read_motion(
+    i: int,
+    positions: wp.array(dtype=wp.vec3d),
+    orientations: wp.array(dtype=wp.vec4d),
+    velocities: wp.array(dtype=vec6),
+):
+    """Return how vehicle `i` moves."""
+    state = State()
+    state.position = positions[i]
+    state.orientation = orientations[i]
+    state.velocity = velocities[i]
+    return state
+
+
+@wp.func
+def write_motion(
+    i: int, state: State, positions: wp.array(dtype=wp.vec3d), orientations: wp.array(dtype=wp.vec4d),
+    velocities: wp.array(dtype=vec6),
+):  # fmt: skip
+    """Write how vehicle `i` moves."""
+    positions[i] = state.position
+    orientations[i] = state.orientation
+    velocities[i] = state.velocity
+
+
 @wp.struct
 class Thruster:
     """A thruster of a vehicle."""
