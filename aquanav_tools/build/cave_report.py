@@ -111,7 +111,7 @@ def cave_model(scenario: Scenario, folder: Path, colours: npt.NDArray[np.uint8] 
         vehicle = parse_vehicle(scenario.vehicle_toml, f"vehicle of the scenario {scenario.name}")
         placed = vehicle_mesh(vehicle), scenario.starts[0].pose
     write_scene(scenario, path, placed, colours=colours)
-    return Model(path, scene_caption(scenario))
+    return Model(path, scene_caption(scenario, has_own_colours=colours is not None))
 
 
 def write_centreline(cave: CaveMap, path: Path) -> None:

@@ -66,9 +66,13 @@ def by_height(vertices: Array) -> npt.NDArray[np.uint8]:
     return np.round(LOW + share[:, None] * (HIGH - LOW)).astype(np.uint8)
 
 
-def scene_caption(scenario: Scenario, num_trajectories: int = 0, total: int = 0) -> str:
-    """Return what the view shows and how it is turned."""
-    labels = scenario.cavity.labels
+def scene_caption(
+    scenario: Scenario, num_trajectories: int = 0, total: int = 0, *, has_own_colours: bool = False
+) -> str:
+    """Return what the view shows and how it is turned; its own colours are those of the scan or the photos."""
+    labels, observed = scenario.cavity.labels, scenario.cavity.observed
+    wall = "the wall in its own colours" if has_own_colours else "pale wall high and blue wall low"
+    guessed = "" if observed[labels == WALL].all() else ", pink where it was filled in"
     portals = "; portals are orange" if (labels != WALL).any() else ""
     trails = (
         f" Trails of {num_trajectories} of {total} episodes, red where the hull touched the wall."
@@ -76,7 +80,7 @@ def scene_caption(scenario: Scenario, num_trajectories: int = 0, total: int = 0)
         else ""
     )
     return (
-        f"The cave in 3D with its route in yellow{portals}, the vehicle to scale, pale wall high and blue wall low."
+        f"The cave in 3D with its route in yellow{portals}, the vehicle to scale, {wall}{guessed}."
         f"{trails} Drag to turn, right button or Shift to move, wheel to zoom, double-click to begin again."
     )
 

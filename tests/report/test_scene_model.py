@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import json
 import struct
 from pathlib import Path
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.report.scene_model import MAX_POINTS, write_scene
+from aquanav_tools.report.scene_model import MAX_POINTS, scene_caption, write_scene
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.solids import box
 from aquanav_tools.types import Pose, yaw_quaternion
@@ -80,3 +81,11 @@ def test_trails_keep_their_ends_have_few_points_and_tell_of_contacts_by_colour(p
     for trail in (touched, clean):
         np.testing.assert_allclose(trail[[0, -1], 0], [1.0, 19.0], atol=1e-5)
     assert red[0] > 3.0 * red[1] and green[1] > 3.0 * green[0]
+
+
+def test_the_caption_tells_the_colours_that_there_are(tube: Scenario) -> None:
+    assert "pale wall high and blue wall low. Drag" in scene_caption(tube)
+    observed = np.arange(len(tube.cavity.labels)) % 2 == 0
+    guessed = dataclasses.replace(tube, cavity=dataclasses.replace(tube.cavity, observed=observed))
+    caption = scene_caption(guessed, has_own_colours=True)
+    assert "the wall in its own colours, pink where it was filled in. Drag" in caption
