@@ -87,9 +87,8 @@ def hold(i: int, state: BatchState, cave: Cave, craft: Craft, settings: Settings
     It is not where an engine or a law outside of the kernels is asked; then this is called again with the answer.
     """
     moving = read_motion(i, state.positions, state.orientations, state.velocities)
-    touched, level, first = int(0), f64(state.levels[i]), int(0)
-    hull, grid, dt = craft.hull, cave.grid, cave.rules.dt
-    zero, room, is_moved = f64(0.0), f64(0.0), int(0)
+    hull, grid, dt, zero, level = craft.hull, cave.grid, cave.rules.dt, f64(0.0), f64(state.levels[i])
+    touched, first, room, is_moved = int(0), int(0), f64(0.0), int(0)
     if settings.has_law == 1 and exchange.status[i] == MOVED:
         touched, first, is_moved = state.touched[i] + int(0), exchange.steps[i] + int(0), int(1)
         exchange.status[i] = NO_QUESTION
