@@ -52,6 +52,8 @@ Say = Callable[[str], None]
 OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "reward": "safe"}
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
+UNTIL_SCRAPING = 200
+"""Decisions after which every vehicle rubs along a wall in all its physics steps."""
 TURNS = 7
 """Of two batches beside each other, after one that is not counted; the median holds."""
 
@@ -92,11 +94,11 @@ def cpu_seconds(pids: list[int]) -> float:
     return total
 
 
-def measure(name: str, env: Any, act: Act, seconds: float, say: Say) -> float:
-    """Print a row on one environment, and return its decisions per CPU second."""
+def measure(name: str, env: Any, act: Act, seconds: float, say: Say, before: int = 3) -> float:
+    """Print a row on one environment after some decisions `before`, and return its decisions per CPU second."""
     pids = [process.pid for process in getattr(env, "processes", [])]
     obs = env.reset()
-    for _ in range(3):
+    for _ in range(before):
         obs = env.step(act(obs))[0]
     start, cpu, steps = time.perf_counter(), cpu_seconds(pids), 0
     touched = ended = 0
@@ -256,7 +258,7 @@ def rows(scenario: Scenario, num_caves: int, num_in_caves: int, options: argpars
     if "scraping" in options.only:
         num = max(options.sizes)
         env = BatchedVecEnv(scenario, num, num_threads=options.threads, device=options.device, **OPTIONS)
-        measure("batch, field, scraping", env, scrape, options.seconds, say)
+        measure("batch, field, scraping", env, scrape, options.seconds, say, 3 if options.smoke else UNTIL_SCRAPING)
         env.close()
     return many_caves(scenario, num_caves, num_in_caves, options, say) if "caves" in options.only else []
 
