@@ -135,9 +135,9 @@ def used_code(*roots: str | Callable[..., object]) -> tuple[set[tuple[str, str]]
     waiting = [place for root in roots for place in _places(root)]
     while waiting:
         module, name = waiting.pop()
-        code = _parsed(_path_of(module))
         if (module, name) in reached:
             continue
+        code = _parsed(_path_of(module))
         reached.add((module, name))
         waiting.append((module, AT_IMPORT))
         for reference in code.references(name):

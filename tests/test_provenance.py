@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import sys
 from pathlib import Path
 from types import FrameType
@@ -33,6 +34,7 @@ def stages_changed_by(monkeypatch: pytest.MonkeyPatch, *places: str) -> set[str]
     original = provenance._read_source
     assert all((PACKAGE / place).exists() for place in places)
 
+    @functools.cache  # asked for at every reference that is followed
     def read(path: Path) -> str:
         text = original(path)
         if not any(path.is_relative_to(PACKAGE / place) for place in places):

@@ -16,11 +16,18 @@ from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.types import Mesh, silent
 from tests.build.test_scan_build import run
 from tests.cave.open_caves import RADIUS, straight
+from tests.lighter import lighten_builds
 
 WIDTH = 1.5
 """Of an ellipse over its height. Scanned wall fills 56 % of the view from within its lower half, of a circle's 60 %."""
 ARC = 0.5 * 7.9327 * RADIUS
 """Half the circumference of an ellipse with half axes of 1.5 and 1 m, m (by its elliptic integral)."""
+
+
+@pytest.fixture
+def light(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare builds that are not refused what is not looked at here."""
+    lighten_builds(monkeypatch)
 
 
 def half_pipe() -> Mesh:
@@ -40,6 +47,7 @@ def test_the_refusal_names_side_threshold_way_on_and_a_picture(tmp_path: Path) -
     assert "simulation" not in json.loads((tmp_path / "out" / "report.json").read_text())["error"]
 
 
+@pytest.mark.usefixtures("light")
 def test_what_is_accepted_becomes_a_proven_cavity_with_its_unseen_wall_marked(tmp_path: Path) -> None:
     journal = Journal(silent)
     options = BuildOptions(tmp_path / "half.stl", tmp_path / "out", closing=ClosingOptions(accept_open=True))
@@ -56,6 +64,7 @@ def test_what_is_accepted_becomes_a_proven_cavity_with_its_unseen_wall_marked(tm
     assert areas[cavity.observed].sum() / areas.sum() == pytest.approx(ARC / (ARC + chord), abs=0.1)
 
 
+@pytest.mark.usefixtures("light")
 def test_how_much_photos_show_is_told_from_their_cameras_and_what_is_guessed_elsewhere_is_named(tmp_path: Path) -> None:
     tmp_path.joinpath("photos").mkdir()
     journal, options = Journal(silent), BuildOptions(tmp_path / "photos", tmp_path / "out")
