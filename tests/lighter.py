@@ -1,4 +1,4 @@
-"""Builds with coarse currents, few measurements and no pictures, and reports without: for tests of what else they leave.
+"""Builds with coarse currents, few measurements and no pictures, reports without: for tests of what else they leave.
 
 Drawing takes a third of a small build's time, and nine tenths of an evaluation's of a few episodes.
 """
