@@ -7,9 +7,10 @@ rays traced through the distance field (field). Every vehicle flies the same hab
 from the nearer side; "+ policy" adds a network of 3 x 128 that looks at every observation and is not obeyed, so that
 the flights stay the same. On a machine that others use too, CPU time says more than the clock.
 
-"scraping" presses every vehicle along the walls; "dynamics" lets each episode draw its vehicle's dynamics, from ranges
-without width, so that all flights stay the same, in turns with a batch that does not; "caves" has as
-many vehicles in one cave as in 256 copies of it, each of which lies in memory of its own as another cave would.
+"scraping" presses every vehicle along the walls, and counts when they are there; "dynamics" lets each episode draw its
+vehicle's dynamics, from ranges without width, so that all flights stay the same, in turns with a batch that does not;
+"caves" has as many vehicles in one cave as in 256 copies of it, each of which lies in memory of its own as another cave
+would.
 
 With --keep what is printed goes into eval/results/batch.md.
 """
@@ -53,7 +54,7 @@ OPTIONS: dict[str, Any] = {"observation": "paper", "action": "continuous", "rewa
 PYBULLET_SIZES = {"dummy": (1, 16), "subproc": (2, 8)}
 MAX_STEPS = 2_000_000
 UNTIL_SCRAPING = 200
-"""Decisions after which every vehicle rubs along a wall in all its physics steps."""
+"""Decisions after which every vehicle touches a wall in all its physics steps, in the tube and in cave-train-1."""
 TURNS = 7
 """Of two batches beside each other, after one that is not counted; the median holds."""
 
