@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import warp as wp
 
-from aquanav_tools.sim.batch.bvh import FOUND, LANES, Bvh, corner_of, edges_of, leaves_near, nearest_in_leaf
+from aquanav_tools.sim.batch.bvh import FOUND, LANES, Bvh, corner_of, highest_bit, leaves_near, nearest_in_leaf
 from aquanav_tools.sim.batch.field import Grid, clearance_at
 from aquanav_tools.sim.batch.motion import State, rotation_of, vec6
 from aquanav_tools.sim.batch.runtime import OPTIONS
@@ -248,27 +248,24 @@ def nearer_edge(
     nearest: Near, leaf: int, mask: int, centre: wp.vec3, nose: wp.vec3, contacts: Contacts, first: int, hull: Hull,
     wall: Bvh,
 ):  # fmt: skip
-    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of a leaf's columns.
+    """Return the nearest edge so far to what lies between the axis's ends, or a nearer one of those in a leaf's mask.
 
     It is apart from contacts from `first`, or rises above their planes.
     """
-    found = nearest
-    for lane in range(LANES):
-        if (mask >> lane) & 1 == 0:
+    found, left = nearest, int(mask)
+    while left != 0:
+        bit = highest_bit(left)
+        left ^= 1 << bit
+        side, lane = bit // LANES, bit % LANES
+        a, b = corner_of(wall, leaf, lane, side), corner_of(wall, leaf, lane, (side + 1) % 3)
+        if is_beyond(0.5 * (a + b) - centre, nose, found.distance + 0.5 * wp.length(b - a)):
             continue
-        edges = edges_of(wall, leaf, lane)
-        for side in range(3):
-            if (edges >> side) & 1 == 0:
-                continue
-            a, b = corner_of(wall, leaf, lane, side), corner_of(wall, leaf, lane, (side + 1) % 3)
-            if is_beyond(0.5 * (a + b) - centre, nose, found.distance + 0.5 * wp.length(b - a)):
-                continue
-            apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
-            if apart[2] < found.distance and apart[0] > 0.0 and apart[0] < 1.0:
-                place, share = wp.lerp(a, b, apart[1]), 2.0 * apart[0] - 1.0
-                if rises(place - centre, contacts, first, hull) or is_apart(share, nose, contacts, first, hull):
-                    found = on_face(wall, leaf, lane, centre + share * nose, place, centre)
-                    found.distance = apart[2]
+        apart = wp.closest_point_edge_edge(centre - nose, centre + nose, a, b, 1.0e-9)
+        if apart[2] < found.distance and apart[0] > 0.0 and apart[0] < 1.0:
+            place, share = wp.lerp(a, b, apart[1]), 2.0 * apart[0] - 1.0
+            if rises(place - centre, contacts, first, hull) or is_apart(share, nose, contacts, first, hull):
+                found = on_face(wall, leaf, lane, centre + share * nose, place, centre)
+                found.distance = apart[2]
     return found
 
 
