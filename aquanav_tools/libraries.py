@@ -27,6 +27,7 @@ class Library(NamedTuple):
 
 
 OPTIONAL = {
+    "av": Library("av", "films"),
     "cmaes": Library("cmaes", "stress"),
     "collada": Library("pycollada", "formats"),
     "cv2": Library("opencv-python-headless", "photos"),

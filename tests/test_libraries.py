@@ -368,14 +368,14 @@ def test_the_core_flies_and_scores_the_reference_policy_without_any_optional_lib
     assert (tmp_path / "batch" / "results.json").is_file()
 
 
-def test_a_film_for_pages_needs_no_opencv(tmp_path: Path, without: Callable[..., None]) -> None:
+def test_a_film_for_pages_needs_no_encoder(tmp_path: Path, without: Callable[..., None]) -> None:
     from aquanav_tools.photograph.video import AnimationFile, VideoFile
 
-    without("cv2")
+    without("av")
     with AnimationFile(tmp_path / "film.webp", 10.0) as film:
         film.write(np.zeros((8, 8, 3), np.uint8))
     assert (tmp_path / "film.webp").stat().st_size > 0
-    with pytest.raises(LibraryError, match=sentence("photos", "opencv-python-headless") + r", or make it a \.webp"):
+    with pytest.raises(LibraryError, match=sentence("films", "av") + r", or make it a \.webp"):
         VideoFile(tmp_path / "film.mp4", 10.0, (8, 8))
 
 

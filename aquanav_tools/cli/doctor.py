@@ -91,6 +91,15 @@ def _try_open3d() -> str:
     return f"loaded with its own libusb-1.0, made a box of {len(box.triangles)} triangles"
 
 
+def _try_av() -> str:
+    import av
+
+    lacking = {"libx264", "libvpx"} - av.codecs_available
+    if lacking:
+        raise RuntimeError(f"this build cannot encode with {' and '.join(sorted(lacking))}: films need the wheel of av")
+    return "encodes H.264 and VP8"
+
+
 def _try_opencv() -> str:
     import cv2
     import numpy as np
@@ -141,6 +150,7 @@ def _try_warp() -> str:
 
 
 TRIALS: dict[str, Callable[[], str]] = {
+    "av": _try_av,
     "cv2": _try_opencv,
     "embreex": _try_embreex,
     "laspy": _try_laspy,

@@ -92,7 +92,7 @@ def film(cave: SyntheticCave, folder: Path, options: DiveOptions, progress: Prog
     """Write a video of the cave into a folder and return it; `options.capture.photos` counts its frames.
 
     The same truth lies beside it as beside photos; frames are called frame_0 and so on. The same options give the
-    same pixels; what the encoder makes of them depends on the ffmpeg inside OpenCV.
+    same pixels; what the encoder makes of them depends on the ffmpeg inside PyAV.
 
     Raises:
         ValueError: the path has stops, which no video shows.

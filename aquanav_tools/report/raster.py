@@ -8,6 +8,8 @@ import numpy as np
 from aquanav_tools.types import Array, IntArray
 
 NO_FACE = -1
+BORDER = 1e-9
+"""A pixel whose middle is so near to a triangle, px, belongs to it."""
 
 
 def rasterise(corners: Array, width: int, height: int) -> tuple[IntArray, Array]:
@@ -28,30 +30,48 @@ def rasterise(corners: Array, width: int, height: int) -> tuple[IntArray, Array]
     return faces, heights
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _rasterise(corners, faces, heights):  # type: ignore[no-untyped-def]
     for n in range(len(corners)):
         a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if area == 0.0:  # edge-on
             continue
+        # Shares of the corners, each linear along a row.
+        slope_a, slope_b = (b[1] - c[1]) / area, (c[1] - a[1]) / area
+        slope_c = -slope_a - slope_b
         first_row, last_row = _pixels_between(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), faces.shape[0])
-        first_column, last_column = _pixels_between(min(a[0], b[0], c[0]), max(a[0], b[0], c[0]), faces.shape[1])
         for row in range(first_row, last_row + 1):
             y = row + 0.5
-            for column in range(first_column, last_column + 1):
-                x = column + 0.5
-                # Shares of the corners; borders belong to both sides, so that no gap is between neighbours.
-                of_a = ((b[0] - x) * (c[1] - y) - (b[1] - y) * (c[0] - x)) / area
-                of_b = ((c[0] - x) * (a[1] - y) - (c[1] - y) * (a[0] - x)) / area
-                of_c = 1.0 - of_a - of_b
-                if of_a >= 0.0 and of_b >= 0.0 and of_c >= 0.0:
-                    z = of_a * a[2] + of_b * b[2] + of_c * c[2]
-                    if z > heights[row, column]:
-                        heights[row, column], faces[row, column] = z, n
+            of_a = (b[0] * (c[1] - y) - (b[1] - y) * c[0]) / area
+            of_b = (c[0] * (a[1] - y) - (c[1] - y) * a[0]) / area
+            low, high = _above_zero(of_a, slope_a, -np.inf, np.inf)
+            low, high = _above_zero(of_b, slope_b, low, high)
+            low, high = _above_zero(1.0 - of_a - of_b, slope_c, low, high)
+            low, high = max(low, 0.0), min(high, float(faces.shape[1]))
+            height = of_a * a[2] + of_b * b[2] + (1.0 - of_a - of_b) * c[2]
+            slope = slope_a * a[2] + slope_b * b[2] + slope_c * c[2]
+            # Borders belong to both sides, so that no gap is between neighbours.
+            first, last = _pixels_between(low - BORDER, high + BORDER, faces.shape[1])
+            for column in range(first, last + 1):
+                z = height + slope * (column + 0.5)
+                if z > heights[row, column]:
+                    heights[row, column], faces[row, column] = z, n
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
+def _above_zero(value, slope, low, high):  # type: ignore[no-untyped-def]
+    """Return which part of a row from `low` to `high` is left where a line, `value` at 0, is not below zero."""
+    if slope > 0.0:
+        return max(low, -value / slope), high
+    if slope < 0.0:
+        return low, min(high, -value / slope)
+    return (low, high) if value >= 0.0 else (np.inf, -np.inf)
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _pixels_between(low, high, count):  # type: ignore[no-untyped-def]
-    """Return the first and the last pixel with their middle between two places."""
+    """Return the first and the last pixel with their middle between two places, of which the first may be beyond."""
+    if low > high:
+        return 0, -1
     return max(int(np.ceil(low - 0.5)), 0), min(int(np.floor(high - 0.5)), count - 1)

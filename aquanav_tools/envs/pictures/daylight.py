@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numba
 import numpy as np
 
@@ -37,6 +39,8 @@ ROCK_COLOUR = (0.50, 0.44, 0.37)
 ROCK, PAINT = 0, 1
 """What a face is of: rock with its texture, or a thing of one colour."""
 GAMMA = 1.4
+TONES = np.round(255.0 * np.linspace(0.0, 1.0, 4096) ** (1.0 / GAMMA)).astype(np.uint8)
+"""Bytes of a picture by light from 0 to 1: the darkest tones apart, no step is left out."""
 _FAST = {"contract", "reassoc", "arcp", "afn", "nsz"}
 """Fast arithmetic that still knows infinity: what is not met."""
 
@@ -44,28 +48,40 @@ _FAST = {"contract", "reassoc", "arcp", "afn", "nsz"}
 def wave_grid(centre: Array, water: SeaWater) -> tuple[Array, Array]:
     """Return the (2,) corner of a grid around a camera, m, and its (N, N, 3) heights and slopes by north and east."""
     corner = centre[:2] - NEAR_WAVES
-    count = int(2.0 * NEAR_WAVES / CELL) + 1
-    heights = _heights(*water.waves, corner, count)
-    along = CELL * np.arange(count) - NEAR_WAVES
-    heights *= np.exp(-np.hypot(along[None, :], along[:, None]) / CALM_FROM)
+    fading = _fading()
+    heights = _heights(*water.waves, corner, len(fading)) * fading
     slopes = np.gradient(heights, CELL)
     return corner, np.stack([heights, slopes[1], slopes[0]], axis=-1)
 
 
-@numba.njit(cache=True)
-def _heights(waves, phases, corner, count):  # type: ignore[no-untyped-def]
-    """Return the (count, count) sums of all waves, each turned on from column to column instead of computed anew."""
-    heights = np.zeros((count, count))
-    for n in range(len(waves)):
-        across, up, amplitude = waves[n, 0] * CELL, waves[n, 1] * CELL, waves[n, 4]
-        cosine, sine = np.cos(across), np.sin(across)
-        for row in range(count):
-            phase = waves[n, 0] * corner[0] + waves[n, 1] * corner[1] + up * row - phases[n]
-            x, y = amplitude * np.cos(phase), amplitude * np.sin(phase)
-            for column in range(count):
-                heights[row, column] += x
-                x, y = cosine * x - sine * y, sine * x + cosine * y
+@functools.cache
+def _fading() -> Array:
+    """Return (N, N) how much of the waves is left on a grid around a camera."""
+    along = CELL * np.arange(int(2.0 * NEAR_WAVES / CELL) + 1) - NEAR_WAVES
+    left: Array = np.exp(-np.hypot(along[None, :], along[:, None]) / CALM_FROM)
+    return left
+
+
+def _heights(waves: Array, phases: Array, corner: Array, count: int) -> Array:
+    """Return the (count, count) sums of all waves, rows by north: cosines of sums of a row's and a column's phase."""
+    east, north, amplitude = waves[:, 0], waves[:, 1], waves[:, 4]
+    across = np.outer(east, corner[0] + CELL * np.arange(count))
+    up = np.outer(corner[1] + CELL * np.arange(count), north) - phases
+    factors = np.concatenate([amplitude * np.cos(up), -amplitude * np.sin(up)], axis=1)
+    heights: Array = _product(factors, np.concatenate([np.cos(across), np.sin(across)]))
     return heights
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _product(left, right):  # type: ignore[no-untyped-def]
+    """Return the product of two matrices: a library's threads would wait for the one that encodes the film."""
+    result = np.zeros((len(left), right.shape[1]))
+    for row in range(len(left)):
+        for n in range(len(right)):
+            factor = left[row, n]
+            for column in range(right.shape[1]):
+                result[row, column] += factor * right[n, column]
+    return result
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
@@ -85,11 +101,14 @@ def _wave_at(corner, grid, x, y):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
-def paint(seen, nearness, sunken, solid, view, sea, tile):  # type: ignore[no-untyped-def]
-    """Return the (H, W, 3) picture.
+@numba.njit(cache=True, error_model="numpy", nogil=True, fastmath=_FAST)
+def paint(picture, first, end, seen, nearness, sunken, solid, view, sea, tile, tones):  # type: ignore[no-untyped-def]
+    """Paint rows of an (H, W, 3) picture.
 
     Args:
+        picture: Is painted on.
+        first: Row.
+        end: Behind the last row.
         seen: (H, W) face of what stands out of the water, -1 for none.
         nearness: (H, W) one over its depth, 1/m.
         sunken: (H, W) one over the depth of rock as it seems through the water, 1/m.
@@ -97,13 +116,13 @@ def paint(seen, nearness, sunken, solid, view, sea, tile):  # type: ignore[no-un
         view: Camera's centre, its rotation and focal length.
         sea: Corner and grid of the waves.
         tile: The rock's texture.
+        tones: `TONES`.
     """
     vertices, normals, colours, faces, kinds = solid
     centre, turn, focal = view
     corner, grid = sea
     height, width = seen.shape
-    picture = np.empty((height, width, 3), np.uint8)
-    for row in range(height):
+    for row in range(first, end):
         for column in range(width):
             x, y = (column + 0.5 - 0.5 * width) / focal, (row + 0.5 - 0.5 * height) / focal
             length = np.sqrt(x * x + y * y + 1.0)
@@ -129,15 +148,14 @@ def paint(seen, nearness, sunken, solid, view, sea, tile):  # type: ignore[no-un
                 sky = _sky(rz)
                 red, green = red + haze * (sky[0] - red), green + haze * (sky[1] - green)
                 blue += haze * (sky[2] - blue)
-            picture[row, column, 0] = _byte(red)
-            picture[row, column, 1] = _byte(green)
-            picture[row, column, 2] = _byte(blue)
-    return picture
+            picture[row, column, 0] = _tone(tones, red)
+            picture[row, column, 1] = _tone(tones, green)
+            picture[row, column, 2] = _tone(tones, blue)
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _byte(value):  # type: ignore[no-untyped-def]
-    return np.uint8(255.0 * min(max(value, 0.0), 1.0) ** (1.0 / GAMMA) + 0.5)
+def _tone(tones, value):  # type: ignore[no-untyped-def]
+    return tones[int(min(max(value, 0.0), 1.0) * (len(tones) - 1) + 0.5)]
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -85,7 +86,7 @@ def film(
 
     Raises:
         InputError: the file has another suffix.
-        ResourceError: OpenCV cannot write it.
+        ResourceError: it cannot be written.
     """
     film_size(path)
     unfinished = path.with_name(f"unfinished-{path.name}")
@@ -95,11 +96,26 @@ def film(
         if is_video
         else AnimationFile(unfinished, frames_per_second)
     )
-    with file as video:
+    try:
+        with file as video:
+            _write(video, camera, frames, progress)
+        unfinished.replace(path)
+    finally:
+        unfinished.unlink(missing_ok=True)
+
+
+def _write(video: VideoFile | AnimationFile, camera: Camera, frames: Sequence[Frame], progress: Progress) -> None:
+    """Write a film's frames; each picture is taken while the one before it is encoded."""
+    with ThreadPoolExecutor(1) as encoder:
+        writing: Future[None] | None = None
         for index, frame in enumerate(frames):
-            video.write(annotate(camera.picture(frame.state, frame.time), frame))
+            picture = annotate(camera.picture(frame.state, frame.time), frame)
+            if writing is not None:
+                writing.result()
+            writing = encoder.submit(video.write, picture)
             progress(index + 1, len(frames))
-    unfinished.replace(path)
+        if writing is not None:
+            writing.result()
 
 
 def annotate(picture: npt.NDArray[np.uint8], frame: Frame) -> npt.NDArray[np.uint8]:

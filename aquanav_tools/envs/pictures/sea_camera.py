@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.envs.pictures.bands import in_bands
 from aquanav_tools.envs.pictures.chase import level
-from aquanav_tools.envs.pictures.daylight import FARTHEST, PAINT, REFRACTION, ROCK, ROCK_COLOUR, paint, wave_grid
+from aquanav_tools.envs.pictures.daylight import FARTHEST, PAINT, REFRACTION, ROCK, ROCK_COLOUR, TONES, paint, wave_grid
 from aquanav_tools.envs.pictures.lamp_light import vertex_normals
 from aquanav_tools.envs.pictures.rock_tile import rock_tile
 from aquanav_tools.envs.pictures.sea_rocks import drawn_rock
@@ -106,7 +107,9 @@ class SeaCamera:
         _, sunken = see(eye, self._sunken, self._faces[: len(self._cells.order)], self._cells)
         solid = self._vertices, self._normals, self._colours, self._faces, self._kinds
         view = eye.centre, eye.cam_from_world, eye.focal
-        picture = paint(seen, nearness, sunken, solid, view, wave_grid(eye.centre, water), rock_tile())
+        picture = np.empty((eye.height, eye.width, 3), np.uint8)
+        told = seen, nearness, sunken, solid, view, wave_grid(eye.centre, water), rock_tile(), TONES
+        in_bands(eye.height, lambda first, end: paint(picture, first, end, *told))
         return self._with_beams(picture, eye, state[:3], turn, ranges)
 
     def _eye(self, position: Array, turn: Array, time: float) -> Eye:

@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 
 from aquanav_tools.envs.pictures.film import Frame, annotate, film, film_size
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.photograph.video import VideoFile
 
 RATE = 10.0
 
@@ -33,8 +34,7 @@ def is_as_painted(shown: np.ndarray, number: int, atol: float) -> bool:
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webm"])
 def test_a_video_has_a_frame_for_every_state(tmp_path: Path, suffix: str) -> None:
-    import cv2
-
+    cv2 = pytest.importorskip("cv2", reason="what reads films here is OpenCV, which did not write them")
     path = tmp_path / f"dive{suffix}"
     film(Painter(), frames(), path, RATE)
     reader = cv2.VideoCapture(str(path))
@@ -53,6 +53,41 @@ def test_a_webm_is_what_browsers_play(tmp_path: Path, capfd: pytest.CaptureFixtu
     assert data[:4] == b"\x1a\x45\xdf\xa3"  # EBML
     assert b"\x42\x82\x84webm" in data[:64] and b"V_VP8" in data  # its DocType and its codec
     assert capfd.readouterr().err == ""
+
+
+def test_an_mp4_is_what_browsers_play(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    film(Painter(), frames(), tmp_path / "dive.mp4", RATE)
+    assert b"avc1" in (tmp_path / "dive.mp4").read_bytes()  # H.264, by its name in the table of samples
+    assert capfd.readouterr().err == ""
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm"])
+def test_an_odd_side_gets_one_pixel_more(tmp_path: Path, suffix: str) -> None:
+    import av
+
+    picture = np.full((73, 97, 3), 120, np.uint8)
+    with VideoFile(tmp_path / f"odd{suffix}", RATE, (97, 73)) as video:
+        video.write(picture)
+    with av.open(str(tmp_path / f"odd{suffix}")) as file:
+        (shown,) = file.decode(video=0)
+    assert np.abs(shown.to_ndarray(format="rgb24").astype(int) - np.full((74, 98, 3), 120)).max() < 8
+
+
+def test_a_video_that_cannot_be_written_is_told_with_the_cause(tmp_path: Path) -> None:
+    with pytest.raises(ResourceError, match=r"The video .*dive\.mp4 cannot be written: .*No such file.*read-only"):
+        VideoFile(tmp_path / "nowhere" / "dive.mp4", RATE, (96, 72))
+
+
+def test_a_camera_that_fails_ends_the_film_with_its_own_error(tmp_path: Path) -> None:
+    class Broken(Painter):
+        def picture(self, state: np.ndarray, time: float) -> np.ndarray:
+            if time > 0.25:
+                raise RuntimeError("the lens fell off")
+            return super().picture(state, time)
+
+    with pytest.raises(RuntimeError, match="the lens fell off"):
+        film(Broken(), frames(), tmp_path / "dive.mp4", RATE)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("kind", ["GIF", "WEBP"])
