@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -40,7 +40,7 @@ class VideoFile:
         self._path, self._odd = path, (size[1] % 2, size[0] % 2)
         with self._explained():
             self._file = av.open(str(path), "w")
-            self._stream: Any = self._file.add_stream(codec, rate, options=told)
+            self._stream = cast("Any", self._file.add_stream(codec, rate, options=told))
             self._stream.width, self._stream.height = size[0] + self._odd[1], size[1] + self._odd[0]
             self._stream.pix_fmt = "yuv420p"
             self._stream.thread_count = 1  # several wait for each other; and one gives the same bytes on every machine
