@@ -21,8 +21,6 @@ CALM_FROM = 20.0
 NEAR_WAVES, CELL = 60.0, 0.4
 """How far from the camera the waves are summed up, on squares of this side, m: a twentieth of them is left there."""
 SUN = np.array([-0.45, 0.35, 0.82]) / np.linalg.norm([-0.45, 0.35, 0.82])
-GLITTER = 180
-"""Exponent of the sun's reflection."""
 SEEN_DEPTH = 1.2
 """Way through water on which light falls to a third, m: reefs shimmer through."""
 REFRACTION = 1.34
@@ -51,7 +49,7 @@ def wave_grid(centre: Array, water: SeaWater) -> tuple[Array, Array]:
     fading = _fading()
     heights = _heights(*water.waves, corner, len(fading)) * fading
     slopes = np.gradient(heights, CELL)
-    return corner, np.stack([heights, slopes[1], slopes[0]], axis=-1)
+    return corner, np.stack([heights, slopes[1], slopes[0]], axis=-1, dtype=np.float32, casting="same_kind")
 
 
 @functools.cache
@@ -82,6 +80,18 @@ def _product(left, right):  # type: ignore[no-untyped-def]
             for column in range(right.shape[1]):
                 result[row, column] += factor * right[n, column]
     return result
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _height_at(corner, grid, x, y):  # type: ignore[no-untyped-def]
+    """Return the sea's height over still water at a place, m; far away that of the grid's border, where it is calm."""
+    last = len(grid) - 1.001
+    column = min(max((x - corner[0]) / CELL, 0.0), last)
+    row = min(max((y - corner[1]) / CELL, 0.0), last)
+    i, j = np.uint32(row), np.uint32(column)
+    u, v = column - j, row - i
+    before = (1.0 - u) * grid[i, j, 0] + u * grid[i, j + 1, 0]
+    return (1.0 - v) * before + v * ((1.0 - u) * grid[i + 1, j, 0] + u * grid[i + 1, j + 1, 0])
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
@@ -165,7 +175,7 @@ def _to_sea(centre, rx, ry, rz, corner, grid):  # type: ignore[no-untyped-def]
         return np.inf
     far = -centre[2] / rz
     for _ in range(ROUNDS):
-        rise, _, _ = _wave_at(corner, grid, centre[0] + far * rx, centre[1] + far * ry)
+        rise = _height_at(corner, grid, centre[0] + far * rx, centre[1] + far * ry)
         far = (rise - centre[2]) / rz
     return min(far, FARTHEST - 1.0)
 
@@ -190,8 +200,8 @@ def _water(rx, ry, rz, wave, through):  # type: ignore[no-untyped-def]
     mx, my, mz = rx + 2.0 * facing * nx, ry + 2.0 * facing * ny, abs(rz + 2.0 * facing * nz)
     fresnel = 0.02 + 0.98 * (1.0 - facing) ** 5
     towards = max(mx * SUN[0] + my * SUN[1] + mz * SUN[2], 0.0)
-    glitter = 1.5 * towards**GLITTER
-    clear = np.exp(-max(through, 0.0) / SEEN_DEPTH)
+    glitter = 1.5 * _glittering(towards)
+    clear = np.exp(-max(through, 0.0) / SEEN_DEPTH) if through < np.inf else 0.0
     light = (1.0 - clear) * (0.75 + 0.5 * facing)
     sky = _sky(mz)
     return (
@@ -199,6 +209,15 @@ def _water(rx, ry, rz, wave, through):  # type: ignore[no-untyped-def]
         (1.0 - fresnel) * (light * DEEP[1] + clear * 1.6 * SHALLOW[1]) + fresnel * sky[1] + glitter,
         (1.0 - fresnel) * (light * DEEP[2] + clear * 1.6 * SHALLOW[2]) + fresnel * sky[2] + glitter,
     )
+
+
+@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _glittering(towards):  # type: ignore[no-untyped-def]
+    """Return the sun's reflection by the cosine of its angle: to the power of 180, by squares."""
+    to_4 = towards * towards * towards * towards
+    to_16 = to_4 * to_4 * to_4 * to_4
+    to_64 = to_16 * to_16 * to_16 * to_16
+    return to_64 * to_64 * to_16 * to_16 * to_16 * to_4
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
