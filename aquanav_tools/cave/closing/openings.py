@@ -35,6 +35,11 @@ MAX_SLENDER = 3.0
 """A patch more than this many times as long as wide lies along the passage, not across it, ..."""
 MAX_SHALLOW = 3.0
 """... where it is also this many times as long as the water before it is deep: it is unseen floor, wall or ceiling."""
+INWARD_TILTS = np.deg2rad([0.0, -45.0, 45.0])
+"""How deep the water is, is asked straight inwards and, behind a flat patch, so far towards its far sides, and measured
+straight inwards: a low passage may turn aside right behind its end. Over a floor it is as deep by all of them."""
+MIN_FLAT_SHARE = 0.95
+"""A patch that faces one way with this share of its area is flat; one that runs from a floor up an end is not."""
 VIEW_DEPTH = 0.25
 """The view sideways is taken this many diameters inside the rim."""
 START_OFFSET = 1e-3
@@ -152,14 +157,20 @@ class _View:
         """
         part = Mesh(self._closed.mesh.vertices, self._closed.mesh.faces[patch])
         middles = part.triangles.mean(axis=1)
-        length = np.sqrt(12.0 * _spread(part.triangles @ plane_axes(opening.normal).T, part.areas)[1])  # as a rectangle
+        axes = plane_axes(opening.normal)
+        variances, directions = _spread(part.triangles @ axes.T, part.areas)
+        length = np.sqrt(12.0 * variances[1])  # as a rectangle
         width = opening.area / length  # across, also of a patch that winds
         if length <= MAX_SLENDER * width:
             return False
-        starts = middles - self._middle - START_OFFSET * length * opening.normal
-        ways = np.broadcast_to(-opening.normal, starts.shape).astype(np.float32)
-        depths = np.asarray(self._scene.run(starts.astype(np.float32), ways, query="DISTANCE"), dtype=np.float64)
-        return bool(length > MAX_SHALLOW * np.median(depths))
+        starts = (middles - self._middle - START_OFFSET * length * opening.normal).astype(np.float32)
+        along = directions[:, 1] @ axes
+        tilts = INWARD_TILTS if opening.area > MIN_FLAT_SHARE * part.areas.sum() else INWARD_TILTS[:1]
+        ways = np.cos(tilts)[:, None] * -opening.normal + np.sin(tilts)[:, None] * along
+        each = [np.broadcast_to(way, starts.shape).astype(np.float32) for way in ways]
+        distances = np.array([self._scene.run(starts, way, query="DISTANCE") for way in each], dtype=np.float64)
+        depths = (distances * -(ways @ opening.normal)[:, None]).max(axis=0)
+        return bool(length > MAX_SHALLOW * float(np.median(depths)))
 
     def share_in_vain(self, patch: IntArray) -> float:
         """Return the share of a patch's area into which several cameras looked without seeing wall; 0 without any."""
@@ -259,8 +270,11 @@ def rim(faces: IntArray) -> IntArray:
     return np.unique(unique[counts == 1])
 
 
-def _spread(corners: Array, areas: Array) -> Array:
-    """Return the two principal variances of the area of (T, 3, 2) triangles, the smaller first, m^2."""
+def _spread(corners: Array, areas: Array) -> tuple[Array, Array]:
+    """Return (2,) principal variances of the area of (T, 3, 2) triangles, the smaller first, m^2, and their directions.
+
+    The directions are (2, 2): a column for each.
+    """
     weights = areas / areas.sum()
     middles = corners.mean(axis=1)
     middle = weights @ middles
@@ -268,4 +282,5 @@ def _spread(corners: Array, areas: Array) -> Array:
     moments = np.einsum("tci,tcj->tij", own, own) / 12.0
     offsets = middles - middle
     moments += offsets[:, :, None] * offsets[:, None, :]
-    return np.linalg.eigvalsh(np.tensordot(weights, moments, axes=1))
+    variances, directions = np.linalg.eigh(np.tensordot(weights, moments, axes=1))
+    return variances, directions

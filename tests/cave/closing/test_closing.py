@@ -61,6 +61,17 @@ def test_a_hole_in_the_wall_is_filled_and_no_portal() -> None:
     assert cavity.volume == pytest.approx(tube_volume(10.0), rel=0.02)  # the cap of the hole is flat
 
 
+def test_the_ends_of_a_low_passage_that_turns_aside_right_behind_them_are_portals() -> None:
+    box = trimesh.creation.box([8.0, 4.0, 1.0])
+    vertices, faces = trimesh.remesh.subdivide_to_size(box.vertices, box.faces, 0.5)
+    is_end = np.abs(vertices[faces][..., 0]).min(axis=1) > 4.0 - 1e-9
+    leaning = np.column_stack([vertices[:, 0], vertices[:, 1] + 2.0 * vertices[:, 0], vertices[:, 2]])
+    used, kept = np.unique(faces[~is_end], return_inverse=True)
+    _, cavity = close(Mesh(leaning[used], kept.reshape(-1, 3)))
+    assert sorted(round(float(lid.centre[0]), 3) for lid in cavity.portals) == [-4.0, 4.0]
+    assert cavity.volume == pytest.approx(8.0 * 4.0 * 1.0, rel=1e-5)
+
+
 def test_a_large_hole_in_the_roof_is_no_open_end() -> None:
     _, cavity = close(without_faces_near(straight(), np.array([5.0, 0.0, RADIUS]), 0.9))
     assert len(cavity.portals) == 2
