@@ -22,6 +22,7 @@ from types import ModuleType
 from typing import Any
 
 from aquanav_tools.compile_caches import MARK_VARIABLE
+from aquanav_tools.outdated_code import forget_outdated
 
 SENTENCE = "Compiling for the first time on this machine: a minute or two in all, and only once."
 NO_PREFIX = {"prefix": ""}
@@ -111,6 +112,8 @@ class _NumbaFinder(importlib.abc.MetaPathFinder):
 
 def _listen() -> None:
     from numba.core import event
+
+    forget_outdated(Path(__file__).parent)
 
     class Listener(event.Listener):  # type: ignore[misc]
         def on_start(self, event: Any) -> None:

@@ -102,7 +102,7 @@ def test_neither_pipeline_nor_scenario_is_refused(capsys: pytest.CaptureFixture[
 
 def test_senseless_setting_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert exit_code("--scenario", ".", "--num-envs", "3", "--n-steps", "32", "--batch", "64") == 2
-    told = " ".join(capsys.readouterr().err.split())
+    told = " ".join(capsys.readouterr().err.replace("│", " ").split())  # older versions of tyro draw a box around it
     assert "A rollout has 96 decisions (n_steps 32 x num_envs 3), which batch (64) must divide" in told
 
 

@@ -14,8 +14,11 @@ _ERROR_3D = (7.0 + 56.0 * _HALF_ULP) * _HALF_ULP
 _ERROR_2D = (3.0 + 16.0 * _HALF_ULP) * _HALF_ULP
 """Bounds on the determinants' rounding error, relative to the sum of absolute terms (Shewchuk 1997, section 4)."""
 _SPLITTER = 2.0**27 + 1.0
-_TERMS_3D = 96
-"""4 minors of 6 triple products, each at most 4 floats."""
+_MAX_PRODUCTS = 24
+"""Triple products, 6 for each of 4 minors, of which the determinant consists without differences."""
+_TERMS_3D = 4 * _MAX_PRODUCTS
+"""Each product is at most 4 floats."""
+_TURNS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 _TERMS_2D = 12
 """6 products, each 2 floats."""
 
@@ -61,10 +64,40 @@ def side_of_line(points, a, b, c, x, y):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True)
 def _exact_side_of_plane(points, a, b, c, d):  # type: ignore[no-untyped-def]
-    """Return the sign of the determinant with a row of ones, from the coordinates as they are: differences round."""
+    """Return the sign of the determinant from differences that are exact as one or two floats, or from none of them.
+
+    Of flat walls along the axes, and of coordinates that fit into 32 bits, most differences are one float, or zero.
+    """
+    parts, counts = np.empty((3, 3, 2)), np.zeros((3, 3), np.int64)
+    for row, corner in enumerate((b, c, d)):
+        for axis in range(3):
+            for part in _sum(points[corner, axis], -points[a, axis]):
+                if part != 0.0:
+                    parts[row, axis, counts[row, axis]] = part
+                    counts[row, axis] += 1
+    num_products = 0
+    for x, y, z in _TURNS:
+        num_products += counts[0, x] * (counts[1, y] * counts[2, z] + counts[1, z] * counts[2, y])
     total, count = np.zeros(_TERMS_3D), 0
+    if num_products > _MAX_PRODUCTS:
+        return _sign_of_coordinates(points, a, b, c, d, total)
+    for x, y, z in _TURNS:
+        for u in parts[0, x, : counts[0, x]]:
+            for v in parts[1, y, : counts[1, y]]:
+                for w in parts[2, z, : counts[2, z]]:
+                    count = _add_triple(total, count, u, v, w)
+            for v in parts[1, z, : counts[1, z]]:
+                for w in parts[2, y, : counts[2, y]]:
+                    count = _add_triple(total, count, -u, v, w)
+    return _sign(total, count)
+
+
+@numba.njit(cache=True)
+def _sign_of_coordinates(points, a, b, c, d, total):  # type: ignore[no-untyped-def]
+    """Return the sign of the determinant with a row of ones, from the coordinates as they are."""
+    count = 0
     for sign, i, j, k in ((1.0, b, c, d), (-1.0, a, c, d), (1.0, a, b, d), (-1.0, a, b, c)):
-        for x, y, z in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        for x, y, z in _TURNS:
             count = _add_triple(total, count, sign * points[i, x], points[j, y], points[k, z])
             count = _add_triple(total, count, -sign * points[i, x], points[j, z], points[k, y])
     return _sign(total, count)

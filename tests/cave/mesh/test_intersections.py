@@ -118,6 +118,16 @@ def test_signs_are_exact_where_floats_round(rng: np.random.Generator) -> None:
     assert side_of_line(with_x_one, 0, 1, 2, 0, 1) == 1
 
 
+@pytest.mark.parametrize("step", [1.0, 0.1, 2.0**-20])
+def test_signs_of_points_on_a_grid_are_exact(rng: np.random.Generator, step: float) -> None:
+    # Corners of parallelograms: in one plane where the step is a power of two, and but for rounding where it is none.
+    whole = rng.integers(-30, 30, (300, 3, 3))
+    points = step * np.concatenate([whole, (whole[:, 1] + whole[:, 2] - whole[:, 0])[:, None]], axis=1)
+    expected = [exact_sign(rows) for rows in points]
+    assert [side_of_plane(rows, 0, 1, 2, 3) for rows in points] == expected
+    assert (len(set(expected)) > 1) == (step == 0.1)
+
+
 def test_the_box_tree_finds_all_pairs_of_boxes_that_meet(rng: np.random.Generator) -> None:
     low = rng.uniform(size=(137, 3))
     high = low + 0.4 * rng.uniform(size=(137, 3)) ** 3
