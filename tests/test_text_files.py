@@ -13,7 +13,7 @@ from tests.conftest import REPOSITORY
 
 OWN_FILES = {
     "benchmark/submission.py", "build/built.py", "build/output_folder.py", "cave/scan/decoder_process.py",
-    "evaluate/results.py", "provenance.py", "reconstruct/earlier.py", "reconstruct/growth.py",
+    "evaluate/results.py", "outdated_code.py", "provenance.py", "reconstruct/earlier.py", "reconstruct/growth.py",
     "reconstruct/intake/memory.py", "reconstruct/intake/video.py", "reconstruct/matching.py", "report/html.py",
     "scenario/replacing.py", "store.py",
 }  # fmt: skip
