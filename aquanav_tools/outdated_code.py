@@ -72,7 +72,7 @@ def _callees(package: Path, file: Path) -> set[Path]:
 
 def _imported(package: Path, file: Path) -> set[Path]:
     """Return the package's modules from which a module has compiled functions or constants."""
-    found = set()
+    found: set[Path] = set()
     for module, names in IMPORT.findall(_text(file)):
         first, *parts = module.split(".")
         if first != package.name:
