@@ -53,6 +53,8 @@ noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 4.8 
 triangles are left, one false handle among them, and the whole build takes 2.5 GB for 1.5."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
+ALL_OF_BAND = 1.0 - 1e-4
+"""Distances of more than this share of the band are cut off by it, and differ from it by rounding alone."""
 SMALLEST_VALUE = 1e-3
 """A surface has degenerate faces where a sample lies on it; none comes nearer than this, voxels."""
 
@@ -68,14 +70,29 @@ class Piece(NamedTuple):
     """(V, 4) the sample of the lattice and the axis along which each vertex lies beyond it; see `marching_cubes`."""
 
 
+class PackedSamples(NamedTuple):
+    """A box of samples of which those away from the wall are all equally far from it: of these the side is kept."""
+
+    shape: tuple[int, ...]
+    is_near: npt.NDArray[np.uint8]
+    """A bit for each sample, whether it is nearer to the wall than BAND_VOXELS."""
+    is_negative: npt.NDArray[np.uint8]
+    """A bit for each sample."""
+    near: Float32Array
+    """Of those nearer to the wall."""
+
+
 @dataclass(frozen=True, eq=False)
 class TileCache:
-    """What was sampled before, to be handed in again: tiles whose corrections stay as they were are kept."""
+    """What was sampled before, to be handed in again.
+
+    Tiles whose corrections stay as they were are kept; of others, what the corrections are made to.
+    """
 
     pieces: dict[tuple[int, ...], tuple[FieldEdits, Piece]] = field(default_factory=dict)
     """By tile, with the corrections it was made with."""
-    seen: dict[tuple[int, ...], npt.NDArray[np.uint8]] = field(default_factory=dict)
-    """By tile and halo: the samples that cameras looked through, a bit for each."""
+    samples: dict[tuple[int, ...], tuple[PackedSamples, PackedSamples]] = field(default_factory=dict)
+    """By tile and halo: the values before any correction, and the distances from the surface, both in voxels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,17 +164,8 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     lattice, voxel = water.lattice, water.voxel
     halo = EDITS_HALO if edits.columns or len(edits.legs) or water.sight is not None else HALO
     halo = SPURIOUS_HALO if len(edits.spurious) else halo
-    count = TILE + 1 + 2 * halo
-    origin = lattice.origin + voxel * (tile * TILE - halo)
-    triangles = lattice.triangles_near(tile, around=1 if halo > EDITS_HALO else 0)
-    distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
-    distance /= np.float32(voxel)
-    numbers = winding_in_box(water.winding, triangles, origin, voxel, distance)
-    values: Samples = np.empty_like(distance)
-    _combine(distance, numbers, values)
-    if water.sight is not None:
-        values = with_seen_through(values, _seen_through(water, tile, halo, values > 0.0, cache))
-    values = apply_edits(values, distance, origin, voxel, edits)
+    values, distance = _unedited(water, tile, halo, cache)
+    values = apply_edits(values, distance, lattice.origin + voxel * (tile * TILE - halo), voxel, edits)
     smooth = _smoothed(values, halo, SMOOTHING)
     for axis in range(3):  # no water leaves the samples
         ends = np.moveaxis(smooth, axis, 0)
@@ -168,19 +176,55 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     return smooth
 
 
-def _seen_through(water: ImplicitField, tile: IntArray, halo: int, is_rock: BoolArray, cache: TileCache) -> BoolArray:
-    """Return the flags of a tile's samples that are rock to the surface and that cameras looked through.
+def _unedited(water: ImplicitField, tile: IntArray, halo: int, cache: TileCache) -> tuple[Samples, Samples]:
+    """Return the values of a tile and its halo before any correction, and the distances from the surface, in voxels.
 
-    Asking costs more than all else about a tile, so the answer is kept.
+    Sampling costs more than all else about a tile, so what corrections reach is kept for the next ones.
     """
     key = (*tile.tolist(), halo)
-    if water.sight is not None and key not in cache.seen:
-        low = water.lattice.origin + water.voxel * (tile * TILE - halo)
-        sight = water.sight.near(low, low + water.voxel * np.array(is_rock.shape))
-        seen = np.zeros(is_rock.shape, dtype=bool)
-        seen[is_rock] = is_seen_through(sight, low + water.voxel * np.argwhere(is_rock), water.voxel)
-        cache.seen[key] = np.packbits(seen)
-    return np.unpackbits(cache.seen[key], count=is_rock.size).astype(bool).reshape(is_rock.shape)
+    if key in cache.samples:
+        values, distance = cache.samples[key]
+        return _unpacked(values), _unpacked(distance)
+    lattice, voxel = water.lattice, water.voxel
+    count = TILE + 1 + 2 * halo
+    origin = lattice.origin + voxel * (tile * TILE - halo)
+    triangles = lattice.triangles_near(tile, around=1 if halo > EDITS_HALO else 0)
+    distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
+    distance /= np.float32(voxel)
+    distance[distance > ALL_OF_BAND * BAND_VOXELS] = BAND_VOXELS
+    numbers = winding_in_box(water.winding, triangles, origin, voxel, distance)
+    values: Samples = np.empty_like(distance)
+    _combine(distance, numbers, values)
+    if water.sight is not None:
+        seen = _seen_through(water.sight, values > 0.0, origin, voxel)
+        values = with_seen_through(values, seen).astype(np.float32, copy=False)
+    if halo > HALO:
+        cache.samples[key] = _packed(values), _packed(distance)
+    return values, distance
+
+
+def _seen_through(sight: Sight, is_rock: BoolArray, origin: Array, voxel: float) -> BoolArray:
+    """Return the flags of a box of samples that are rock to the surface and that cameras looked through."""
+    near = sight.near(origin, origin + voxel * np.array(is_rock.shape))
+    seen = np.zeros(is_rock.shape, dtype=bool)
+    seen[is_rock] = is_seen_through(near, origin + voxel * np.argwhere(is_rock), voxel)
+    return seen
+
+
+def _packed(samples: Samples) -> PackedSamples:
+    is_near = np.abs(samples) < BAND_VOXELS
+    return PackedSamples(samples.shape, np.packbits(is_near), np.packbits(samples < 0.0), samples[is_near])
+
+
+def _unpacked(packed: PackedSamples) -> Float32Array:
+    count = int(np.prod(packed.shape))
+    is_near, is_negative = (
+        np.unpackbits(bits, count=count).view(bool).reshape(packed.shape)
+        for bits in (packed.is_near, packed.is_negative)
+    )
+    samples = np.where(is_negative, np.float32(-BAND_VOXELS), np.float32(BAND_VOXELS))
+    samples[is_near] = packed.near
+    return samples
 
 
 @numba.njit(cache=True, parallel=True)
