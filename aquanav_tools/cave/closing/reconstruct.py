@@ -38,7 +38,10 @@ HOLE_VOXELS = 0.3
 SIMPLIFY_VOXELS = 0.1
 """Triangles of the resampled surface are merged where that moves it by no more than this, voxels."""
 LEG_VOXELS = 1.5
-"""Water that is carved around a blocked leg, voxels."""
+"""Water that is carved around a blocked leg, voxels ..."""
+CARRIED_SHARE = 0.25
+"""... and this share of the narrowest portal where cameras were shut out: the vehicle's radius. Where a camera was
+carried there is as much room."""
 SMOOTHING_VOXELS = (1.5, 3.0, 5.0)
 """Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
 NOISE_VOXELS = 1.0
@@ -83,7 +86,7 @@ class ClosedScan:
 class _Draft:
     """What the next extraction has to respect."""
 
-    edits: FieldEdits
+    edits: FieldEdits = NO_EDITS
     """Corrections of the sampled field."""
     holes: Mesh = NO_HOLES
     """Invented faces of an earlier extraction that are to continue the curvature of the wall around them."""
@@ -144,7 +147,7 @@ def close_scan(
         MeshError: no space is enclosed, two caves are, or known water cannot be kept.
     """
     scan = _Scan(surface, evidence, options)
-    closed, draft = _with_lids(scan), _first_draft(options)
+    closed, draft = _with_lids(scan), _Draft()
     while True:  # it ends: tunnels, ends and sealed water are each corrected a fixed number of times
         if closed is None:
             closed, draft = _extracted(scan, draft, progress)
@@ -153,22 +156,22 @@ def close_scan(
         else:
             found = _cut(scan, draft, closed)
             sealed = draft.dry.chosen(contradictions(found.cavity.mesh, draft.dry, options.voxel))
-            if draft.is_dug or not sealed.count:
-                return found
-            closed, draft = None, _dug(draft, sealed)
+            if sealed.count and not draft.is_dug:
+                closed, draft = None, _dug(draft, sealed, options)
+                continue
+            if sealed.count:
+                scan.accept(_contradiction(sealed))
+            cautions = (*found.closed.cautions, *scan.accepted.items())
+            return replace(found, closed=replace(found.closed, cautions=cautions))
 
 
 def close_surface(surface: Mesh, options: ReconstructionOptions, evidence: Evidence = NO_EVIDENCE) -> ClosedSurface:
     """Return the solid that a surface encloses, before its ends are looked for; see `close_scan`."""
     scan = _Scan(Surface(surface, surface.vertices), evidence, options)
-    closed, draft = _with_lids(scan), _first_draft(options)
+    closed, draft = _with_lids(scan), _Draft()
     while closed is None:
         closed, draft = _extracted(scan, draft, ignore_progress)
     return closed
-
-
-def _first_draft(options: ReconstructionOptions) -> _Draft:
-    return _Draft(replace(NO_EDITS, leg_radius=LEG_VOXELS * options.voxel))
 
 
 def _with_lids(scan: _Scan) -> ClosedSurface | None:
@@ -208,8 +211,6 @@ def _with_ends(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> tuple[Close
     """Return the solid and the ends of its passage; None instead of it where they have to be drawn out first."""
     evidence, options = scan.evidence, scan.options
     dry = evidence.chosen(contradictions(closed.mesh, evidence, options.voxel))
-    if draft.is_dug and dry.count:
-        scan.accept(_contradiction(dry))
     openings = find_openings(closed, options.min_portal, evidence.sight)
     holes = holes_in_wall(openings, closed.mesh)
     cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
@@ -228,13 +229,21 @@ def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
     tree = scan.tree if kept is scan.surface else None
     max_share = MAX_ACCEPTED_CUT_SHARE if options.accept_open else MAX_CUT_SHARE
     cavity = cut_portals(closed, kept.mesh, draft.ends or (), options.voxel, options.cuts, scan.accept, max_share, tree)
-    return ClosedScan(kept, replace(closed, cautions=(*closed.cautions, *scan.accepted.items())), cavity)
+    return ClosedScan(kept, closed, cavity)
 
 
-def _dug(draft: _Draft, sealed: Evidence) -> _Draft:
-    """Return a draft in which water that an end shut out is dug free; ends are looked for anew."""
-    legs = np.concatenate([draft.edits.legs, sealed.legs])
-    return _Draft(replace(draft.edits, legs=legs, columns=()), is_dug=True)
+def _dug(draft: _Draft, sealed: Evidence, options: ReconstructionOptions) -> _Draft:
+    """Return a draft in which water that an end or a missing ceiling shut out is dug free; ends are sought anew."""
+    radius = LEG_VOXELS * options.voxel
+    if sealed.sight is not None:
+        radius = max(radius, CARRIED_SHARE * options.min_portal)
+    return _Draft(replace(_carved(draft.edits, sealed.legs, radius), columns=()), is_dug=True)
+
+
+def _carved(edits: FieldEdits, legs: Array, radius: float) -> FieldEdits:
+    """Return edits with water around more (M, 2, 3) legs, m."""
+    radii = np.concatenate([edits.leg_radii, np.full(len(legs), radius)])
+    return replace(edits, legs=np.concatenate([edits.legs, legs]), leg_radii=radii)
 
 
 def _faired(scan: _Scan, mesh: Mesh, holes: Mesh) -> Mesh:
@@ -267,8 +276,7 @@ def _with_corrections(
         for handle in spurious
     ]
     return replace(
-        before,
-        legs=np.concatenate([before.legs, blocked]),
+        _carved(before, blocked, LEG_VOXELS * voxel),
         spurious=np.concatenate([before.spurious, np.array(balls).reshape(-1, 5)]),
         smoothing_radius=radius,
     )

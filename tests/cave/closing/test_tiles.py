@@ -59,7 +59,7 @@ def test_a_known_leg_keeps_a_sealed_passage_open() -> None:
     apart = joined(left, Mesh(right.vertices + [2.3, 0.0, 0.0], right.faces))
     assert len(water_surface(implicit_field(apart, VOXEL)).to_trimesh().split()) == 2
     leg = np.array([[[0.0, 0.0, 0.0], [2.3, 0.0, 0.0]]])
-    carved = water_surface(implicit_field(apart, VOXEL), FieldEdits(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(apart, VOXEL), FieldEdits(leg, np.array([0.2]), np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     gap = np.pi * 0.2**2 * 0.3
     balls = 2 * 4 / 3 * np.pi
@@ -72,7 +72,7 @@ def test_a_leg_through_rock_far_from_any_wall_is_dug_all_the_way() -> None:
     left, right = sphere(0.5), sphere(0.5)
     both = joined(left, Mesh(right.vertices + [apart, 0.0, 0.0], right.faces))
     leg = np.array([[[0.0, 0.0, 0.0], [apart, 0.0, 0.0]]])
-    carved = water_surface(implicit_field(both, VOXEL), FieldEdits(leg, 0.2, np.zeros((0, 5)), 0.0))
+    carved = water_surface(implicit_field(both, VOXEL), FieldEdits(leg, np.array([0.2]), np.zeros((0, 5)), 0.0))
     prove_watertight(carved)
     assert len(carved.to_trimesh().split()) == 1
 
@@ -82,7 +82,7 @@ def test_what_is_sampled_again_is_as_if_it_were_sampled_at_first() -> None:
     stray = Mesh(ball.vertices * 0.02 + [-4.3, 0.0, 0.0], ball.faces)
     holed = joined(ball, stray)  # so that a border of tiles passes through the ball
     spurious = np.array([[0.0, 0.0, 1.0, 0.5, 0.0], [0.9, 0.0, 0.0, 0.4, 0.0]])
-    edits = FieldEdits(np.array([[[0.0, 0.0, 0.0], [0.0, 1.6, 0.0]]]), 0.2, spurious, 0.2)
+    edits = FieldEdits(np.array([[[0.0, 0.0, 0.0], [0.0, 1.6, 0.0]]]), np.array([0.2]), spurious, 0.2)
     field, cache = implicit_field(holed, VOXEL), TileCache()
     before = water_surface(field, NO_EDITS, cache)
     again, at_first = water_surface(field, edits, cache), water_surface(field, edits)
