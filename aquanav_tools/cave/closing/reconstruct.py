@@ -47,8 +47,6 @@ LEG_VOXELS = 1.5
 CARRIED_SHARE = 0.25
 """... and this share of the narrowest portal where cameras were shut out: the vehicle's radius. Where a camera was
 carried there is as much room."""
-MAX_DUG = 2
-"""Known water is dug free so often: the second time, what the new shape of a missing ceiling shuts out again."""
 SMOOTHING_VOXELS = (1.5, 3.0, 5.0)
 """Tunnels that nobody scanned are smoothed away with balls of these radii in turn, voxels."""
 NOISE_VOXELS = 1.0
@@ -103,8 +101,8 @@ class _Draft:
     """Where the passage is open; None until that was looked for."""
     dry: Evidence = NO_EVIDENCE
     """Known water that is in rock before the ends are cut."""
-    num_dug: int = 0
-    """How often known water that was sealed was dug free."""
+    is_dug: bool = False
+    """Whether known water that was sealed was dug free."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +158,7 @@ def close_scan(
         else:
             found = _cut(scan, draft, closed)
             sealed = draft.dry.chosen(contradictions(found.cavity.mesh, draft.dry, options.voxel))
-            if sealed.count and draft.num_dug < MAX_DUG:
+            if sealed.count and not draft.is_dug:
                 closed, draft = None, _dug(draft, sealed, options)
                 continue
             if sealed.count:
@@ -250,7 +248,7 @@ def _dug(draft: _Draft, sealed: Evidence, options: ReconstructionOptions) -> _Dr
     radius = LEG_VOXELS * options.voxel
     if sealed.sight is not None:
         radius = max(radius, CARRIED_SHARE * options.min_portal)
-    return _Draft(replace(_carved(draft.edits, sealed.legs, radius), columns=()), num_dug=draft.num_dug + 1)
+    return _Draft(replace(_carved(draft.edits, sealed.legs, radius), columns=()), is_dug=True)
 
 
 def _carved(edits: FieldEdits, legs: Array, radius: float) -> FieldEdits:
