@@ -84,3 +84,15 @@ def test_a_tube_is_round_where_a_third_of_its_wall_is_missing() -> None:
     assert top[0] < 0.6 * RADIUS  # half of the radius, were it not for the ends of the hole
     assert top[1] == pytest.approx(RADIUS, rel=0.2)
     assert tube_volume(LENGTH) * 0.95 < cavity.volume < tube_volume(LENGTH)
+
+
+def test_a_missing_ceiling_that_runs_into_an_end_is_vaulted_up_to_near_the_end() -> None:
+    whole = straight()
+    x, y, z = whole.triangles.mean(axis=1).T
+    is_missing = (np.abs(np.arctan2(y, z)) < np.deg2rad(60.0)) & (x > 3.0)
+    surface = surface_from_mesh(Mesh(whole.vertices, whole.faces[~is_missing]), VOXEL)
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, 0.5, keep_triangles=False, accept_open=True)).cavity
+    prove_watertight(cavity.mesh)
+    assert len(cavity.portals) == 2
+    top = cavity.mesh.to_trimesh().ray.intersects_location([[5.5, 0, 0]], [[0, 0, 1]])[0][:, 2].min()
+    assert top > 0.75 * RADIUS  # straight across, half of it
