@@ -102,7 +102,8 @@ def _least_bent(mesh: Mesh, is_free: BoolArray, is_held: BoolArray, voxel: float
         pull = (springs[:, None] * part.vertices)[is_bent] - form[is_bent][:, ~is_bent] @ part.vertices[~is_bent]
         moved = part.vertices.copy()
         moved[is_bent] = spsolve(form[is_bent][:, is_bent].tocsc(), pull)
-        vanished = used[is_bent & (_areas_around(Mesh(moved, part.faces)) < MIN_AREA_SHARE * areas)]
+        is_sound = _areas_around(Mesh(moved, part.faces)) >= MIN_AREA_SHARE * areas  # not where there is no solution
+        vanished = used[is_bent & ~is_sound]
         if len(vanished):
             lost = lost if number else vanished
             break

@@ -97,12 +97,20 @@ class _Draft:
     """Invented faces of an earlier extraction that are to continue the curvature of the wall around them."""
     num_smoothed: int = 0
     """How often tunnels were smoothed away since the ends or the known water changed."""
+    unsmoothed: FieldEdits = NO_EDITS
+    """The corrections before tunnels were last smoothed away ..."""
+    num_spurious: float = np.inf
+    """... and how many there were with them."""
     ends: tuple[End, ...] | None = None
     """Where the passage is open; None until that was looked for."""
     dry: Evidence = NO_EVIDENCE
     """Known water that is in rock before the ends are cut."""
     is_dug: bool = False
     """Whether known water that was sealed was dug free."""
+
+    def is_worse(self, num_spurious: int) -> bool:
+        """Return whether the last smoothing made more tunnels than it closed: large balls do where wall is ragged."""
+        return num_spurious > self.num_spurious and len(self.edits.legs) == len(self.unsmoothed.legs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,12 +215,19 @@ def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSu
     waters = water_surface(scan.water, draft.edits, scan.cache, progress)
     mesh, cautions = main_water(waters, scan.surface.mesh, scan.tree, scan.evidence.inside, voxel, scan.accept)
     spurious = _spurious_handles(mesh, scan.tree, voxel)
+    if draft.is_worse(len(spurious)):
+        return None, replace(draft, edits=draft.unsmoothed, num_spurious=np.inf, num_smoothed=len(SMOOTHING_VOXELS))
     if draft.num_smoothed < len(SMOOTHING_VOXELS):
         blocked = _blocked(mesh, waters, scan.evidence, voxel)
         if len(blocked) or spurious:
             radius = SMOOTHING_VOXELS[draft.num_smoothed] * voxel
-            edits = _with_corrections(draft.edits, blocked, spurious, radius, voxel)
-            return None, replace(draft, edits=edits, num_smoothed=draft.num_smoothed + 1)
+            return None, replace(
+                draft,
+                edits=_with_corrections(draft.edits, blocked, spurious, radius, voxel),
+                unsmoothed=draft.edits,
+                num_spurious=len(spurious),
+                num_smoothed=draft.num_smoothed + 1,
+            )
     merged = simplify(_faired(scan, mesh, draft.holes), SIMPLIFY_VOXELS * voxel)
     is_scan = faces_within(merged, scan.tree, SCAN_VOXELS * voxel)
     return ClosedSurface(merged, is_scan, "winding", cautions + _handles_left(spurious)), draft
@@ -230,7 +245,9 @@ def _with_ends(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> tuple[Close
     columns = tuple(end.column for end in ends if end.column is not None)
     if not columns and (not len(holes.faces) or closed.method != "winding"):
         return closed, draft
-    return None, replace(draft, edits=replace(draft.edits, columns=columns), holes=holes, num_smoothed=0)
+    return None, replace(
+        draft, edits=replace(draft.edits, columns=columns), holes=holes, num_smoothed=0, num_spurious=np.inf
+    )
 
 
 def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
