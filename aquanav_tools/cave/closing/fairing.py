@@ -115,7 +115,8 @@ def _least_bent(mesh: Mesh, is_free: BoolArray, is_held: BoolArray, voxel: float
 
 def _areas_around(mesh: Mesh) -> Array:
     """Return the (V,) thirds of the area of the faces around each vertex, m^2."""
-    return np.bincount(mesh.faces.ravel(), np.repeat(mesh.areas / 3.0, 3), minlength=len(mesh.vertices))
+    shares = np.repeat(mesh.areas / 3.0, 3)
+    return np.asarray(np.bincount(mesh.faces.ravel(), shares, minlength=len(mesh.vertices)), dtype=np.float64)
 
 
 def _near(vertices: Array, chosen: IntArray, distance: float) -> BoolArray:

@@ -205,8 +205,8 @@ def _unedited(water: ImplicitField, tile: IntArray, halo: int, cache: TileCache)
     """
     key = tuple(tile.tolist())
     if halo == EDITS_HALO and key in cache.samples:
-        values, distance = cache.samples[key]
-        return unpacked(values), unpacked(distance)
+        kept = cache.samples[key]
+        return unpacked(kept[0]), unpacked(kept[1])
     lattice, voxel = water.lattice, water.voxel
     count = TILE + 1 + 2 * halo
     origin = lattice.origin + voxel * (tile * TILE - halo)
