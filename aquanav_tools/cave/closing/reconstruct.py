@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.ends import NO_CAMERAS, End, find_ends
+from aquanav_tools.cave.closing.ends import NO_CAMERAS, End, find_ends, without_passed
 from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.fairing import fair_holes
 from aquanav_tools.cave.closing.field_edits import NO_EDITS, FieldEdits
@@ -238,8 +238,10 @@ def _with_ends(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> tuple[Close
     evidence, options = scan.evidence, scan.options
     dry = evidence.chosen(contradictions(closed.mesh, evidence, options.voxel))
     openings = find_openings(closed, options.min_portal, evidence.sight)
-    holes = holes_in_wall(openings, closed.mesh)
     cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
+    if options.accept_open:
+        openings = without_passed(openings, cameras)
+    holes = holes_in_wall(openings, closed.mesh)
     ends = find_ends(openings, closed.mesh, options.voxel, cameras)
     draft = replace(draft, ends=ends, dry=dry)
     columns = tuple(end.column for end in ends if end.column is not None)
