@@ -84,7 +84,8 @@ REAL = (
         folder="img_office_corridor",
         images=("images", "*.jpg"),
         every=2,
-        flags=("--passage-height", "2.5"),
+        # Partition walls up to where the camera was carried, and no photo of the ceiling.
+        flags=("--passage-height", "2.5", "--accept-open"),
         is_loop=True,
     ),
     PhotoSetCase(

@@ -31,6 +31,11 @@ MAX_REST = 0.3
 """An end is in pieces when others of the same patch face its way, with this share of its area."""
 MIN_WAY_LENGTH = 2.0
 """... or they went to and fro: along the way they are spread this many times as far as across."""
+PASSED_RADII = 2.0
+"""Photos that go on through an opening and this many of its radii away from it were taken along the passage behind it;
+chosen: an end is drawn out to cameras that its surface shut out nearer than that."""
+MAX_STEP = 3.0
+"""A step from photo to photo longer than this many typical ones was not walked."""
 NO_CAMERAS = np.zeros((0, 3))
 
 
@@ -64,6 +69,38 @@ def find_ends(openings: tuple[Opening, ...], mesh: Mesh, voxel: float, cameras: 
         cameras: (N, 3) places that were in the water, m.
     """
     return tuple(_end(opening, mesh, voxel, cameras) for opening in openings if opening.is_portal)
+
+
+def without_passed(openings: tuple[Opening, ...], cameras: Array) -> tuple[Opening, ...]:
+    """Return openings of which those are no ends of the passage that photos were taken through, one after the other.
+
+    Args:
+        openings: from `find_openings`.
+        cameras: (N, 3) where photos were taken, in their order, m.
+    """
+    return tuple(
+        replace(one, is_portal=one.is_portal and not (_is_passed(one, cameras) or _is_passed(one, cameras[::-1])))
+        for one in openings
+    )
+
+
+def _is_passed(opening: Opening, cameras: Array) -> bool:
+    """Return whether some way from photo to photo leads out through an opening and far away from it."""
+    if len(cameras) < 2:
+        return False
+    steps = np.linalg.norm(np.diff(cameras, axis=0), axis=1)
+    heights = (cameras - opening.centre) @ opening.normal
+    for first in np.flatnonzero((heights[:-1] <= 0.0) & (heights[1:] > 0.0) & (steps <= MAX_STEP * np.median(steps))):
+        share = heights[first] / (heights[first] - heights[first + 1])
+        crossing = cameras[first] + share * (cameras[first + 1] - cameras[first])
+        if np.linalg.norm(crossing - opening.centre) > opening.radius:
+            continue
+        is_left = (heights[first + 1 :] <= 0.0) | (steps[first:] > MAX_STEP * np.median(steps))
+        end = first + 1 + int(np.argmax(is_left)) if is_left.any() else len(cameras)
+        away = np.linalg.norm(cameras[first + 1 : end] - opening.centre, axis=1)
+        if away.max(initial=0.0) > PASSED_RADII * opening.radius:
+            return True
+    return False
 
 
 def _end(opening: Opening, mesh: Mesh, voxel: float, cameras: Array) -> End:

@@ -69,15 +69,15 @@ class Contradictions:
 
 def contradictions(closed: Mesh, evidence: Evidence, voxel: float) -> Contradictions:
     """Return which places and legs a closed surface (normals out of the water) leaves in rock."""
-    is_wet = _is_water(closed, evidence.inside, voxel)
     lengths = np.linalg.norm(evidence.legs[:, 1] - evidence.legs[:, 0], axis=1)
     counts = np.maximum(np.ceil(lengths / (LEG_STEP * voxel)).astype(np.int64), 1) + 1
     leg_ids = np.repeat(np.arange(len(lengths)), counts)
     rank = np.arange(len(leg_ids)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (rank / np.maximum(counts[leg_ids] - 1, 1))[:, None]
     samples = (1.0 - share) * evidence.legs[leg_ids, 0] + share * evidence.legs[leg_ids, 1]
-    dry = leg_ids[~_is_water(closed, samples, voxel)]
-    return Contradictions(np.flatnonzero(~is_wet), np.unique(dry))
+    is_dry = ~_is_water(closed, np.concatenate([evidence.inside, samples]), voxel)
+    num_points = len(evidence.inside)
+    return Contradictions(np.flatnonzero(is_dry[:num_points]), np.unique(leg_ids[is_dry[num_points:]]))
 
 
 def _is_water(closed: Mesh, points: Array, voxel: float) -> BoolArray:

@@ -26,6 +26,8 @@ SIGHT_VOXELS = 2.0
 """... if the wall they saw lies this far behind it, voxels: the surface itself is as thick as its noise; and if fewer
 cameras show wall there: far ones err by more than this. Measured on photos taken forwards only: without the latter
 0.28 m3 of rock more than 5 cm deep were taken for water, with it 0.00; of the water found, 2.5 m3 of 2.7 stay."""
+SMOOTHING_REACH = 4.0
+"""Four passes with the ball that smooths spurious handles look no farther than this many of its radii."""
 SIGHT_SMOOTHING = 1.5
 """Standard deviation of the filter that takes slivers and pits from such water, voxels ..."""
 MIN_CARVED = 0.1
@@ -37,9 +39,9 @@ class FieldEdits:
     """Corrections of the sampled water."""
 
     legs: Array
-    """(M, 2, 3) lines that are water up to `leg_radius` around them, m."""
-    leg_radius: float
-    """m."""
+    """(M, 2, 3) lines that are water, m."""
+    leg_radii: Array
+    """(M,) how far around them, m."""
     spurious: Array
     """(K, 5) balls (centre, radius) in which wall is smoothed until no window or pillar is left in it, and how near to
     the scan it stays as it is, m."""
@@ -50,18 +52,20 @@ class FieldEdits:
 
     def near(self, low: Array, high: Array) -> FieldEdits:
         """Return only the legs, spurious handles and columns that reach into the box from (3,) low to (3,) high, m."""
-        around = 2.0 * self.leg_radius
+        around = 2.0 * self.leg_radii[:, None]
         is_leg = (self.legs.min(axis=1) - around <= high).all(axis=1)
         is_leg &= (self.legs.max(axis=1) + around >= low).all(axis=1)
         centres, radii = self.spurious[:, :3], self.spurious[:, 3:4]
         is_near = ((centres - radii <= high) & (centres + radii >= low)).all(axis=1)
         columns = tuple(c for c in self.columns if (c.box[0] <= high).all() and (c.box[1] >= low).all())
-        return replace(self, legs=self.legs[is_leg], spurious=self.spurious[is_near], columns=columns)
+        legs, radii = self.legs[is_leg], self.leg_radii[is_leg]
+        return replace(self, legs=legs, leg_radii=radii, spurious=self.spurious[is_near], columns=columns)
 
     def is_as(self, other: FieldEdits) -> bool:
         """Return whether two sets of edits of one surface do the same."""
         return (
             np.array_equal(self.legs, other.legs)
+            and np.array_equal(self.leg_radii, other.leg_radii)
             and np.array_equal(self.spurious, other.spurious)
             and (not len(self.spurious) or self.smoothing_radius == other.smoothing_radius)
             and len(self.columns) == len(other.columns)
@@ -69,7 +73,7 @@ class FieldEdits:
         )
 
 
-NO_EDITS = FieldEdits(np.zeros((0, 2, 3)), 0.0, np.zeros((0, 5)), 0.0)
+NO_EDITS = FieldEdits(np.zeros((0, 2, 3)), np.zeros(0), np.zeros((0, 5)), 0.0)
 
 
 def apply_edits(field: Samples, distance: Samples, origin: Array, voxel: float, edits: FieldEdits) -> Samples:
@@ -125,8 +129,7 @@ def _without_spurious(field: Samples, distance: Samples, origin: Array, voxel: f
         return field
     radius = edits.smoothing_radius / voxel
     places = np.argwhere(is_spurious)
-    # Four passes with the ball look no farther than four of its radii.
-    part = _part(field.shape, np.stack([places.min(axis=0), places.max(axis=0)]), 4.0 * radius + 1.0)
+    part = _part(field.shape, np.stack([places.min(axis=0), places.max(axis=0)]), SMOOTHING_REACH * radius + 1.0)
     water = _depth(field[part] >= 0) <= radius  # grown: pillars drown
     water = _depth(water) > radius  # shrunk back
     water = _depth(water) > radius  # shrunk: windows close
@@ -144,14 +147,14 @@ def _depth(flags: BoolArray) -> Array:
 
 def _with_legs(field: Samples, origin: Array, voxel: float, edits: FieldEdits) -> Samples:
     """Change a field, in place: water around the legs. Return it."""
-    for start, end in edits.legs:
-        reach = edits.leg_radius / voxel + BAND_VOXELS
+    for (start, end), radius in zip(edits.legs, edits.leg_radii, strict=True):
+        reach = radius / voxel + BAND_VOXELS
         part = _part(field.shape, (np.stack([np.minimum(start, end), np.maximum(start, end)]) - origin) / voxel, reach)
         points = _points(part, origin, voxel)
         along = end - start
         share = np.clip((points - start) @ along / max(along @ along, 1e-12), 0.0, 1.0)
         distance = np.linalg.norm(points - start - share[..., None] * along, axis=-1)
-        field[part] = np.minimum(field[part], (distance - edits.leg_radius) / voxel)
+        field[part] = np.minimum(field[part], (distance - radius) / voxel)
     return field
 
 

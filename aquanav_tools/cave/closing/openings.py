@@ -49,6 +49,8 @@ VIEW_TILTS = np.deg2rad([-15.0, 0.0, 15.0])
 """Of three rays to each side the middle one counts: a single boulder or crack decides nothing."""
 FLAT_RIM_DEPTH = 0.25
 """A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
+AT_END_RADII = 1.5
+"""What was invented this many radii around an end's middle belongs to it; chosen."""
 NUM_DIRECTIONS = 64
 """Normals of a patch that are tried as its main direction."""
 MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
@@ -121,13 +123,18 @@ def _without_overlaps(openings: list[Opening]) -> tuple[Opening, ...]:
 
 
 def holes_in_wall(openings: tuple[Opening, ...], mesh: Mesh) -> Mesh:
-    """Return the faces of a closed mesh that were invented across holes in the wall, in one piece with no end."""
+    """Return the faces of a closed mesh that were invented across holes in the wall, and not at an end.
+
+    A ceiling that nobody saw is often in one piece with what was invented across an end.
+    """
     is_hole = np.zeros(len(mesh.faces), dtype=np.bool_)
     for opening in openings:
         is_hole[opening.patch] = True
+    middles = mesh.triangles.mean(axis=1)
     for opening in openings:
         if opening.is_portal:
-            is_hole[opening.patch] = False
+            away = np.linalg.norm(middles[opening.patch] - opening.centre, axis=1)
+            is_hole[opening.patch[away < AT_END_RADII * opening.radius]] = False
     return Mesh(mesh.vertices, mesh.faces[is_hole])
 
 

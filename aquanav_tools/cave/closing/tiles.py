@@ -9,6 +9,7 @@ so no border of water lies there alone.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import product
 from typing import NamedTuple
 
 import numba
@@ -18,12 +19,14 @@ import numpy.typing as npt
 from aquanav_tools.cave.closing.field_edits import (
     BAND_VOXELS,
     NO_EDITS,
+    SMOOTHING_REACH,
     FieldEdits,
     Samples,
     apply_edits,
     is_seen_through,
     with_seen_through,
 )
+from aquanav_tools.cave.closing.packed_samples import PackedSamples, packed, unpacked
 from aquanav_tools.cave.closing.solid import no_space
 from aquanav_tools.cave.closing.winding import COARSE_STEP, WATER_LEVEL, WindingField, winding_field, winding_in_box
 from aquanav_tools.cave.mesh.box_tree import boxes_of
@@ -53,6 +56,8 @@ noise at 42 mm, median and 95 % of the error are 1.3 / 4.8 mm at 0.3, 1.4 / 4.8 
 triangles are left, one false handle among them, and the whole build takes 2.5 GB for 1.5."""
 HOLE_SLOPE = 20.0
 """Over a hole, where the surface is far, the distance is how far the winding number is from its level, times this."""
+ALL_OF_BAND = 1.0 - 1e-4
+"""Distances of more than this share of the band are cut off by it, and differ from it by rounding alone."""
 SMALLEST_VALUE = 1e-3
 """A surface has degenerate faces where a sample lies on it; none comes nearer than this, voxels."""
 
@@ -70,12 +75,15 @@ class Piece(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TileCache:
-    """What was sampled before, to be handed in again: tiles whose corrections stay as they were are kept."""
+    """What was sampled before, to be handed in again.
+
+    Tiles whose corrections stay as they were are kept; of others, what the corrections are made to.
+    """
 
     pieces: dict[tuple[int, ...], tuple[FieldEdits, Piece]] = field(default_factory=dict)
     """By tile, with the corrections it was made with."""
-    seen: dict[tuple[int, ...], npt.NDArray[np.uint8]] = field(default_factory=dict)
-    """By tile and halo: the samples that cameras looked through, a bit for each."""
+    samples: dict[tuple[int, ...], tuple[PackedSamples, PackedSamples]] = field(default_factory=dict)
+    """By tile, with EDITS_HALO: the values before any correction, and the distances from the surface, in voxels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,19 +153,12 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     The edits is what of it reaches there.
     """
     lattice, voxel = water.lattice, water.voxel
-    halo = EDITS_HALO if edits.columns or len(edits.legs) or water.sight is not None else HALO
-    halo = SPURIOUS_HALO if len(edits.spurious) else halo
-    count = TILE + 1 + 2 * halo
-    origin = lattice.origin + voxel * (tile * TILE - halo)
-    triangles = lattice.triangles_near(tile, around=1 if halo > EDITS_HALO else 0)
-    distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
-    distance /= np.float32(voxel)
-    numbers = winding_in_box(water.winding, triangles, origin, voxel, distance)
-    values: Samples = np.empty_like(distance)
-    _combine(distance, numbers, values)
-    if water.sight is not None:
-        values = with_seen_through(values, _seen_through(water, tile, halo, values > 0.0, cache))
-    values = apply_edits(values, distance, origin, voxel, edits)
+    if len(edits.spurious):
+        halo, (values, distance) = SPURIOUS_HALO, _with_neighbours(water, tile, edits, cache)
+    else:
+        halo = EDITS_HALO if edits.columns or len(edits.legs) or water.sight is not None else HALO
+        values, distance = _unedited(water, tile, halo, cache)
+    values = apply_edits(values, distance, lattice.origin + voxel * (tile * TILE - halo), voxel, edits)
     smooth = _smoothed(values, halo, SMOOTHING)
     for axis in range(3):  # no water leaves the samples
         ends = np.moveaxis(smooth, axis, 0)
@@ -168,19 +169,68 @@ def _sample(water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: Tile
     return smooth
 
 
-def _seen_through(water: ImplicitField, tile: IntArray, halo: int, is_rock: BoolArray, cache: TileCache) -> BoolArray:
-    """Return the flags of a tile's samples that are rock to the surface and that cameras looked through.
+def _with_neighbours(
+    water: ImplicitField, tile: IntArray, edits: FieldEdits, cache: TileCache
+) -> tuple[Samples, Samples]:
+    """Return what `_unedited` returns, with a halo as wide as smoothing spurious handles looks.
 
-    Asking costs more than all else about a tile, so the answer is kept.
+    It is filled from the tiles around where that looks, and elsewhere rock.
     """
-    key = (*tile.tolist(), halo)
-    if water.sight is not None and key not in cache.seen:
-        low = water.lattice.origin + water.voxel * (tile * TILE - halo)
-        sight = water.sight.near(low, low + water.voxel * np.array(is_rock.shape))
-        seen = np.zeros(is_rock.shape, dtype=bool)
-        seen[is_rock] = is_seen_through(sight, low + water.voxel * np.argwhere(is_rock), water.voxel)
-        cache.seen[key] = np.packbits(seen)
-    return np.unpackbits(cache.seen[key], count=is_rock.size).astype(bool).reshape(is_rock.shape)
+    origin = water.lattice.origin + water.voxel * TILE * tile
+    centres = (edits.spurious[:, :3] - origin) / water.voxel + SPURIOUS_HALO
+    reach = (edits.spurious[:, 3:4] + SMOOTHING_REACH * edits.smoothing_radius) / water.voxel + 2.0
+    wide = tuple(np.full((TILE + 1 + 2 * SPURIOUS_HALO,) * 3, BAND_VOXELS, dtype=np.float32) for _ in range(2))
+    steps = [step for step in product((-1, 0, 1), repeat=3) if any(step)]
+    for step in (*steps, (0, 0, 0)):  # its own samples last, with all of their halo
+        halo = 0 if any(step) else EDITS_HALO
+        low = SPURIOUS_HALO + TILE * np.array(step) - halo
+        first, end = np.maximum(low, 0), np.minimum(low + TILE + 1 + 2 * halo, len(wide[0]))
+        other = tile + step
+        is_asked = ((centres + reach >= first) & (centres - reach < end)).all(axis=1).any() or not any(step)
+        if is_asked and (other >= 0).all() and (other < water.lattice.num_tiles).all():
+            start = EDITS_HALO - halo - low
+            for whole, part in zip(wide, _unedited(water, other, EDITS_HALO, cache), strict=True):
+                whole[_slices(first, end)] = part[_slices(first + start, end + start)]
+    return wide[0], wide[1]
+
+
+def _slices(first: IntArray, end: IntArray) -> tuple[slice, ...]:
+    return tuple(slice(*ends) for ends in zip(first.tolist(), end.tolist(), strict=True))
+
+
+def _unedited(water: ImplicitField, tile: IntArray, halo: int, cache: TileCache) -> tuple[Samples, Samples]:
+    """Return the values of a tile and its halo before any correction, and the distances from the surface, in voxels.
+
+    Sampling costs more than all else about a tile, so what corrections reach is kept for the next ones.
+    """
+    key = tuple(tile.tolist())
+    if halo == EDITS_HALO and key in cache.samples:
+        kept = cache.samples[key]
+        return unpacked(kept[0]), unpacked(kept[1])
+    lattice, voxel = water.lattice, water.voxel
+    count = TILE + 1 + 2 * halo
+    origin = lattice.origin + voxel * (tile * TILE - halo)
+    triangles = lattice.triangles_near(tile)
+    distance, _ = band_distances(triangles, origin, voxel, (count, count, count), BAND_VOXELS * voxel)
+    distance /= np.float32(voxel)
+    distance[distance > ALL_OF_BAND * BAND_VOXELS] = BAND_VOXELS
+    numbers = winding_in_box(water.winding, triangles, origin, voxel, distance)
+    values: Samples = np.empty_like(distance)
+    _combine(distance, numbers, values)
+    if water.sight is not None:
+        seen = _seen_through(water.sight, values > 0.0, origin, voxel)
+        values = with_seen_through(values, seen).astype(np.float32, copy=False)
+    if halo == EDITS_HALO:
+        cache.samples[key] = packed(values), packed(distance)
+    return values, distance
+
+
+def _seen_through(sight: Sight, is_rock: BoolArray, origin: Array, voxel: float) -> BoolArray:
+    """Return the flags of a box of samples that are rock to the surface and that cameras looked through."""
+    near = sight.near(origin, origin + voxel * np.array(is_rock.shape))
+    seen = np.zeros(is_rock.shape, dtype=bool)
+    seen[is_rock] = is_seen_through(near, origin + voxel * np.argwhere(is_rock), voxel)
+    return seen
 
 
 @numba.njit(cache=True, parallel=True)
@@ -255,8 +305,9 @@ class Lattice:
 
     def tiles_of(self, edits: FieldEdits) -> IntArray:
         """Return the (T, 3) tiles with wall near them, and those that legs and columns of water pass through."""
-        near, around = np.unique(self._tile_ids), edits.leg_radius
-        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg in edits.legs]
+        near = np.unique(self._tile_ids)
+        legs = zip(edits.legs, edits.leg_radii, strict=True)
+        boxes = [np.stack([leg.min(axis=0) - around, leg.max(axis=0) + around]) for leg, around in legs]
         boxes += [column.box for column in edits.columns]
         if boxes:
             places = (np.array(boxes) - self.origin) / (TILE * self.voxel)
@@ -277,13 +328,11 @@ class Lattice:
             found.append(np.unique(np.minimum(samples[is_seen] // TILE, self.num_tiles - 1), axis=0))
         return np.unique(np.concatenate(found), axis=0)
 
-    def triangles_near(self, tile: IntArray, around: int) -> Array:
-        """Return the (K, 3, 3) triangles near a tile, or near any of those so many tiles around it."""
-        low, high = np.maximum(tile - around, 0), np.minimum(tile + around, self.num_tiles - 1)
-        ids = _cover(low[None], high[None], self.num_tiles)[1]
-        starts, ends = (np.searchsorted(self._tile_ids, ids, side=side) for side in ("left", "right"))
-        members = [self._members[start:end] for start, end in zip(starts, ends, strict=True)]
-        return self._corners[np.unique(np.concatenate(members))]
+    def triangles_near(self, tile: IntArray) -> Array:
+        """Return the (K, 3, 3) triangles near a tile."""
+        number = np.ravel_multi_index(tuple(tile), self.num_tiles)
+        start, end = (np.searchsorted(self._tile_ids, number, side=side) for side in ("left", "right"))
+        return self._corners[self._members[start:end]]
 
 
 def _cover(low: IntArray, high: IntArray, num_tiles: IntArray) -> tuple[IntArray, IntArray]:

@@ -7,13 +7,14 @@ between rays far from a camera, and whoever asks pays only for the places asked 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.types import Array, IntArray, Sim3
+from aquanav_tools.types import Array, BoolArray, IntArray, Sim3
 
 DepthImage = npt.NDArray[np.float32]
 
@@ -85,6 +86,23 @@ class Sight:
         """
         points = np.ascontiguousarray(points, dtype=np.float64)
         return _look(points, self.poses, self.pinholes, self.depth)
+
+
+def believed(sight: Sight, is_wall: Callable[[Array], BoolArray]) -> Sight:
+    """Return the same without wall that is none: cells that show it claim no water.
+
+    Args:
+        sight: what cameras saw.
+        is_wall: tells of (N, 3) places, m, which lie on wall.
+    """
+    depth = sight.depth.copy()
+    for pose, (fx, fy, cx, cy), seen in zip(sight.poses, sight.pinholes, depth, strict=True):
+        rows, columns = np.nonzero(seen > UNSURE)
+        ahead = seen[rows, columns].astype(np.float64)
+        rays = np.stack([(columns + 0.5 - cx) / fx, (rows + 0.5 - cy) / fy, np.ones(len(rows))], axis=1)
+        is_none = ~is_wall((ahead[:, None] * rays - pose[:, 3]) @ pose[:, :3])
+        seen[rows[is_none], columns[is_none]] = UNSURE
+    return Sight(sight.poses, sight.pinholes, depth)
 
 
 def coarse_depth(depth: DepthImage, step: int) -> DepthImage:

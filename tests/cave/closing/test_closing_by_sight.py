@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import igl
 import numpy as np
 import pytest
+import trimesh
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
-from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_surface
-from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan, close_surface
+from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
 from aquanav_tools.errors import MeshError
+from aquanav_tools.types import Mesh
 from tests.cave.open_caves import LENGTH, RADIUS, disc, joined, straight, tube_volume, without_faces_near
 from tests.cave.sights import sight_of
 
@@ -78,3 +81,34 @@ def test_a_hole_in_the_wall_is_filled_and_unobserved_whether_anyone_looked_or_no
     middles = cavity.mesh.triangles[unseen].mean(axis=1)
     assert np.linalg.norm(middles - [5.0, 0.0, RADIUS], axis=1).max() < 0.6 + VOXEL
     assert 0.0 < cavity.mesh.areas[unseen].sum() < np.pi * 0.7**2
+
+
+def test_wall_that_photos_show_where_the_scan_has_none_opens_no_tunnel() -> None:
+    # The tube ends at 7 m; the photos' depths go on to 9.8 m, as where they show nothing but one plain colour.
+    middles = straight().triangles.mean(axis=1)
+    blind = joined(Mesh(straight().vertices, straight().faces[middles[:, 0] < 7.0]), disc(7.0, 0.01, 1.0))
+    sight = sight_of(joined(straight(), disc(9.8, 0.01, 1.0)), places(3.0, 4.0, 5.0, 6.0), 0.0)
+    assert (sight.votes(places(7.5, 8.5), 2.0 * VOXEL)[:, 0] >= 3).all()
+    closed = close_surface(blind, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), Evidence(sight=sight))
+    assert closed.mesh.vertices[:, 0].max() < 7.0 + VOXEL
+
+
+def test_cameras_above_walls_without_a_ceiling_get_room_around_them() -> None:
+    # A trench 1 m deep and 5 m long, photographed from 0.4 m above its walls: all that closes it lies below the photos.
+    box = trimesh.creation.box((5.0, 1.2, 1.0)).subdivide_to_size(0.1)
+    is_open = (box.triangles[:, :, 2] > 0.5 - 1e-9).all(axis=1)
+    trench = Mesh(np.array(box.vertices), np.array(box.faces[~is_open], dtype=np.int64))
+    centres = np.array([[x, 0.0, 0.9] for x in np.arange(-1.5, 1.6, 0.5)])
+    down = np.stack([centres, centres - [0.0, 0.0, 0.9]], axis=1)
+    legs = np.concatenate([np.stack([centres[:-1], centres[1:]], axis=1), down])
+    evidence = Evidence(centres, legs, sight_of(trench, centres, 0.0, -60.0))
+    surface = Surface(trench, trench.vertices)
+    options = ReconstructionOptions(0.06, 0.8, keep_triangles=False, accept_open=True)
+    scan = close_scan(surface, options, evidence)
+    prove_watertight(scan.cavity.mesh)
+    assert "known-water-in-rock" not in dict(scan.closed.cautions)
+    mesh = scan.cavity.mesh
+    assert mesh.to_trimesh().contains(centres).all()
+    squared = igl.point_mesh_squared_distance(centres, mesh.vertices, mesh.faces)[0]
+    assert np.sqrt(squared.min()) > 0.2 - 0.06  # a quarter of the narrowest portal, less a voxel
+    assert 5.0 * 1.2 * 1.0 * 0.9 < scan.cavity.volume < 5.0 * 1.2 * 1.6

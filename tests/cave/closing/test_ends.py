@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import Cavity, from_manifold, prove_watertight
-from aquanav_tools.cave.closing.ends import CAMERA_VOXELS, End, find_ends
+from aquanav_tools.cave.closing.ends import CAMERA_VOXELS, End, find_ends, without_passed
 from aquanav_tools.cave.closing.evidence import Evidence
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
@@ -187,3 +187,23 @@ def test_an_end_of_a_single_triangle_is_an_end() -> None:
     assert (~is_scan).sum() == 2
     openings = find_openings(ClosedSurface(mesh, is_scan, "winding"), MIN_PORTAL)
     assert [opening.is_portal for opening in openings] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("xs", "is_end"),
+    [
+        ((2.0, 4.0, 6.0), True),  # the walk ended before it
+        ((2.0, 4.0, 6.0, LENGTH + 0.5), True),  # and a little beyond it: it is drawn out
+        ((2.0, 4.0, 6.0, 8.5, 10.5, 12.5), False),
+        ((12.5, 10.5, 8.5, 6.0, 4.0, 2.0), False),
+        ((2.0, 4.0, 6.0, 14.0), True),  # taken elsewhere: that step was not walked
+    ],
+)
+def test_an_opening_that_was_walked_through_is_no_end(xs: tuple[float, ...], is_end: bool) -> None:
+    openings = find_openings(closed_solid(solid_tube(), 0.0), MIN_PORTAL)
+    assert sum(opening.is_portal for opening in openings) == 2
+    walk = np.array([[x, 0.1, 0.0] for x in xs])
+    ends = [one for one in without_passed(openings, walk) if one.is_portal]
+    assert len(ends) == (2 if is_end else 1)
+    aside = [one for one in without_passed(openings, walk + [0.0, 5.0, 0.0]) if one.is_portal]
+    assert len(aside) == 2

@@ -84,3 +84,26 @@ def test_a_tube_is_round_where_a_third_of_its_wall_is_missing() -> None:
     assert top[0] < 0.6 * RADIUS  # half of the radius, were it not for the ends of the hole
     assert top[1] == pytest.approx(RADIUS, rel=0.2)
     assert tube_volume(LENGTH) * 0.95 < cavity.volume < tube_volume(LENGTH)
+
+
+def test_a_missing_ceiling_that_runs_into_an_end_is_vaulted_up_to_near_the_end() -> None:
+    whole = straight()
+    x, y, z = whole.triangles.mean(axis=1).T
+    is_missing = (np.abs(np.arctan2(y, z)) < np.deg2rad(60.0)) & (x > 3.0)
+    surface = surface_from_mesh(Mesh(whole.vertices, whole.faces[~is_missing]), VOXEL)
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, 0.5, keep_triangles=False, accept_open=True)).cavity
+    prove_watertight(cavity.mesh)
+    assert len(cavity.portals) == 2
+    top = cavity.mesh.to_trimesh().ray.intersects_location([[5.5, 0, 0]], [[0, 0, 1]])[0][:, 2].min()
+    assert top > 0.75 * RADIUS  # straight across, half of it
+
+
+def test_a_hole_with_faces_without_area_stays_straight_from_rim_to_rim() -> None:
+    mesh = from_manifold(cut_ball().refine_to_length(VOXEL))
+    is_hole: BoolArray = (np.abs(mesh.triangles[..., 2] - CHORD) < 1e-9).all(axis=1)
+    inner = np.flatnonzero(np.linalg.norm(mesh.vertices - [0.0, 0.0, CHORD], axis=1) < 0.5)
+    vertices = mesh.vertices.copy()
+    vertices[inner] = [0.0, 0.0, CHORD]  # nothing weighs their neighbours: there is no shape that bends least
+    collapsed = Mesh(vertices, mesh.faces)
+    assert (collapsed.areas == 0.0).sum() > 100
+    assert np.array_equal(fair_holes(collapsed, is_hole, VOXEL).vertices, vertices)

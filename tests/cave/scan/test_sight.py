@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.cave.scan.sight import NO_WALL, OUTSIDE, RELATIVE_MARGIN, UNSURE, Sight, coarse_depth, make_sight
+from aquanav_tools.cave.scan.sight import (
+    NO_WALL,
+    OUTSIDE,
+    RELATIVE_MARGIN,
+    UNSURE,
+    Sight,
+    believed,
+    coarse_depth,
+    make_sight,
+)
 from aquanav_tools.photograph.trajectory import look
 from aquanav_tools.types import Array, Sim3, rotation_matrix
 
@@ -109,3 +118,22 @@ def test_maps_of_different_sizes_are_padded_with_nothing() -> None:
     sight = make_sight(np.tile(np.eye(3, 4), (2, 1, 1)), np.ones((2, 4)), [small, large])
     assert sight.depth.shape == (2, 3, 3)
     assert (sight.depth[0, 2] == OUTSIDE).all() and (sight.depth[1, :, 2] == OUTSIDE).all()
+
+
+def test_what_is_shown_where_no_wall_is_claims_no_water(rng: np.random.Generator) -> None:
+    sight, asked = sphere_sight(), []
+
+    def is_upper_half(places: Array) -> np.ndarray:
+        asked.append(places)
+        return np.asarray(places[:, 2] > 0.0)
+
+    upper = believed(sight, is_upper_half)
+    np.testing.assert_allclose(np.linalg.norm(np.concatenate(asked), axis=1), RADIUS, rtol=1e-5)  # depths are float32
+    assert (upper.depth == UNSURE).sum() == sum((places[:, 2] <= 0.0).sum() for places in asked)
+    np.testing.assert_array_equal(upper.depth[upper.depth != UNSURE], sight.depth[upper.depth != UNSURE])
+    assert (sight.depth > UNSURE).all()  # as it was
+    points = rng.uniform(-1.0, 1.0, (5_000, 3)) + [1.0, 0.0, 0.0]
+    # Seen from about the middle, places below look at wall below.
+    below = points[:, 2] < -0.3 * points[:, 0] - 0.2
+    assert sight.votes(points[below], 0.05)[:, 0].any()
+    assert not upper.votes(points[below], 0.05)[:, 0].any()
