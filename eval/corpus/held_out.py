@@ -11,8 +11,9 @@ from functools import lru_cache, partial
 from itertools import count
 
 import numpy as np
+import trimesh
 
-from aquanav_tools.cave.cavity import WALL
+from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.styles.catalogue import DrawnCave, draw_cave
 from aquanav_tools.cave.styles.surface import water_surface
 from aquanav_tools.cave.synthetic import damage, passes
@@ -91,8 +92,15 @@ def known(style: str) -> DamagedScan:
     genus = int(1 - cavity.mesh.to_trimesh().euler_number // 2)
     axis = drawn.plan.passages[0].axis
     path = axis[(axis[:, 0] >= 0.0) & (axis[:, 0] <= drawn.plan.extent)]
-    truth = Truth(cavity.mesh, (path,), len(cavity.portals), genus)
+    truth = Truth(cavity.mesh, (path,), _num_openings(cavity), genus)
     return DamagedScan(Mesh(cavity.mesh.vertices[used], faces.reshape(-1, 3).astype(np.int64)), truth)
+
+
+def _num_openings(cavity: Cavity) -> int:
+    """Return how many openings a made-up cave has: a plane that ends its way may cut a side passage, too."""
+    faces = cavity.mesh.faces[cavity.labels != WALL]
+    pairs = trimesh.graph.face_adjacency(faces)
+    return len(trimesh.graph.connected_components(pairs, nodes=np.arange(len(faces)), min_len=1))
 
 
 def short_cave(style: str) -> DrawnCave:
