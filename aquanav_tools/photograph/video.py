@@ -20,9 +20,9 @@ CODECS = {
     ".mp4": ("libx264", {"preset": "superfast", "crf": "20"}),
     ".webm": ("libvpx", {"deadline": "realtime", "cpu-used": "8"}),
 }
-"""By suffix: H.264, half of VP8's size, and VP8, which every browser shows; with what each is told."""
+"""By suffix: H.264, half of VP8's size, and VP8, which every browser shows; with its options."""
 BITS_PER_PIXEL = 1.0
-"""Of VP8: with its own default rock dissolves; and told a quality instead, it takes five times as long."""
+"""Of VP8: with its own default rock dissolves; and with a quality instead, it takes five times as long."""
 WEBP_QUALITY = 60
 """Of animated WebP, up to 100."""
 
@@ -35,12 +35,12 @@ class VideoFile:
         require("A film as MP4 or WebM", "av", otherwise=", or make it a .webp or .gif")
         import av
 
-        codec, told = CODECS[path.suffix.lower()]
+        codec, options = CODECS[path.suffix.lower()]
         rate = Fraction(frames_per_second).limit_denominator(1000)
         self._path, self._odd = path, (size[1] % 2, size[0] % 2)
         with self._explained():
             self._file = av.open(str(path), "w")
-            self._stream = cast("Any", self._file.add_stream(codec, rate, options=told))
+            self._stream = cast("Any", self._file.add_stream(codec, rate, options=options))
             self._stream.width, self._stream.height = size[0] + self._odd[1], size[1] + self._odd[0]
             self._stream.pix_fmt = "yuv420p"
             self._stream.thread_count = 1  # several wait for each other; and one gives the same bytes on every machine

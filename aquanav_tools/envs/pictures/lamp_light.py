@@ -104,8 +104,8 @@ class LitCave:
         table = np.array([[*lamp.place, *lamp.ahead, lamp.power] for lamp in lamps])
         view = eye.centre, eye.cam_from_world, eye.focal
         light = np.zeros((eye.height, eye.width, 3), np.float32)
-        told = seen, nearness, solid, view, table, self._passing, veil, self._tile
-        in_bands(eye.height, lambda first, end: _shade(light, first, end, *told))
+        arguments = seen, nearness, solid, view, table, self._passing, veil, self._tile
+        in_bands(eye.height, lambda first, end: _shade(light, first, end, *arguments))
         return light
 
 

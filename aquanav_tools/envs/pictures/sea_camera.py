@@ -108,8 +108,8 @@ class SeaCamera:
         solid = self._vertices, self._normals, self._colours, self._faces, self._kinds
         view = eye.centre, eye.cam_from_world, eye.focal
         picture = np.empty((eye.height, eye.width, 3), np.uint8)
-        told = seen, nearness, sunken, solid, view, wave_grid(eye.centre, water), rock_tile(), TONES
-        in_bands(eye.height, lambda first, end: paint(picture, first, end, *told))
+        arguments = seen, nearness, sunken, solid, view, wave_grid(eye.centre, water), rock_tile(), TONES
+        in_bands(eye.height, lambda first, end: paint(picture, first, end, *arguments))
         return self._with_beams(picture, eye, state[:3], turn, ranges)
 
     def _eye(self, position: Array, turn: Array, time: float) -> Eye:
