@@ -54,7 +54,8 @@ def test_what_is_accepted_becomes_a_proven_cavity_with_its_unseen_wall_marked(tm
     built = build_scenario(half_pipe(), options, journal)
     cavity = built.scenario.cavity
     prove_watertight(cavity.mesh)
-    assert cavity.volume == pytest.approx(0.5 * np.pi * WIDTH * RADIUS**2 * 10.0, rel=0.1)  # the fill bulges by 5 cm
+    half = 0.5 * np.pi * WIDTH * RADIUS**2 * 10.0
+    assert half < cavity.volume < 1.5 * half  # the unseen roof is a low vault: no water is taken, and a whole pipe is 2
     assert {"open-walls", "unobserved-wall"} <= {code for code, _ in journal.notices}
     middles, areas = cavity.mesh.triangles.mean(axis=1), cavity.mesh.areas
     is_lid = middles[:, 2] > -0.01 * RADIUS
