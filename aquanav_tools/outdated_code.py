@@ -2,6 +2,9 @@
 
 Numba compiles what a function calls, and constants that it names, into the function itself, and keeps that for as long
 as the function's own file is the same: after an update the old code would go on.
+
+Whole files are compared, as read: what a build rests on name by name (`provenance.py`) takes a second to find, and this
+is done whenever numba is imported.
 """
 
 from __future__ import annotations

@@ -91,20 +91,19 @@ def film(
     film_size(path)
     unfinished = path.with_name(f"unfinished-{path.name}")
     is_video = path.suffix.lower() in (".mp4", ".webm")
-    file = (
-        VideoFile(unfinished, frames_per_second, camera.size)
-        if is_video
-        else AnimationFile(unfinished, frames_per_second)
-    )
     try:
-        with file as video:
-            _write(video, camera, frames, progress)
+        with (
+            VideoFile(unfinished, frames_per_second, camera.size)
+            if is_video
+            else AnimationFile(unfinished, frames_per_second)
+        ) as file:
+            _write(file, camera, frames, progress)
         unfinished.replace(path)
     finally:
         unfinished.unlink(missing_ok=True)
 
 
-def _write(video: VideoFile | AnimationFile, camera: Camera, frames: Sequence[Frame], progress: Progress) -> None:
+def _write(file: VideoFile | AnimationFile, camera: Camera, frames: Sequence[Frame], progress: Progress) -> None:
     """Write a film's frames; each picture is taken while the one before it is encoded."""
     with ThreadPoolExecutor(1) as encoder:
         writing: Future[None] | None = None
@@ -112,7 +111,7 @@ def _write(video: VideoFile | AnimationFile, camera: Camera, frames: Sequence[Fr
             picture = annotate(camera.picture(frame.state, frame.time), frame)
             if writing is not None:
                 writing.result()
-            writing = encoder.submit(video.write, picture)
+            writing = encoder.submit(file.write, picture)
             progress(index + 1, len(frames))
         if writing is not None:
             writing.result()

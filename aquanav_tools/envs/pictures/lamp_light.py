@@ -37,7 +37,7 @@ BODY_AMBIENT = 0.1
 SIZES = 0.024, 0.0057
 """Side of a sample of the rock's texture, m: two layers, the finer one without relief."""
 FAINT = 0.12
-"""Share of the finer layer from which on it is left out: a pixel holds a dozen of its samples there."""
+"""Share of the finer layer from which on it is left out: a pixel is 1.4 of its samples wide there."""
 RELIEF = 0.16
 """Slope of the texture's relief, one standard deviation."""
 CORNER_LOSS = 0.3
