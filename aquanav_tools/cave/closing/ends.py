@@ -32,8 +32,9 @@ MAX_REST = 0.3
 MIN_WAY_LENGTH = 2.0
 """... or they went to and fro: along the way they are spread this many times as far as across."""
 PASSED_RADII = 2.0
-"""Photos that go on through an opening and this many of its radii away from it were taken along the passage behind it;
-chosen: an end is drawn out to cameras that its surface shut out nearer than that."""
+"""Photos that go on through the plane of an opening no farther than this from its middle, radii, and then farther away,
+were taken along the passage that a flat cut there would end. Chosen: an end is drawn out to cameras that its surface
+shut out nearer than that; across the corner of a corridor a cut 0.75 m wide, 1.5 radii from the walk, divided it."""
 MAX_STEP = 3.0
 """A step from photo to photo longer than this many typical ones was not walked."""
 NO_CAMERAS = np.zeros((0, 3))
@@ -85,7 +86,7 @@ def without_passed(openings: tuple[Opening, ...], cameras: Array) -> tuple[Openi
 
 
 def _is_passed(opening: Opening, cameras: Array) -> bool:
-    """Return whether some way from photo to photo leads out through an opening and far away from it."""
+    """Return whether some way from photo to photo leads out through or beside an opening and far away from it."""
     if len(cameras) < 2:
         return False
     steps = np.linalg.norm(np.diff(cameras, axis=0), axis=1)
@@ -93,7 +94,7 @@ def _is_passed(opening: Opening, cameras: Array) -> bool:
     for first in np.flatnonzero((heights[:-1] <= 0.0) & (heights[1:] > 0.0) & (steps <= MAX_STEP * np.median(steps))):
         share = heights[first] / (heights[first] - heights[first + 1])
         crossing = cameras[first] + share * (cameras[first + 1] - cameras[first])
-        if np.linalg.norm(crossing - opening.centre) > opening.radius:
+        if np.linalg.norm(crossing - opening.centre) > PASSED_RADII * opening.radius:
             continue
         is_left = (heights[first + 1 :] <= 0.0) | (steps[first:] > MAX_STEP * np.median(steps))
         end = first + 1 + int(np.argmax(is_left)) if is_left.any() else len(cameras)
