@@ -205,5 +205,10 @@ def test_an_opening_that_was_walked_through_is_no_end(xs: tuple[float, ...], is_
     walk = np.array([[x, 0.1, 0.0] for x in xs])
     ends = [one for one in without_passed(openings, walk) if one.is_portal]
     assert len(ends) == (2 if is_end else 1)
-    aside = [one for one in without_passed(openings, walk + [0.0, 5.0, 0.0]) if one.is_portal]
-    assert len(aside) == 2
+    radius = max(opening.radius for opening in openings)
+    beside, elsewhere = (
+        [one for one in without_passed(openings, walk + [0.0, radii * radius, 0.0]) if one.is_portal]
+        for radii in (1.5, 5.0)
+    )
+    assert len(beside) == len(ends)  # the cut is narrower than the passage that goes on there
+    assert len(elsewhere) == 2
