@@ -104,13 +104,15 @@ def test_the_page_gives_the_interquartile_mean_and_the_spread_over_runs() -> Non
     assert "holds" not in page.split("## Answers")[1]
 
 
-def test_one_more_run_of_a_normal_variant_lies_within_the_interval_as_often_as_it_says(
+def test_more_runs_of_a_normal_variant_lie_within_the_interval_as_often_as_it_says(
     rng: np.random.Generator,
 ) -> None:
     runs = rng.normal(3.0, 2.0, (1000, 11))
     inside = [low <= run[10] <= high for run in runs for low, high in [interval(run[:10], 0.0)]]
     # 1000 draws of 95 % have a standard deviation of 0.69 %.
     assert np.mean(inside) == pytest.approx(0.95, abs=0.028)
+    several = [low <= run[6:].mean() <= high for run in runs for low, high in [interval(run[:6], 0.0, 5)]]
+    assert np.mean(several) == pytest.approx(0.95, abs=0.028)
 
 
 def test_runs_done_again_are_held_against_those_that_are_kept() -> None:
@@ -120,14 +122,17 @@ def test_runs_done_again_are_held_against_those_that_are_kept() -> None:
     # With t = 4.30 of two degrees of freedom and a spread of 10 %, the interval reaches 50 % to both sides.
     page = "\n".join(section("small", SMALL, runs, again))
     assert (
-        "| curriculum | **20 %** [40, 100] | **20 %** [40, 100] | 0.00 [0.00, 0.03] | 1.00 [0.99, 1.00] | 8 of 16 |"
+        "| curriculum | 1 | **20 %** [40, 100] | **20 %** [40, 100] | 0.00 [0.00, 0.03] | 1.00 [0.99, 1.00] | 8 of 16 |"
         in page
     )
-    assert "| sparse | 20 % [0, 70] | 20 % [0, 70] | 2.02 [1.98, 2.02] | 1.00 [0.99, 1.00] | 16 of 16 |" in page
+    assert "| sparse | 1 | 20 % [0, 70] | 20 % [0, 70] | 2.02 [1.98, 2.02] | 1.00 [0.99, 1.00] | 16 of 16 |" in page
     assert "Within: 24 of 32." in page
     assert "the same as before by collisions per episode; neither by collision-free success, success, mean" in page
     assert "Not run again: curriculum." in "\n".join(section("small", SMALL, runs, again[1:]))
     assert section("small", SMALL, runs, []) == []
+    # The mean of three more lies within 4.30 x 10 % x sqrt(1/3 + 1/3), 35 %.
+    more = [made_up("curriculum", seed, share) for seed, share in enumerate((0.2, 0.7, 0.9))]
+    assert "| curriculum | 3 | 60 % [55, 100] |" in "\n".join(section("small", SMALL, runs, more))
 
 
 def test_a_place_that_one_run_lacks_is_left_out() -> None:
@@ -198,6 +203,11 @@ def test_runs_that_are_kept_are_not_repeated(
     monkeypatch.setattr("sys.argv", ["run.py", "caves", "--again", "--jobs", "1", "--output", str(results / "out")])
     study_run.main()
     assert asked[5:] == [("curriculum", 0), ("sparse", 0)]
-    assert len((results / "study-caves-again.jsonl").read_text().splitlines()) == 2
+    monkeypatch.setattr(
+        "sys.argv", ["run.py", "caves", "--again", "--only", "sparse", "--seeds", "2", "--output", str(results / "out")]
+    )
+    study_run.main()
+    assert asked[7:] == [("sparse", 1)]
+    assert len((results / "study-caves-again.jsonl").read_text().splitlines()) == 3
     assert len((results / "study-caves.jsonl").read_text().splitlines()) == 4
     assert "Within: 32 of 32." in (results / "study-caves.md").read_text()

@@ -1,4 +1,4 @@
-"""One run of each variant by later code, held against those that a study has kept."""
+"""Runs of each variant by later code, held against those that a study has kept."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from eval.study.page import RATES, SAFETY, Runs, kept_variants, of, scores
 from eval.study.studies import Question, Study
 
 LEVEL = 0.95
-TEXT = """One run of each, with the seed 0, trained and scored by later code (`run.py {name} --again`);
-[study-{name}-again.jsonl](study-{name}-again.jsonl) has its versions and hashes. In brackets the {level:.0%} interval
-for one more run, from the kept ones: mean -+ t s sqrt(1 + 1/n), and not less than an episode of {episodes}, or 5 mm.
-What is outside is in bold. One in twenty would be by chance if runs were normal; they are not, as some variants fail in
-one run of ten. Success is the mean over places and currents."""
+TEXT = """Runs with seeds from 0, as many as the table says, trained and scored by later code (`run.py {name} --again`):
+one of each variant, and more (`--seeds`) of those whose first one had a figure outside.
+[study-{name}-again.jsonl](study-{name}-again.jsonl) has their versions and hashes. Figures are means over these runs.
+In brackets the {level:.0%} interval for the mean of so many more runs, from the n kept ones:
+mean -+ t s sqrt(1/m + 1/n), and not less than an episode of {episodes}, or 5 mm. What is outside is in bold. One in
+twenty would be by chance if runs were normal; they are not, as some variants fail in one run of ten. Success is the
+mean over places and currents."""
 
 
 def section(name: str, study: Study, runs: Runs, again: Runs) -> list[str]:
@@ -25,17 +27,18 @@ def section(name: str, study: Study, runs: Runs, again: Runs) -> list[str]:
         return []
     variants = [variant for variant in kept_variants(study, runs) if of(again, variant)]
     places = [place for place in study.places if all(place in run["scores"] for run in (*runs, *again))]
-    lines = ["## One run again", "", *TEXT.format(name=name, level=LEVEL, episodes=study.episodes).splitlines(), ""]
+    lines = ["## Run again", "", *TEXT.format(name=name, level=LEVEL, episodes=study.episodes).splitlines(), ""]
     lines += [
-        "| | " + " | ".join(headlines(study)) + " | within, of all places and currents |",
-        "|---|---|---|---|---|---|",
+        "| | runs | " + " | ".join(headlines(study)) + " | within, of all places and currents |",
+        "|---|---|---|---|---|---|---|",
     ]
     within = total = 0
     for variant in variants:
         cells = [headline(study, of(runs, variant), of(again, variant), metric, places) for metric in (*RATES, *SAFETY)]
         inside = [is_within(*pair) for pair in _columns(study, runs, again, variant, places)]
         within, total = within + sum(inside), total + len(inside)
-        lines.append(f"| {variant} | {' | '.join(cells)} | {sum(inside)} of {len(inside)} |")
+        num_again = len(of(again, variant))
+        lines.append(f"| {variant} | {num_again} | {' | '.join(cells)} | {sum(inside)} of {len(inside)} |")
     lines += ["", f"Within: {within} of {total}.", ""]
     missing = [variant for variant in kept_variants(study, runs) if variant not in variants]
     if missing:
@@ -54,46 +57,49 @@ def finest(study: Study, metric: str) -> float:
     return 0.005 if metric == "mean_clearance" else 1.0 / study.episodes
 
 
-def interval(values: Array, step: float) -> tuple[float, float]:
-    """Return where one more run would lie by (N,) runs of a normal distribution, at least a step around their mean."""
-    reach = t.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) * np.sqrt(1 + 1 / len(values))
+def interval(values: Array, step: float, more: int = 1) -> tuple[float, float]:
+    """Return where the mean of more runs would lie by (N,) of a normal distribution, at least a step around their mean.
+
+    The interval of Student's t for the difference of two means, with the spread of the N runs for both.
+    """
+    reach = t.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) * np.sqrt(1 / more + 1 / len(values))
     reach = max(float(reach), step)
     return float(values.mean()) - reach, float(values.mean()) + reach
 
 
-def is_within(values: Array, value: float, step: float) -> bool:
-    """Return whether a run lies where one more of (N,) others would."""
-    low, high = interval(values, step)
-    return bool(low - 1e-9 <= value <= high + 1e-9)
+def is_within(values: Array, again: Array, step: float) -> bool:
+    """Return whether the mean of (M,) runs lies where it would by (N,) others."""
+    low, high = interval(values, step, len(again))
+    return bool(low - 1e-9 <= again.mean() <= high + 1e-9)
 
 
 def headline(study: Study, kept: Runs, again: Runs, metric: str, places: Sequence[str]) -> str:
-    """Return a figure of a variant's new run and the interval by those that are kept, as a cell."""
-    values, value, step = _figure(study, kept, again, metric, places)
-    low, high = interval(values, step)
+    """Return a figure of a variant's new runs and the interval by those that are kept, as a cell."""
+    values, new, step = _figure(study, kept, again, metric, places)
+    low, high = interval(values, step, len(new))
     if metric in RATES:
-        text, bounds = f"{100 * value:.0f} %", f"[{max(0.0, 100 * low):.0f}, {min(100.0, 100 * high):.0f}]"
+        text, bounds = f"{100 * new.mean():.0f} %", f"[{max(0.0, 100 * low):.0f}, {min(100.0, 100 * high):.0f}]"
     else:
-        text, bounds = f"{value:.2f}", f"[{max(0.0, low):.2f}, {high:.2f}]"
-    return f"{text} {bounds}" if is_within(values, value, step) else f"**{text}** {bounds}"
+        text, bounds = f"{new.mean():.2f}", f"[{max(0.0, low):.2f}, {high:.2f}]"
+    return f"{text} {bounds}" if is_within(values, new, step) else f"**{text}** {bounds}"
 
 
-def _figure(study: Study, kept: Runs, again: Runs, metric: str, places: Sequence[str]) -> tuple[Array, float, float]:
-    """Return a headline figure of (N,) runs and of the new one, and the finest step that an episode makes in it."""
+def _figure(study: Study, kept: Runs, again: Runs, metric: str, places: Sequence[str]) -> tuple[Array, Array, float]:
+    """Return a headline figure of (N,) runs and of (M,) new ones, and the finest step that an episode makes in it."""
     where = places if metric in RATES else (study.safety_place,)
     variant = kept[0]["variant"]
-    values = scores(study, kept, variant, metric, where)
-    return values.mean(axis=1), float(scores(study, again, variant, metric, where).mean()), finest(study, metric)
+    values, new = (scores(study, runs, variant, metric, where).mean(axis=1) for runs in (kept, again))
+    return values, new, finest(study, metric)
 
 
 def _columns(
     study: Study, runs: Runs, again: Runs, variant: str, places: Sequence[str]
-) -> list[tuple[Array, float, float]]:
-    """Return for each metric, place and current the (N,) kept runs, the new one, and the step of an episode."""
+) -> list[tuple[Array, Array, float]]:
+    """Return for each metric, place and current the (N,) kept runs, the (M,) new ones, and the step of an episode."""
     found = []
     for metric in (*RATES, *SAFETY):
         kept, new = (scores(study, some, variant, metric, places) for some in (runs, again))
-        found += [(column, float(value), finest(study, metric)) for column, value in zip(kept.T, new[0], strict=True)]
+        found += [(*columns, finest(study, metric)) for columns in zip(kept.T, new.T, strict=True)]
     return found
 
 
@@ -106,7 +112,8 @@ def _directions(study: Study, runs: Runs, again: Runs, question: Question, place
             _figure(study, of(runs, variant), of(again, variant), metric, places)
             for variant in (question.first, question.second)
         ]
-        before, now = pairs[0][0].mean() - pairs[1][0].mean(), pairs[0][1] - pairs[1][1]
+        (before, now), (before_second, now_second) = ((old.mean(), new.mean()) for old, new, _ in pairs)
+        before, now = before - before_second, now - now_second
         (neither if now == 0.0 else same if before * now > 0.0 else other).append(title.split(",")[0])
     text = "; ".join(f"{start} {', '.join(titles)}" for start, titles in said.items() if titles)
     return [f"**{question.title}.** Which has the more: {text}.", ""]

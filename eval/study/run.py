@@ -5,7 +5,8 @@
     python eval/study/run.py bays --seeds 3                # the first three
     python eval/study/run.py caves --only curriculum safe  # these variants
     python eval/study/run.py caves --seeds 0               # only the page and its plots, from the runs that are kept
-    python eval/study/run.py caves --again                 # one seed more of each variant, held against those
+    python eval/study/run.py caves --again                 # one run more of each variant, held against those
+    python eval/study/run.py caves --again --only safe --seeds 5    # five of this one, where one lies apart
 
 Each run trains in a process of its own (aquanav-train), and is then scored (aquanav-eval). What does not ship is built
 from the data folder first; without one, "caves" leaves out the scan of Han-sur-Lesse, and "original" cannot be run. A
@@ -50,9 +51,13 @@ def parse_arguments() -> argparse.Namespace:
     """Return the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("study", choices=list(STUDIES))
-    parser.add_argument("--seeds", type=int, default=10, help="training runs of each variant, with seeds from 0")
+    parser.add_argument(
+        "--seeds",
+        type=int,
+        help="training runs of each variant, with seeds from 0; if not given, 10, or 1 with --again",
+    )
     parser.add_argument("--only", nargs="+", default=[], help="variants to run, when not all")
-    parser.add_argument("--again", action="store_true", help="one run of each variant, beside those that are kept")
+    parser.add_argument("--again", action="store_true", help="runs by today's code, beside those that are kept")
     parser.add_argument("--jobs", type=int, default=2, help="runs at the same time")
     parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data", help="folder with the scans")
     parser.add_argument("--output", type=Path, default=ROOT / "out" / "study", help="where runs and scores go")
@@ -66,7 +71,8 @@ def main() -> None:
     arguments = parse_arguments()
     study, kept = STUDIES[arguments.study], RESULTS / f"study-{arguments.study}.jsonl"
     repeated = RESULTS / f"study-{arguments.study}-again.jsonl"
-    store, seeds = (repeated, 1) if arguments.again else (kept, arguments.seeds)
+    store, default = (repeated, 1) if arguments.again else (kept, 10)
+    seeds = default if arguments.seeds is None else arguments.seeds
     done = {(run["variant"], run["seed"]) for run in read_runs(store, study)}
     names = [name for name in study.variants if name in arguments.only or not arguments.only]
     # Seed by seed, so that whatever was done when the study is stopped compares all variants.
