@@ -85,9 +85,9 @@ class CaveEnv(gymnasium.Env[Observation, Any]):
     ## Episode
     It starts at rest at one of the scenario's starts, drawn at random or given by `reset(options={"start": index})`, or
     with `starts="anywhere"` in any water that the vehicle can reach.
-    It terminates when no more than the goal's tolerance is left along the guide ("success"), or at the first contact
-    ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions` ("timeout"):
-    2400 (240 s), as in the original, and more where the way is long for the vehicle (`sim.time_limit`).
+    It terminates at the goal's panel, when no more than its tolerance is left along the guide ("success"), or at the
+    first contact ("collision") with `on_collision="end"` or the sparse reward; it is truncated after `max_decisions`
+    ("timeout"): 2400 (240 s), as in the original, and more where the way is long for the vehicle (`sim.time_limit`).
 
     ## Info
     After every reset and step: position (3,) m and orientation (4,) (w, x, y, z) in the world; velocity (6,) over

@@ -18,6 +18,7 @@ from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.types import Pose, yaw_quaternion
 from tests.caves import TUBE_RADIUS, tube_clearance, tube_scenario
 from tests.sim.batch.guides import Tracker
 
@@ -60,6 +61,23 @@ def test_gymnasium_and_sb3_accept_the_environment(tube: Scenario, action: str, o
         check_env(env, skip_render_check=True)
         check_env_for_sb3(env)
     env.close()
+
+
+def test_an_episode_that_starts_behind_the_goal_ends_when_the_vehicle_has_come_back_to_it(tube: Scenario) -> None:
+    guide = dataclasses.replace(tube.guide, panels=tube.guide.panels[:6])
+    goal = dataclasses.replace(tube.settings.goal, position=tuple(float(c) for c in guide.centres[-1]))
+    pose = Pose(np.array([14.0, 0.0, 0.0]), yaw_quaternion(np.pi))
+    start = dataclasses.replace(tube.starts[0], pose=pose, geodesic_to_goal=14.0 - goal.position[0])
+    settings = dataclasses.replace(tube.settings, goal=goal)
+    with CaveEnv(dataclasses.replace(tube, guide=guide, settings=settings, starts=(start,))) as env:
+        _, info = env.reset(seed=0)
+        places = [info["position"][0]]
+        while info["outcome"] == "running":
+            info = env.step(AHEAD)[4]
+            places.append(info["position"][0])
+    assert info["outcome"] == "success"
+    # Behind by its tolerance: no decision before reached it, and the last one did.
+    assert places[-1] <= goal.position[0] + goal.tolerance < places[-2]
 
 
 def test_gymnasium_makes_it_by_its_name(tube: Scenario) -> None:

@@ -9,12 +9,12 @@ from aquanav_tools.sim.batch.episode import Decision
 
 
 def outcome(**changes: Any) -> str:
-    return OUTCOMES[Decision(**{"tolerance": 0.5, "max_decisions": 3, **changes}).judge()[0]]
+    return OUTCOMES[Decision(**{"max_decisions": 3, **changes}).judge()[0]]
 
 
-def test_episode_succeeds_within_the_tolerance() -> None:
-    assert outcome(remaining=0.51) == "running"
-    assert outcome(remaining=0.5) == "success"
+def test_episode_succeeds_at_the_goal() -> None:
+    assert outcome(is_at_goal=False) == "running"
+    assert outcome(is_at_goal=True) == "success"
 
 
 def test_episode_times_out_after_its_decisions() -> None:
@@ -22,7 +22,7 @@ def test_episode_times_out_after_its_decisions() -> None:
 
 
 def test_success_in_the_last_decision_counts() -> None:
-    assert outcome(decisions=3, remaining=0.1) == "success"
+    assert outcome(decisions=3, is_at_goal=True) == "success"
 
 
 def test_contact_ends_the_episode_only_by_the_strict_rule() -> None:
@@ -32,4 +32,4 @@ def test_contact_ends_the_episode_only_by_the_strict_rule() -> None:
 
 
 def test_contact_on_the_way_comes_before_the_goal() -> None:
-    assert outcome(num_touched=1, ends_on_collision=True, remaining=0.0) == "collision"
+    assert outcome(num_touched=1, ends_on_collision=True, is_at_goal=True) == "collision"

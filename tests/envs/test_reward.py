@@ -21,7 +21,7 @@ from aquanav_tools.sim.vehicle import load_vehicle
 
 ENDS: dict[str, dict[str, Any]] = {
     "running": {},
-    "success": {"remaining": 0.0},
+    "success": {"is_at_goal": True},
     "collision": {"num_touched": 1, "ends_on_collision": True},
     "timeout": {"decisions": 2400},
 }

@@ -237,9 +237,8 @@ def count_decision(i: int, boats: BoatState, tolerance: f64, rules: BoatRules):
         boats.collisions[i] = boats.collisions[i] + 1
     boats.is_touching[i] = is_touching
     age = boats.ages[i] + boats.decisions[i]
-    boats.outcomes[i] = outcome_of(
-        is_touching, rules.ends_on_collision, boats.remaining[i], tolerance, age, rules.max_decisions
-    )
+    is_there = boats.remaining[i] <= tolerance
+    boats.outcomes[i] = outcome_of(is_touching, rules.ends_on_collision, is_there, age, rules.max_decisions)
 
 
 @wp.kernel

@@ -19,13 +19,11 @@ NUM_TERMS = 7
 
 
 @wp.func
-def outcome_of(
-    is_touching: int, ends_on_collision: int, remaining: f64, tolerance: f64, decisions: int, max_decisions: int
-):
+def outcome_of(is_touching: int, ends_on_collision: int, is_at_goal: bool, decisions: int, max_decisions: int):
     """Return the outcome after a decision; a contact during the decision comes before the goal at its end."""
     if ends_on_collision == 1 and is_touching == 1:
         return COLLISION
-    if remaining <= tolerance:
+    if is_at_goal:
         return SUCCESS
     if decisions >= max_decisions:
         return TIMEOUT
@@ -57,12 +55,12 @@ def term_amount(term: int, gained: f64, steps: int, touched: int, cut_off: f64, 
 
 @wp.kernel
 def probe_decision(
-    num_touched: int, settings: wp.vec4i, remaining: f64, tolerance: f64, gained: f64, cut_off: f64,
+    num_touched: int, settings: wp.vec4i, is_at_goal: bool, gained: f64, cut_off: f64,
     outcome: wp.array(dtype=wp.int32), amounts: wp.array(dtype=f64),
 ):  # fmt: skip
     """Write the outcome of one decision, and what each term is paid for."""
     steps, decisions, most = settings[0], settings[1], settings[2]
-    result = outcome_of(int(num_touched > 0), settings[3], remaining, tolerance, decisions, most)
+    result = outcome_of(int(num_touched > 0), settings[3], is_at_goal, decisions, most)
     outcome[0] = result
     for n in range(amounts.shape[0]):
         amounts[n] = term_amount(n, gained, steps, num_touched, cut_off, result)
@@ -78,10 +76,7 @@ class Decision:
     """Physics steps in contact."""
     cut_off: float = 0.0
     """Sum over the rays of 1 - distance / length."""
-    remaining: float = 9.0
-    """Still to go, m."""
-    tolerance: float = 0.5
-    """The goal is reached with this much or less to go, m."""
+    is_at_goal: bool = False
     decisions: int = 1
     """Made so far."""
     max_decisions: int = 2400
@@ -95,7 +90,6 @@ class Decision:
         outcome = wp.zeros(1, dtype=wp.int32, device=device)
         amounts = wp.zeros(NUM_TERMS, dtype=wp.float64, device=device)
         settings = wp.vec4i(self.steps, self.decisions, self.max_decisions, int(self.ends_on_collision))
-        lengths = [self.remaining, self.tolerance, self.gained, self.cut_off]
-        inputs = [self.num_touched, settings, *lengths, outcome, amounts]
+        inputs = [self.num_touched, settings, self.is_at_goal, self.gained, self.cut_off, outcome, amounts]
         launch_kernel(probe_decision, dim=1, inputs=inputs, device=device)
         return int(outcome.numpy()[0]), amounts.numpy()

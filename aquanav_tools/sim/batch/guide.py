@@ -146,6 +146,20 @@ def remaining_at(position: wp.vec3d, panels: Panels, gate: int):
     return panels.arcs[panels.arcs.shape[0] - 1, num] - (before + (place - f64(n)) * (after - before))
 
 
+@wp.func
+def is_at_goal(position: wp.vec3d, remaining: f64, tolerance: f64, panels: Panels):
+    """Return whether a vehicle with so many metres to go has reached the last panel, and no water beside or behind it.
+
+    Planes go on behind walls: a passage that begins beside the goal, or leads on behind it, has nothing to go either.
+    """
+    goal = panels.centres.shape[0] - 1
+    offset = position - panels.centres[goal]
+    reach = panels.radii[goal] + tolerance
+    is_beside = wp.dot(offset, offset) > reach * reach
+    is_behind = wp.dot(offset, panels.normals[goal]) > wp.max(tolerance, CATCH)
+    return remaining <= tolerance and not is_beside and not is_behind
+
+
 @wp.kernel
 def _write_shares(
     positions: wp.array(dtype=wp.vec3d), gates: wp.array(dtype=wp.int32), panels: Panels, shares: wp.array(dtype=f64)

@@ -13,7 +13,7 @@ from aquanav_tools.sim.batch.craft import Craft, prefetch
 from aquanav_tools.sim.batch.disturbance import exchange, fill_queue, is_dropped, measured
 from aquanav_tools.sim.batch.episode import COLLISION, SUCCESS, TIMEOUT, outcome_of, term_amount
 from aquanav_tools.sim.batch.field import TURNS, found, mat_turns, on_grid, room_at, room_in, vec_turns
-from aquanav_tools.sim.batch.guide import remaining_at, tracked
+from aquanav_tools.sim.batch.guide import is_at_goal, remaining_at, tracked
 from aquanav_tools.sim.batch.motion import State, read_motion, rotation_of, swim, thrust, vec6, write_motion
 from aquanav_tools.sim.batch.observation import FULL, ORIGINAL, Fan, show_goal, show_motion
 from aquanav_tools.sim.batch.original import drag_along
@@ -160,9 +160,8 @@ def conclude(i: int, state: BatchState, cave: Cave, craft: Craft):
         state.currents[i] = current_at(i, water, cave.grid, state)
     rules = cave.rules
     decisions = state.ages[i] + state.decisions[i]
-    state.outcomes[i] = outcome_of(
-        is_touching, rules.ends_on_collision, remaining, rules.tolerance, decisions, rules.max_decisions
-    )
+    is_there = is_at_goal(position, remaining, rules.tolerance, cave.measure.panels)
+    state.outcomes[i] = outcome_of(is_touching, rules.ends_on_collision, is_there, decisions, rules.max_decisions)
 
 
 @wp.kernel

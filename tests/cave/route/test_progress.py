@@ -150,6 +150,20 @@ def test_a_passage_that_comes_back_behind_thin_rock_is_not_taken_for_it() -> Non
         np.testing.assert_allclose(-np.diff(remaining), MOVE, rtol=0.02)
 
 
+def test_the_goal_is_reached_at_its_panel_and_not_beside_or_behind_it() -> None:
+    guide = guide_of(swept(TUBE, 1.0), walk((0, 0, 0), (9, 0, 0)))  # 5 m of the tube lie behind the goal
+    goal = guide.centres[-1, 0]
+    ahead = goal + np.array([-0.55, -0.45, 0.0, 0.45, 0.55, 3.0])
+    reached = [False, True, True, True, False, False]
+    for aside in (0.0, 0.9):
+        places = np.stack([ahead, np.full(6, aside), np.zeros(6)], axis=1)
+        assert Tracker(guide).are_at_goal(places, 0.5).tolist() == reached
+    # In a passage beside it, 1.6 m from the middle: farther than the wall and the tolerance.
+    assert not Tracker(guide).are_at_goal([[goal - 0.2, 1.6, 0.0], [goal + 0.2, -1.6, 0.0]], 0.5).any()
+    # Without a tolerance, a quarter of a metre behind it is there, too.
+    assert Tracker(guide).are_at_goal([[goal - 0.01, 0, 0], [goal + 0.2, 0, 0]], 0.0).tolist() == [False, True]
+
+
 def test_it_is_followed_at_five_metres_per_second() -> None:
     guide = guide_in("bend")
     points = fine(guide.centreline)[::50]  # half a metre per decision

@@ -8,9 +8,9 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.sim.batch.guide import Panels, make_panels, remaining_at, tracked
+from aquanav_tools.sim.batch.guide import Panels, is_at_goal, make_panels, remaining_at, tracked
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device
-from aquanav_tools.types import Array, IntArray
+from aquanav_tools.types import Array, BoolArray, IntArray
 
 wp.set_module_options(OPTIONS)
 
@@ -36,6 +36,14 @@ def _measure(
     remaining[i] = remaining_at(places[i], panels, gates[i])
 
 
+@wp.kernel
+def _ask(
+    panels: Panels, places: wp.array(dtype=wp.vec3d), gate: int, tolerance: wp.float64, found: wp.array(dtype=wp.bool)
+):
+    i = wp.tid()
+    found[i] = is_at_goal(places[i], remaining_at(places[i], panels, gate), tolerance, panels)
+
+
 class Tracker:
     """The law of `sim/batch/guide.py` for one guide."""
 
@@ -58,6 +66,14 @@ class Tracker:
         inputs = [self._panels, self._places([place]), wp.array([gate], dtype=wp.int32, device=self._device)]
         wp.launch(_measure, dim=1, inputs=inputs, outputs=[found], device=self._device)
         return float(found.numpy()[0])
+
+    def are_at_goal(self, places: Any, tolerance: float) -> BoolArray:
+        """Return which of (N, 3) places in the last gate are at the goal, with a tolerance, m."""
+        found = wp.zeros(len(places), dtype=wp.bool, device=self._device)
+        gate = self._panels.centres.shape[0] - 2
+        inputs = [self._panels, self._places(places), gate, tolerance]
+        wp.launch(_ask, dim=len(places), inputs=inputs, outputs=[found], device=self._device)
+        return np.asarray(found.numpy(), dtype=bool)
 
     def _places(self, places: Any) -> Any:
         return wp.array(np.ascontiguousarray(places, dtype=np.float64), dtype=wp.vec3d, device=self._device)
