@@ -3,7 +3,8 @@
 A patch is either a hole in the wall, which stays filled, or the open end of a passage, which becomes a portal. It is an
 end when the vehicle could pass through it and when no passage goes by behind it. Just inside an end, the view sideways
 meets scanned wall about where the patch's rim is; just inside a hole in the side of a passage or chamber, water goes on
-beyond the patch to two opposite sides. Cameras tell more: through an end they look into the dark.
+beyond the patch to two opposite sides. Where the passage winds no view tells: there water is followed (`front.py`).
+Cameras tell more: through an end they look into the dark.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from aquanav_tools.cave.closing.front import Front, front_behind
 from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
@@ -51,6 +53,8 @@ FLAT_RIM_DEPTH = 0.25
 """A patch whose rim reaches at most this many diameters into the passage is one flat opening, however ragged."""
 AT_END_RADII = 1.5
 """What was invented this many radii around an end's middle belongs to it; chosen."""
+LOOKS = np.array([[0.36, 0.48, 0.8], [-0.8, 0.36, 0.48], [0.48, -0.8, 0.36]])
+"""(3, 3) directions, along no axis, in which a place looks to know whether it lies in the water."""
 NUM_DIRECTIONS = 64
 """Normals of a patch that are tried as its main direction."""
 MIN_AGREEMENT = float(np.cos(np.deg2rad(50.0)))
@@ -102,13 +106,13 @@ def find_openings(closed: ClosedSurface, min_diameter: float, sight: Sight | Non
         whole = _measure(closed.mesh, patch, patch)
         if whole.diameter < min_diameter:
             continue
-        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter and view.ends_at(whole, patch):
+        if -whole.innermost <= FLAT_RIM_DEPTH * whole.diameter and view.ends_at(whole):
             openings.append(replace(whole, is_portal=True))
             continue
         for part in _split_by_direction(closed.mesh, patch):
             opening = _measure(closed.mesh, part, patch)
             if opening.diameter >= min_diameter:
-                openings.append(replace(opening, is_portal=view.ends_at(opening, part)))
+                openings.append(replace(opening, is_portal=view.ends_at(opening, whole)))
     return _without_overlaps(sorted(openings, key=lambda opening: -opening.area))
 
 
@@ -150,12 +154,35 @@ class _View:
         self._scene = EmbreeScene()
         self._triangles = TriangleMesh(self._scene, (closed.mesh.triangles - self._middle).astype(np.float32))
 
-    def ends_at(self, opening: Opening, patch: IntArray) -> bool:
-        """Return whether the passage ends at a patch, and no passage goes by behind it."""
-        if -opening.innermost > MAX_RIM_DEPTH * opening.diameter or self._is_along(opening, patch):
+    def ends_at(self, opening: Opening, whole: Opening | None = None) -> bool:
+        """Return whether the passage ends at an opening, and none goes by behind it, or behind the whole it is part of.
+
+        Fronts are looked at as far off as the opening is long: behind a strip of roof they have met the floor by then.
+        """
+        if -opening.innermost > MAX_RIM_DEPTH * opening.diameter or self._is_along(opening, opening.faces):
             return False
-        reach = self.reach(opening, patch)
-        return reach <= MAX_REACH or (reach <= MAX_REACH_IN_VAIN and self.share_in_vain(patch) >= MIN_SHARE_IN_VAIN)
+        reach = self.reach(opening, opening.faces)
+        if reach > MAX_REACH_IN_VAIN:
+            return False
+        if reach > MAX_REACH and self.share_in_vain(opening.faces) < MIN_SHARE_IN_VAIN:
+            return False
+        front = self._front(opening, 2.0 * opening.radius)
+        if whole is None or front.passes or not self._front(whole, 2.0 * whole.radius).passes:
+            return not front.passes
+        return not (front.is_sideways or self._front(opening, 2.0 * whole.radius).is_sideways)
+
+    def _front(self, opening: Opening, distance: float) -> Front:
+        corners = self._closed.mesh.triangles[opening.faces]
+        return front_behind(corners, opening.centre, opening.normal, opening.area, distance, self._are_in_water)
+
+    def _are_in_water(self, places: Array) -> BoolArray:
+        """Return the (N,) flags of (N, 3) places from which most of three rays meet the wall's inner side first."""
+        starts = (places - self._middle).astype(np.float32)
+        normals, votes = self._closed.mesh.normals, np.zeros(len(places), dtype=np.int64)
+        for way in LOOKS:
+            faces = np.asarray(self._scene.run(starts, np.tile(way, (len(starts), 1)).astype(np.float32)))
+            votes += (faces >= 0) & (normals[faces] @ way > 0.0)
+        return np.asarray(votes >= 2)
 
     def _is_along(self, opening: Opening, patch: IntArray) -> bool:
         """Return whether a patch lies along the passage: much longer than wide, and than the water before it is deep.

@@ -1,4 +1,4 @@
-"""Damage of passes through a cave: what no scanner saw, passes that drifted apart, a room that is there twice."""
+"""Damage of passes through a cave: what nobody scanned, passes that drifted apart, a room that is there twice."""
 
 from __future__ import annotations
 
@@ -6,8 +6,27 @@ import dataclasses
 
 import numpy as np
 
+from aquanav_tools.cave.route.route import resample
 from aquanav_tools.cave.synthetic.damage import DamagedScan
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, PointCloud
+
+PATH_STEP = 0.05
+"""Spacing of a path's points where a strip of wall beside it is missing, m."""
+MIN_ASIDE = 0.6
+"""Wall within 53 degrees of a direction lies on that side of the path."""
+
+
+def miss_strip(scan: DamagedScan, length: float, side: tuple[float, float, float]) -> DamagedScan:
+    """Return the scan without `length` (m) of the wall beside its first path's middle; (0, 0, 1) is the roof's side."""
+    from scipy.spatial import cKDTree
+
+    path, mesh = resample(scan.truth.paths[0], PATH_STEP), scan.mesh
+    middles = mesh.triangles.mean(axis=1)
+    nearest = cKDTree(path).query(middles)[1]
+    ways = middles - path[nearest]
+    is_there = np.abs(nearest - 0.5 * len(path)) * PATH_STEP < 0.5 * length
+    is_aside = ways @ np.array(side) > MIN_ASIDE * np.linalg.norm(ways, axis=1)
+    return dataclasses.replace(scan, surface=Mesh(mesh.vertices, mesh.faces[~(is_there & is_aside)]))
 
 
 def scan_from_stations(scan: DamagedScan, spacing: float, number: int, reach: float, seed: int) -> DamagedScan:

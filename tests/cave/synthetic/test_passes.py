@@ -7,7 +7,7 @@ import pytest
 
 from aquanav_tools.cave.synthetic.caves import bend, tube
 from aquanav_tools.cave.synthetic.damage import DamagedScan, intact
-from aquanav_tools.cave.synthetic.passes import drift_passes, repeat_room, scan_from_stations
+from aquanav_tools.cave.synthetic.passes import drift_passes, miss_strip, repeat_room, scan_from_stations
 from aquanav_tools.types import Array, PointCloud
 
 RADIUS, LENGTH = 1.2, 10.0
@@ -20,6 +20,16 @@ def straight() -> DamagedScan:
 def points_of(scan: DamagedScan) -> Array:
     assert isinstance(scan.surface, PointCloud)
     return scan.surface.points
+
+
+def test_a_strip_of_roof_is_missing_over_the_middle() -> None:
+    whole, left = straight().mesh, miss_strip(straight(), 3.0, (0.0, 0.0, 1.0)).mesh
+    # Within acos(0.6) of straight up: that share of the girth, over 3 of the 10 m.
+    share = 3.0 / LENGTH * np.arccos(0.6) / np.pi
+    assert left.areas.sum() == pytest.approx((1.0 - share) * whole.areas.sum(), rel=0.01)
+    gone = whole.triangles.mean(axis=1)[~np.isin(whole.faces, left.faces).all(axis=1)]
+    assert (gone[:, 2] > 0.6 * 0.95 * RADIUS).all()
+    assert np.abs(gone[:, 0] - 0.5 * LENGTH).max() < 1.5
 
 
 def test_scanners_see_the_wall_within_reach_and_more_of_it_nearby() -> None:
