@@ -56,7 +56,6 @@ DAMAGES = (
     Damage("fins", lambda s: damage.add_fins(damage.punch_holes(s, 10, 0.3, 15), 15, 0.3, 15)),
     Damage("cloud", lambda s: damage.sample_cloud(s, 0.05, "none", 16)),
     Damage("uneven-cloud", lambda s: damage.sample_cloud(s, 0.04, "mixed", 17, fall_off=20.0)),
-    Damage("strip", lambda s: damage.miss_strip(s, 4.0, (0.0, 0.0, 1.0))),
     Damage("strip", lambda s: passes.miss_strip(s, 4.0, (0.0, 0.0, 1.0))),
     Damage("stations", lambda s: passes.scan_from_stations(s, 4.0, 40_000, 12.0, 18), 0.05),
     Damage("drift", lambda s: passes.drift_passes(s, 3, 0.06, 0.6, 19), 0.05, has_fit=False),
