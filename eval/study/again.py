@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.stats import t
+from scipy.stats import mannwhitneyu, t
 
 from aquanav_tools.types import Array
 from eval.study.page import RATES, SAFETY, Runs, kept_variants, of, scores
@@ -17,8 +17,8 @@ one of each variant, and more (`--seeds`) of those whose first one had a figure 
 [study-{name}-again.jsonl](study-{name}-again.jsonl) has their versions and hashes. Figures are means over these runs.
 In brackets the {level:.0%} interval for the mean of so many more runs, from the n kept ones:
 mean -+ t s sqrt(1/m + 1/n), and not less than an episode of {episodes}, or 5 mm. What is outside is in bold. One in
-twenty would be by chance if runs were normal; they are not, as some variants fail in one run of ten. Success is the
-mean over places and currents."""
+twenty would be by chance if runs were normal; they are not, as some variants fail in one run of ten: below the table
+are all runs of such a figure, with a test that takes none to be normal. Success is the mean over places and currents."""
 
 
 def section(name: str, study: Study, runs: Runs, again: Runs) -> list[str]:
@@ -40,6 +40,7 @@ def section(name: str, study: Study, runs: Runs, again: Runs) -> list[str]:
         num_again = len(of(again, variant))
         lines.append(f"| {variant} | {num_again} | {' | '.join(cells)} | {sum(inside)} of {len(inside)} |")
     lines += ["", f"Within: {within} of {total}.", ""]
+    lines += [line for variant in variants for line in _outside(study, of(runs, variant), of(again, variant), places)]
     missing = [variant for variant in kept_variants(study, runs) if variant not in variants]
     if missing:
         lines += [f"Not run again: {', '.join(missing)}.", ""]
@@ -82,6 +83,19 @@ def headline(study: Study, kept: Runs, again: Runs, metric: str, places: Sequenc
     else:
         text, bounds = f"{new.mean():.2f}", f"[{max(0.0, low):.2f}, {high:.2f}]"
     return f"{text} {bounds}" if is_within(values, new, step) else f"**{text}** {bounds}"
+
+
+def _outside(study: Study, kept: Runs, again: Runs, places: Sequence[str]) -> list[str]:
+    """Return a sentence for each figure of a variant that is outside: all runs, and a test that asks only their order."""
+    lines = []
+    for metric, title in zip((*RATES, *SAFETY), headlines(study), strict=True):
+        values, new, step = _figure(study, kept, again, metric, places)
+        if is_within(values, new, step):
+            continue
+        each, before = (", ".join(f"{value:.2f}" for value in sorted(some)) for some in (new, values))
+        test = f"Mann-Whitney's p is {mannwhitneyu(new, values).pvalue:.2f}"
+        lines += [f"Outside, of {kept[0]['variant']}, {title}: runs now {each}, before {before}; {test}.", ""]
+    return lines
 
 
 def _figure(study: Study, kept: Runs, again: Runs, metric: str, places: Sequence[str]) -> tuple[Array, Array, float]:
