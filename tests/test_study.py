@@ -128,9 +128,7 @@ def test_runs_done_again_are_held_against_those_that_are_kept() -> None:
     assert "| sparse | 1 | 20 % [0, 70] | 20 % [0, 70] | 2.02 [1.98, 2.02] | 1.00 [0.99, 1.00] | 16 of 16 |" in page
     assert "Within: 24 of 32." in page
     # One run below three others is the first of four places, of both sides: 2 / 4.
-    assert (
-        "Outside, of curriculum, success: runs now 0.20, before 0.80, 0.90, 1.00; Mann-Whitney's p is 0.50." in page
-    )
+    assert "Outside, of curriculum, success: runs now 0.20, before 0.80, 0.90, 1.00; Mann-Whitney's p is 0.50." in page
     assert "the same as before by collisions per episode; neither by collision-free success, success, mean" in page
     assert "Not run again: curriculum." in "\n".join(section("small", SMALL, runs, again[1:]))
     assert section("small", SMALL, runs, []) == []

@@ -156,7 +156,7 @@ def _limits(way: float) -> LimitSettings:
 
 def _flow(cavity: Cavity, field: DistanceField, guide: Guide) -> Flow | None:
     spacing = max(field.spacing, float(np.cbrt(cavity.volume / FLOW_CELLS)))
-    return find_flow(cavity, field, guide.centres[-1], 0.0, spacing=spacing)
+    return find_flow(cavity, field, guide.centres, 0.0, spacing=spacing)
 
 
 def _narrowest(route: Route, cavity: Cavity, capsule: Capsule) -> float:

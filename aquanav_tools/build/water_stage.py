@@ -23,22 +23,20 @@ DEFAULTS = WaterSettings()
 def find_currents(
     cavity: Cavity, field: DistanceField, guide: Guide, options: WaterOptions, journal: Journal
 ) -> Flow | None:
-    """Return the flow from portal to portal; None, with a warning, where nothing flows through."""
+    """Return the flow through the cave; None, with a warning, where none is found."""
     with journal.stage("Finding the currents"):
         narrowest = min(panel.clearance for panel in guide.panels)
-        flow = find_flow(cavity, field, guide.centres[-1], narrowest, options.inlets, options.outlets)
-    if flow is None and len(cavity.portals) > 1:
+        flow = find_flow(cavity, field, guide.centres, narrowest, options.inlets, options.outlets)
+    if flow is None:
         journal.warn(
             "no-flow",
-            f"No flow was found between the {len(cavity.portals)} portals: cells small enough for the narrowest way "
-            "would be too many. The scenario has no currents from portal to portal; cut the cave, or build its parts.",
+            "No flow was found through the cave: cells small enough for the narrowest way would be too many. The "
+            "scenario has no currents; cut the cave, or build its parts.",
         )
-    elif flow is None:
-        journal.warn(
-            "eddies-only",
-            "With fewer than two portals no water flows through the cave. A current will be eddies alone, as fast in a "
-            "twentieth of the water as a through-flow is in the narrowest section.",
-        )
+    elif len(cavity.portals) < 2:
+        number = "one portal" if cavity.portals else "no portal"
+        where = f"The cave has {number}: where it leads on was not measured."
+        journal.warn("springs", f"{where} With a current, {_ways(flow)}.")
     return flow
 
 
@@ -74,16 +72,12 @@ def current_section(scenario: Scenario, cave: CaveMap, folder: Path) -> Section:
     """Return what the report says of the currents, drawn into a folder."""
     flow, facts = scenario.flow, current_facts(scenario)
     if flow is None:
-        text = "Nothing flows through this cave. With a current it has eddies alone."
-        return Section("Currents", text, (), ())
+        return Section("Currents", "No flow through this cave was found. It has no currents.", (), ())
     path = folder / "currents.svg"
     draw_flow(cave, flow, scenario.field, path)
-    ways = ", ".join(
-        f"{abs(share):.0%} {'enters' if share > 0 else 'leaves'} through portal {label}" for label, share in flow.shares
-    )
     text = (
-        f"Of the water, {ways}. Its smallest cross-section has {flow.narrowest[0]:.2f} m²; presets give the speed "
-        "there. That is a place by area; the narrowest place for a vehicle is one by width."
+        f"With a current, {_ways(flow)}. The smallest cross-section has {flow.narrowest[0]:.2f} m²; presets give the "
+        "speed there. That is a place by area; the narrowest place for a vehicle is one by width."
     )
     rows = tuple(
         (name, f"{speed:g}", f"{facts['flux'][name]:.3f}", f"{facts['reynolds'][name]:.2g}")
@@ -94,6 +88,19 @@ def current_section(scenario: Scenario, cave: CaveMap, folder: Path) -> Section:
     )
     caption = "The current at `full`, averaged from floor to ceiling; longer and darker arrows are faster water."
     return Section("Currents", text, (Figure(path, caption),), (table,))
+
+
+def _ways(flow: Flow) -> str:
+    """Return where water enters and leaves, as a clause."""
+    if not flow.shares:
+        return "water wells up at the goal and drains where the way starts"
+    if len(flow.shares) == 1:
+        (label, share), *_ = flow.shares
+        if share > 0.0:
+            return f"water enters through portal {label} and drains at the way's other end"
+        return f"water wells up at the way's other end and leaves through portal {label}"
+    ways = [f"{abs(share):.0%} {'enters' if share > 0.0 else 'leaves'} through portal {n}" for n, share in flow.shares]
+    return f"of the water {', '.join(ways)}"
 
 
 def _width(flow: Flow) -> float:

@@ -2,10 +2,9 @@
 
     u(x, t) = strength (1 + g(t)) flow(x) + turbulence strength sum_n eddies_n(x) c_n(t) + waves(x, t)
 
-The flow from portal to portal and the eddies lose no water and pass no wall, and so does every sum of them. The gust g
+The flow through the cave and the eddies lose no water and pass no wall, and so does every sum of them. The gust g
 and the eddies' coefficients c follow Ornstein-Uhlenbeck processes, taken by their exact discretisation: they have
-their stationary variance and correlation time at any step. In a cave with fewer than two portals nothing flows through;
-there the current is eddies alone, whose root mean square speed is CLOSED_SHARE of the strength.
+their stationary variance and correlation time at any step.
 """
 
 from __future__ import annotations
@@ -20,9 +19,6 @@ from aquanav_tools.scenario.schema import PRESETS, Current, Scenario, check_curr
 from aquanav_tools.sim.waves import wave_parameters
 from aquanav_tools.types import Array
 
-CLOSED_SHARE = 0.62
-"""Of the strength, where nothing flows through: speeds of three normal components exceed 1 / 0.62 of their root mean
-square in 5 % of places (chi distribution), so that the strength is as rare there as the narrowest section elsewhere."""
 GUST_SIZE = 0.1
 """Standard deviation of the flow's strength about its mean; chosen: a flow that swells but never turns."""
 GUST_TIME = 20.0
@@ -58,25 +54,25 @@ def water_of(scenario: Scenario, current: Current | None = None) -> WaterParts:
         current: A preset, a strength, m/s, or one velocity everywhere, m/s; None takes the scenario's.
 
     Raises:
-        ScenarioError: the scenario has no flow, though it has portals for one.
+        ScenarioError: the scenario has no flow.
         ValueError: the current is no preset, or too fast.
     """
     settings = scenario.settings.water
     chosen = settings.current if current is None else current
     check_current(chosen)
-    strength, has_flow = strength_of(chosen), scenario.flow is not None
-    if strength and not has_flow and len(scenario.cavity.portals) > 1:
+    strength = strength_of(chosen)
+    if strength and scenario.flow is None:
         raise ScenarioError(
-            f"The scenario {scenario.name} has no flow between its {len(scenario.cavity.portals)} portals: it was "
-            "built before aquanav knew currents, or no way between them is wide enough. Build it again, or give "
-            "one velocity for all of the water."
+            f"The scenario {scenario.name} has no flow: it was built before aquanav knew currents in caves with "
+            f"{len(scenario.cavity.portals)} portals, or no way through is wide enough. Build it again, or give one "
+            "velocity for all of the water."
         )
     has_swell = settings.surface is not None and settings.waves.height > 0.0
     return WaterParts(
         uniform=np.zeros(3) if np.ndim(chosen) == 0 else np.array(chosen, dtype=np.float64),
         flow=scenario.flow if strength else None,
-        flow_scale=strength if has_flow else 0.0,
-        eddy_scale=abs(strength) * (settings.turbulence if has_flow else CLOSED_SHARE),
+        flow_scale=strength,
+        eddy_scale=abs(strength) * settings.turbulence,
         eddy_size=float(np.median([panel.clearance for panel in scenario.guide.panels])),
         eddy_seed=settings.seed,
         swell=wave_parameters(settings.waves, settings.surface) if has_swell else np.zeros(7),  # type: ignore[arg-type]

@@ -86,7 +86,7 @@ def fine_tube(num_around: int = 144, num_along: int = 174) -> Scenario:
     tube = tube_scenario()
     cavity = dataclasses.replace(tube.cavity, mesh=mesh, labels=labels, observed=labels == 0)
     prove_watertight(mesh)
-    flow = find_flow(tube.cavity, tube.field, tube.guide.centres[-1], TUBE_RADIUS)
+    flow = find_flow(tube.cavity, tube.field, tube.guide.centres, TUBE_RADIUS)
     return dataclasses.replace(tube, cavity=cavity, collision=mesh, flow=flow)
 
 

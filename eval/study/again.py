@@ -18,7 +18,8 @@ one of each variant, and more (`--seeds`) of those whose first one had a figure 
 In brackets the {level:.0%} interval for the mean of so many more runs, from the n kept ones:
 mean -+ t s sqrt(1/m + 1/n), and not less than an episode of {episodes}, or 5 mm. What is outside is in bold. One in
 twenty would be by chance if runs were normal; they are not, as some variants fail in one run of ten: below the table
-are all runs of such a figure, with a test that takes none to be normal. Success is the mean over places and currents."""
+are all runs of such a figure, with a test that takes none to be normal. Success is the mean over places and
+currents."""
 
 
 def section(name: str, study: Study, runs: Runs, again: Runs) -> list[str]:
@@ -86,7 +87,7 @@ def headline(study: Study, kept: Runs, again: Runs, metric: str, places: Sequenc
 
 
 def _outside(study: Study, kept: Runs, again: Runs, places: Sequence[str]) -> list[str]:
-    """Return a sentence for each figure of a variant that is outside: all runs, and a test that asks only their order."""
+    """Return a sentence for each figure of a variant that is outside: its runs, and a test that asks their order."""
     lines = []
     for metric, title in zip((*RATES, *SAFETY), headlines(study), strict=True):
         values, new, step = _figure(study, kept, again, metric, places)

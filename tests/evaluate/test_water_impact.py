@@ -24,7 +24,7 @@ from tests.caves import tube_scenario
 @cache
 def flowing() -> Scenario:
     scenario = tube_scenario()
-    flow = find_flow(scenario.cavity, scenario.field, scenario.guide.centres[-1], 2.0, spacing=0.5)
+    flow = find_flow(scenario.cavity, scenario.field, scenario.guide.centres, 2.0, spacing=0.5)
     return dataclasses.replace(scenario, flow=flow)
 
 

@@ -2,7 +2,8 @@
 
 It is the potential flow of `potential`, on a grid of its own, sparse like the distance field and coarser, scaled to a
 mean of 1 m/s through the narrowest section. So a current's strength is a speed that a vehicle can be held against,
-whatever the size of the cave.
+whatever the size of the cave. Where a cave has fewer than two portals, as most that are built from surveys, the way's
+ends stand for those that lack: passages that stay flooded drain, through ends that nobody surveyed.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ CELLS_ACROSS = 5.0
 """Cells that the narrowest place of the route shall have across."""
 FEW_CELLS, MANY_CELLS = 200_000, 2_000_000
 """The flow has about the first number of cells where that is fine enough, and never more than the second."""
+SPRING_CLEARANCES = 2.0
+"""Radius of a spring over the clearance at its middle: it fills the passage."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +54,8 @@ class Flow:
     narrowest: Array
     """(4,) area of the narrowest section that all of the water passes, m^2, and its middle, m."""
     shares: Shares
-    """Labels of the portals that water passes, and the share of it that enters there; negative where it leaves."""
+    """Labels of the portals that water passes, and the share of it that enters there; negative where it leaves. What
+    passes at springs is not among them."""
 
     def nodes(self) -> tuple[Array, Array]:
         """Return the (N, 3) places of all samples in bricks, m, and the (N, 3) velocities there, m/s."""
@@ -65,21 +69,23 @@ class Flow:
 def find_flow(
     cavity: Cavity,
     field: DistanceField,
-    goal: Array,
+    way: Array,
     min_clearance: float,
     inlets: tuple[int, ...] = (),
     outlets: tuple[int, ...] = (),
     spacing: float | None = None,
 ) -> Flow | None:
-    """Return the flow through a cave; None where it has no two portals, or no way between them that cells resolve.
+    """Return the flow through a cave; None where cells resolve no way between its ends.
 
     Every inlet has one potential and every outlet another, so that with several of them the water parts by itself: more
-    takes the shorter and the wider way. Portals that are neither are closed.
+    takes the shorter and the wider way. Portals that are neither are closed. With fewer than two portals the water
+    enters or leaves, or both, at a spring at an end of the way; within SPRING_CLEARANCES of that it stands still.
 
     Args:
         cavity: the water and its portals.
         field: its clearance.
-        goal: (3,) m; by default the water enters through the portal nearest to it, so that the way there is upstream.
+        way: (K, 3) from the start to the goal, m; by default the water enters through the portal nearest to the goal,
+            or at the goal, so that the way there is upstream.
         min_clearance: of the route, m: its narrowest place shall have CELLS_ACROSS cells across.
         inlets: labels of the portals where water enters.
         outlets: labels of those where it leaves; by default all others.
@@ -89,13 +95,11 @@ def find_flow(
         InputError: there is no such portal, or one is named as both.
         MeshError: the equations do not converge.
     """
-    ends = _choose_ends(cavity, np.asarray(goal), inlets, outlets)
-    if ends is None:
-        return None
-    labels, is_inlet = ends
+    labels, springs, is_inlet = _choose_ends(cavity, np.asarray(way)[[0, -1]], inlets, outlets)
+    radii = SPRING_CLEARANCES * field.clearance(springs)
     lids = find_lids(cavity, labels)
     cells = cut_cells(field, lids, spacing or choose_spacing(cavity.volume, field.spacing, min_clearance))
-    flow = solve_potential(cells, lids, is_inlet)
+    flow = solve_potential(cells, lids, np.column_stack([springs, radii]), is_inlet)
     if flow is None:
         return None
     logger.info("Flow through %d cells of %.3g m", len(flow.cells), cells.spacing)
@@ -113,9 +117,16 @@ def choose_spacing(volume: float, field_spacing: float, min_clearance: float) ->
 
 
 def _choose_ends(
-    cavity: Cavity, goal: Array, inlets: tuple[int, ...], outlets: tuple[int, ...]
-) -> tuple[tuple[int, ...], BoolArray] | None:
-    """Return the labels of all portals that water passes, and which of them it enters through."""
+    cavity: Cavity, ends: Array, inlets: tuple[int, ...], outlets: tuple[int, ...]
+) -> tuple[tuple[int, ...], Array, BoolArray]:
+    """Return the labels of all portals that water passes, the (S, 3) springs, and at which of them it enters, m.
+
+    Args:
+        cavity: the water and its portals.
+        ends: (2, 3) where the way starts, and its goal, m.
+        inlets: labels of portals where water shall enter.
+        outlets: labels of those where it shall leave.
+    """
     known = {portal.label: portal for portal in cavity.portals}
     for label in (*inlets, *outlets):
         if label not in known:
@@ -124,17 +135,22 @@ def _choose_ends(
     both = set(inlets) & set(outlets)
     if both:
         raise InputError(f"Water cannot both enter and leave through portal {min(both)}. Name it once.")
-    if len(known) < 2:
-        return None
+    if not known:
+        return (), ends[::-1], np.array([True, False])
+    if len(known) == 1:
+        (portal,) = cavity.portals
+        nearest = int(np.linalg.norm(ends - portal.centre, axis=1).argmin())
+        enters = portal.label in inlets or (not outlets and nearest == 1)
+        return (portal.label,), ends[[1 - nearest]], np.array([enters, not enters])
     if not inlets:
         free = [portal for portal in cavity.portals if portal.label not in outlets]
         if not free:
             raise InputError("Every portal is an outlet, so no water enters. Leave out one of the outlets.")
-        inlets = (min(free, key=lambda portal: float(np.linalg.norm(portal.centre - goal))).label,)
+        inlets = (min(free, key=lambda portal: float(np.linalg.norm(portal.centre - ends[1]))).label,)
     outlets = outlets or tuple(label for label in known if label not in inlets)
     if not outlets:
         raise InputError("Every portal is an inlet, so no water leaves. Leave out one of the inlets.")
-    return (*inlets, *outlets), np.array([True] * len(inlets) + [False] * len(outlets))
+    return (*inlets, *outlets), np.zeros((0, 3)), np.array([True] * len(inlets) + [False] * len(outlets))
 
 
 def _packed(cells: FlowCells, velocities: Array, narrowest: Array, shares: Shares) -> Flow:

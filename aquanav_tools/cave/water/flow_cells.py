@@ -86,7 +86,8 @@ def find_lids(cavity: Cavity, labels: tuple[int, ...]) -> Lids:
         outlines.append(flat.reshape(-1, 4))
         reach.append(np.linalg.norm(flat, axis=-1).max())
     ends = np.cumsum([0, *(len(outline) for outline in outlines)])
-    return Lids(np.array(frames), np.concatenate(outlines), ends, np.array(reach), labels)
+    segments = np.concatenate([np.zeros((0, 4)), *outlines])
+    return Lids(np.array(frames).reshape(-1, 4, 3), segments, ends, np.array(reach, dtype=np.float64), labels)
 
 
 def cut_cells(field: DistanceField, lids: Lids, spacing: float) -> FlowCells:

@@ -36,7 +36,7 @@ def with_ends(cavity: Cavity, length: float) -> Cavity:
 
 
 def flow_in(cavity: Cavity, field: DistanceField, spacing: float, **choices: tuple[int, ...]) -> Flow:
-    flow = find_flow(cavity, field, cavity.portals[-1].centre, 1.0, spacing=spacing, **choices)
+    flow = find_flow(cavity, field, cavity.portals[-1].centre[None], 1.0, spacing=spacing, **choices)
     assert flow is not None
     return flow
 

@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import MANY_CELLS, choose_spacing, find_flow
@@ -14,6 +15,7 @@ from aquanav_tools.cave.water.flow_cells import cut_cells, find_lids
 from aquanav_tools.cave.water.potential import FREE, PotentialFlow, narrowest_section, solve_potential
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.batch.water import flow_velocities
+from aquanav_tools.types import Mesh
 from tests.cave.closed_caves import lathe
 from tests.cave.water.flows import BEND_RADIUS, bend, flow_in, fork, rotation, with_ends
 
@@ -23,7 +25,7 @@ SPACING = 0.2
 def solved(field: DistanceField, cavity, is_inlet: list[bool]) -> tuple[PotentialFlow, object]:  # type: ignore[no-untyped-def]
     lids = find_lids(cavity, tuple(portal.label for portal in cavity.portals))
     cells = cut_cells(field, lids, SPACING)
-    flow = solve_potential(cells, lids, np.array(is_inlet))
+    flow = solve_potential(cells, lids, np.zeros((0, 4)), np.array(is_inlet))
     assert flow is not None
     return flow, cells
 
@@ -138,19 +140,74 @@ def test_water_enters_at_the_goal_by_default_and_the_other_way_on_request() -> N
     cavity = with_ends(lathe(length, np.ones_like), length)
     field = distance_field(cavity, 0.1)
     middle = np.array([[0.5 * length, 0.0, 0.0]])
-    upstream = find_flow(cavity, field, np.array([length, 0.0, 0.0]), 1.0, spacing=SPACING)
-    downstream = find_flow(cavity, field, np.array([length, 0.0, 0.0]), 1.0, inlets=(1,), spacing=SPACING)
+    way = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
+    upstream = find_flow(cavity, field, way, 1.0, spacing=SPACING)
+    downstream = find_flow(cavity, field, way, 1.0, inlets=(1,), spacing=SPACING)
     assert upstream is not None
     assert downstream is not None
     np.testing.assert_allclose(flow_velocities(upstream, middle), [[-1.0, 0.0, 0.0]], atol=0.02)
     np.testing.assert_allclose(flow_velocities(downstream, middle), [[1.0, 0.0, 0.0]], atol=0.02)
 
 
-def test_nothing_flows_through_a_cave_with_one_portal_and_wrong_portals_are_refused() -> None:
+def walled(cavity: Cavity, *kept: int) -> Cavity:
+    """The same water with wall in place of its portals but for those kept."""
+    portals = tuple(portal for portal in cavity.portals if portal.label in kept)
+    return dataclasses.replace(
+        cavity, labels=np.where(np.isin(cavity.labels, kept), cavity.labels, WALL), portals=portals
+    )
+
+
+@pytest.mark.parametrize("kept", [(), (1,), (2,)])
+def test_water_flows_along_the_way_of_a_cave_that_lacks_portals(kept: tuple[int, ...]) -> None:
+    length, spring = 12.0, 1.5
+    cavity = walled(with_ends(lathe(length, np.ones_like), length), *kept)
+    field = distance_field(cavity, 0.1)
+    way = np.array([[spring, 0.0, 0.0], [length - spring, 0.0, 0.0]])
+    flow = find_flow(cavity, field, way, 1.0, spacing=SPACING)
+    assert flow is not None
+    x = np.linspace(5.0, length - 5.0, 5)
+    middle = np.column_stack([x, np.zeros_like(x), np.zeros_like(x)])
+    # Upstream, and as fast as the round section that it all passes is wide: 1 m/s.
+    np.testing.assert_allclose(flow_velocities(flow, middle), np.tile([-1.0, 0.0, 0.0], (5, 1)), atol=0.02)
+    assert flow.narrowest[0] == pytest.approx(np.pi, rel=0.03)
+    assert dict(flow.shares) == {label: pytest.approx(1.0 if label == 2 else -1.0) for label in kept}
+    # A spring fills the passage, two clearances around its middle; behind it, where no portal is, nothing moves.
+    ends = np.array([[0.3, 0.0, 0.0], [length - 0.3, 0.0, 0.0]])
+    speeds = np.linalg.norm(flow_velocities(flow, ends), axis=1)
+    assert [speed > 0.9 for speed in speeds] == [1 in kept, 2 in kept]
+    assert speeds[[1 not in kept, 2 not in kept]].max(initial=0.0) < 0.02
+
+
+def test_a_named_portal_decides_whether_water_wells_up_or_drains_at_the_other_end() -> None:
+    length = 12.0
+    cavity = walled(with_ends(lathe(length, np.ones_like), length), 2)
+    field, way = distance_field(cavity, 0.1), np.array([[1.5, 0.0, 0.0], [length, 0.0, 0.0]])
+    middle = np.array([[0.5 * length, 0.0, 0.0]])
+    for named, speed in (({"inlets": (2,)}, -1.0), ({"outlets": (2,)}, 1.0)):
+        flow = find_flow(cavity, field, way, 1.0, spacing=SPACING, **named)  # type: ignore[arg-type]
+        assert flow is not None
+        np.testing.assert_allclose(flow_velocities(flow, middle), [[speed, 0.0, 0.0]], atol=0.02)
+
+
+def test_a_spring_does_not_reach_through_rock() -> None:
+    # Two tubes 2.2 m apart whose walls of 0.2 m a spring's ball reaches across: the far one is no part of the flow.
+    tubes = [with_ends(lathe(8.0, np.ones_like), 8.0).mesh for _ in range(2)]
+    apart = Mesh(tubes[1].vertices + [0.0, 2.2, 0.0], tubes[1].faces)
+    both = Mesh(
+        np.concatenate([tubes[0].vertices, apart.vertices]),
+        np.concatenate([tubes[0].faces, apart.faces + len(tubes[0].vertices)]),
+    )
+    labels = np.full(len(both.faces), WALL, dtype=np.int64)
+    cavity = Cavity(both, labels, labels == WALL, ())
+    flow = find_flow(cavity, distance_field(cavity, 0.1), np.array([[1.5, 0, 0], [6.5, 0, 0]]), 1.0, spacing=SPACING)
+    assert flow is not None
+    places = np.array([[4.0, 0.0, 0.0], [4.0, 2.2, 0.0]])
+    np.testing.assert_allclose(np.linalg.norm(flow_velocities(flow, places), axis=1), [1.0, 0.0], atol=0.03)
+
+
+def test_portals_that_are_not_there_or_said_twice_are_refused() -> None:
     cavity, field = fork()
-    goal = np.zeros(3)
-    single = dataclasses.replace(cavity, portals=cavity.portals[:1])
-    assert find_flow(single, field, goal, 1.0) is None
+    goal = np.zeros((1, 3))
     with pytest.raises(InputError, match="There is no portal 7"):
         find_flow(cavity, field, goal, 1.0, inlets=(7,))
     with pytest.raises(InputError, match="both enter and leave through portal 1"):
