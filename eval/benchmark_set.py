@@ -12,7 +12,7 @@ under the rules of its tier, from the starts that policies get; a cave in which 
 left out. The first caves that are left fill the tier.
 
 Tier 5 is hard on purpose: flood water, a vehicle hardly known, noise, and commands that are late. Of 77 such caves the
-oracle was clean in all ten dives in 60, which are the tier; baseline:reference is in 16 % of its dives there. What the
+oracle was clean in all ten dives in 60, which are the tier; baseline:reference is in 11 % of its dives there. What the
 oracle knows and policies do not is the body that the episode drew, which commands are under way, and the water ahead;
 rays and their noise it ignores.
 
