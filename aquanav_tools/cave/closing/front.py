@@ -72,11 +72,9 @@ def front_behind(
     cell = max(diameter / CELLS, float(np.cbrt(extent.prod() / MAX_CELLS)))
     rows, columns, layers = (int(n) for n in np.ceil(extent / cell) + 1)
     shape = rows, columns, layers
-    away = band_distances(triangles, low, cell, shape, margin)[0]
-    near = np.argwhere(away < margin)
-    is_water = np.zeros(shape, dtype=np.bool_)
-    is_water[tuple(near.T)] = are_in_water(low + cell * near)
-    begins = np.argwhere(is_water & (away <= cell))
+    places = low + cell * np.indices(shape).reshape(3, -1).T
+    is_water = are_in_water(places).reshape(shape)
+    begins = np.argwhere(is_water & (band_distances(triangles, low, cell, shape, 1.5 * cell)[0] <= cell))
     if not len(begins):
         return Front(())
     lengths = cell * MCP_Geometric(np.where(is_water, 1.0, np.inf)).find_costs(begins)[0]
