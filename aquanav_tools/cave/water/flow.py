@@ -30,8 +30,9 @@ CELLS_ACROSS = 5.0
 """Cells that the narrowest place of the route shall have across."""
 FEW_CELLS, MANY_CELLS = 200_000, 2_000_000
 """The flow has about the first number of cells where that is fine enough, and never more than the second."""
-SPRING_CLEARANCES = 2.0
-"""Radius of a spring over the clearance at its middle: it fills the passage."""
+SPRING_CLEARANCES, MAX_SPRING = 2.0, 0.25
+"""Radius of a spring over the clearance at its middle: it fills the passage; and at most this share of the way, so that
+those at the ends of a short way stay apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +97,8 @@ def find_flow(
         MeshError: the equations do not converge.
     """
     labels, springs, is_inlet = _choose_ends(cavity, np.asarray(way)[[0, -1]], inlets, outlets)
-    radii = SPRING_CLEARANCES * field.clearance(springs)
+    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    radii = np.minimum(SPRING_CLEARANCES * field.clearance(springs), MAX_SPRING * length)
     lids = find_lids(cavity, labels)
     cells = cut_cells(field, lids, spacing or choose_spacing(cavity.volume, field.spacing, min_clearance))
     flow = solve_potential(cells, lids, np.column_stack([springs, radii]), is_inlet)

@@ -41,7 +41,6 @@ NUM_LEVELS = 2000
 """Surfaces of equal potential among which the narrowest is sought."""
 CELLS_AVERAGED = 2.0
 """The area of such a surface is a mean over so many cells along the flow, since it is counted in cells."""
-
 CLEAR_OF_LIDS, CLEAR_OF_SPRINGS = 2, 6
 """Cells off which the narrowest section is sought. Two off a spring a tube's came out 5 % too small, six off 1 %."""
 

@@ -178,6 +178,20 @@ def test_water_flows_along_the_way_of_a_cave_that_lacks_portals(kept: tuple[int,
     assert speeds[[1 not in kept, 2 not in kept]].max(initial=0.0) < 0.02
 
 
+def test_springs_of_a_short_way_stay_apart() -> None:
+    # A chamber in which balls of twice the clearance around both ends would be one.
+    cavity = walled(with_ends(lathe(3.0, np.ones_like), 3.0))
+    field, way = distance_field(cavity, 0.1), np.array([[0.6, 0.0, 0.0], [2.4, 0.0, 0.0]])
+    flow = find_flow(cavity, field, way, 1.0, spacing=0.1)
+    assert flow is not None
+    x = np.linspace(1.3, 1.7, 5)
+    velocities = flow_velocities(flow, np.column_stack([x, np.zeros_like(x), np.zeros_like(x)]))
+    # Between two balls of 0.45 m, 0.9 m apart, all of it passes the middle plane, faster along the axis, and in no jet.
+    assert (velocities[:, 0] < -0.3).all()
+    assert np.linalg.norm(velocities, axis=1).max() < 2.0
+    assert flow.narrowest[0] == pytest.approx(np.pi, rel=0.05)
+
+
 def test_a_named_portal_decides_whether_water_wells_up_or_drains_at_the_other_end() -> None:
     length = 12.0
     cavity = walled(with_ends(lathe(length, np.ones_like), length), 2)
