@@ -35,8 +35,7 @@ def find_currents(
         )
     elif len(cavity.portals) < 2:
         number = "one portal" if cavity.portals else "no portal"
-        where = f"The cave has {number}: where it leads on was not measured."
-        journal.warn("springs", f"{where} With a current, {_ways(flow)}.")
+        journal.warn("springs", f"The cave has {number}, and a flow needs two ends. With a current, {_ways(flow)}.")
     return flow
 
 

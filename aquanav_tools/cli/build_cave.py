@@ -94,8 +94,8 @@ def _summary(built: BuiltScenario) -> str:
     shown = f"Recording: rerun {recording}\n" if recording.exists() else ""
     routes = "".join(f"Another route: {place}\n" for place in built.routes)
     return (
-        f"A passage of {built.route_length:.1f} m, {built.volume:.1f} m3, {built.num_triangles} "
-        f"triangles, watertight; {built.num_portals} portals, {built.num_panels} panels, "
+        f"A passage of {built.route_length:.1f} m, {built.volume:.1f} m3, {built.num_triangles} triangles, watertight; "
+        f"{built.num_portals} portal{'s' * (built.num_portals != 1)}, {built.num_panels} panels, "
         f"{built.num_starts} starts.\n{built.passability}\n"
         f"Report: {folder / 'report.html'}\nPicture: {folder / 'cave.png'}\n"
         f"{shown}{routes}Next: aquanav-eval baseline:reactive --scenario {folder}"
