@@ -6,6 +6,7 @@ _HERE = "aquanav_tools.sim.batch.sensors"
 BUILT_IN = {
     "fan": f"{_HERE}.fan:RangeFan",
     "echosounders": f"{_HERE}.fan:EchoSounders",
+    "sonar3d": f"{_HERE}.fan:Sonar3D",
     "depth": f"{_HERE}.depth:DepthCell",
     "imu": f"{_HERE}.inertial:InertialUnit",
     "dvl": f"{_HERE}.dvl:DopplerLog",

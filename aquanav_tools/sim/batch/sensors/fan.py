@@ -150,3 +150,11 @@ class EchoSounders(RangeFan):
     def __init__(self, spec: FanSpec | Mapping[str, Any] | str | Path = "echosounders") -> None:
         """Take other beams, as `RangeFan` takes them."""
         super().__init__(spec)
+
+
+class Sonar3D(RangeFan):
+    """117 beams ahead of the vehicle, of two 3D sonars: (N, 117), m, at most 4 m."""
+
+    def __init__(self, spec: FanSpec | Mapping[str, Any] | str | Path = "sonar3d") -> None:
+        """Take other beams, as `RangeFan` takes them."""
+        super().__init__(spec)

@@ -130,5 +130,24 @@ _ECHO_SOUNDERS_DEG = (
     ),
 )
 """Azimuths (left +) and elevations (up +)."""
-PRESET_FANS = {"paper": paper_fan(), "full": paper_fan(), "original": original_fan(), "echosounders": echo_sounders()}
-"""What the presets of observations are built from, and the echo sounders."""
+
+
+def sonar_3d() -> FanSpec:
+    """Return 117 beams ahead, of two 3D sonars with 90 by 40 degrees each, one tilted up by 20 degrees, one down.
+
+    Of the 256 by 64 distances of such a sonar's image (Water Linked, Sonar 3D-15) every 7.5 degrees across and 10 up.
+    """
+    angles = [(7.5 * across, 10.0 * up) for across in range(-6, 7) for up in range(-4, 5)]
+    azimuths, elevations = zip(*angles, strict=True)
+    errors = RangeErrors(constant=0.01, proportional=0.005)
+    return FanSpec((4.0,), azimuths_deg=azimuths, elevations_deg=elevations, noise=errors)
+
+
+PRESET_FANS = {
+    "paper": paper_fan(),
+    "full": paper_fan(),
+    "original": original_fan(),
+    "echosounders": echo_sounders(),
+    "sonar3d": sonar_3d(),
+}
+"""What the presets of observations are built from, the echo sounders, and the 3D sonars."""
