@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.policy.architecture import KINDS, read_kind, read_options
 from aquanav_tools.policy.archive import TRAINED, read_archive, read_weights
 from aquanav_tools.policy.normaliser import HIDDEN
+from aquanav_tools.policy.observed import read_observed
 from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.policy.spaces import describe_space, is_same_space, parse_space
 from aquanav_tools.provenance import file_hash
@@ -29,7 +30,10 @@ CLASSES = {
     "td3": "stable_baselines3.td3.policies.TD3Policy",
 }
 """Of the policies that the algorithms learn."""
-NORMALISER_VARIANCE = "features_extractor.variance"
+NORMALISER_MEAN, NORMALISER_VARIANCE, NORMALISER_COUNT = (
+    f"features_extractor.{name}" for name in ("mean", "variance", "count")
+)
+FIRST_LAYERS = ("policy_net.0.weight", "value_net.0.weight")
 
 
 @dataclass(frozen=True)
@@ -59,23 +63,58 @@ def read_initial(name: str) -> InitialPolicy:
     return InitialPolicy(path, file_hash(path), settings, read_weights(weights, path))
 
 
-def check_initial(
+def fitted_initial(
     initial: InitialPolicy, observation: spaces.Space[Any], action: spaces.Space[Any], settings: TrainSettings
-) -> None:
-    """Check that a policy fits a run.
+) -> InitialPolicy:
+    """Return a policy as a run can begin with it: one that has fewer of the run's sensors gets weights for the others.
+
+    These are 0, so that it acts as before until it has learned; means and spreads of observations begin anew with what
+    the run sees first, as nothing is known of the new ones.
 
     Raises:
         InputError: its spaces, its network or what it sees is another; the message has both.
     """
-    _check_spaces(initial, observation, action, settings)
+    policy = make_policy(observation, action, settings)
+    if _has_fewer_sensors(initial, settings):
+        initial = _widened(initial, policy.state_dict())
+    else:
+        _check_spaces(initial, observation, action, settings)
     _check_network(initial, settings)
-    _check_weights(initial, make_policy(observation, action, settings).state_dict())
+    _check_weights(initial, policy.state_dict())
     _check_sight(initial, settings)
+    return initial
 
 
 def begin_with(learner: BaseAlgorithm, initial: InitialPolicy) -> None:
     """Give a new learner the weights and the means and spreads of observations; its optimiser begins anew."""
     learner.policy.load_state_dict(initial.weights)
+
+
+def _has_fewer_sensors(initial: InitialPolicy, settings: TrainSettings) -> bool:
+    """Return whether a policy of PPO observes the run's preset and the first of its sensors alone."""
+    seen = read_observed(initial.settings, initial.path)
+    if seen is None or settings.algorithm != "ppo" or not settings.normalise:
+        return False
+    num = len(seen.sensors)
+    is_prefix = seen.observation == settings.observation and seen.sensors == settings.sensors[:num]
+    return is_prefix and num < len(settings.sensors) and not (seen.history or settings.history)
+
+
+def _widened(initial: InitialPolicy, wanted: dict[str, torch.Tensor]) -> InitialPolicy:
+    """Return a policy whose first layers and normalisers take as many values as `wanted`."""
+    weights = dict(initial.weights)
+    for name, tensor in wanted.items():
+        found = weights.get(name)
+        if found is None or found.dim() != tensor.dim() or tensor.dim() == 0:
+            continue
+        missing = tensor.shape[-1] - found.shape[-1]
+        if missing > 0 and name.endswith((*FIRST_LAYERS, NORMALISER_MEAN)):
+            weights[name] = torch.nn.functional.pad(found, (0, missing))
+        elif missing > 0 and name.endswith(NORMALISER_VARIANCE):
+            weights[name] = torch.nn.functional.pad(found, (0, missing), value=1.0)
+    for name in [name for name in weights if name.endswith(NORMALISER_COUNT)]:
+        weights[name] = torch.zeros_like(weights[name])
+    return replace(initial, weights=weights)
 
 
 def _path_of(name: str) -> Path:

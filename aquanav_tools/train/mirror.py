@@ -6,7 +6,7 @@ again to learn from, at no cost. The mirror stands in the body's x-z plane.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
-from aquanav_tools.registry import is_own
+from aquanav_tools.registry import import_own, is_own
 from aquanav_tools.sim.batch.sensors.base import MirrorImage
 from aquanav_tools.sim.batch.sensors.suite import make_sensor
 from aquanav_tools.sim.sensors import FANS
@@ -91,10 +91,25 @@ def mirror_image(observation: str, sensors: Sequence[str] = (), num_earlier: int
     return np.concatenate(orders), np.concatenate([signs for _, signs in parts])
 
 
+def check_mirror_images(lessons: Iterable[TrainSettings]) -> None:
+    """Check that what is observed in mirrored environments has a mirror image.
+
+    Raises:
+        InputError: a sensor has none.
+    """
+    for lesson in lessons:
+        if lesson.mirrored:
+            mirror_image(lesson.observation, lesson.sensors, len(lesson.history))
+
+
 def _sensor_image(name: str) -> MirrorImage:
-    image = None if is_own(name) else getattr(make_sensor(name), "mirror_image", None)
+    sensor = import_own(name, "sensor") if is_own(name) else make_sensor(name)
+    image = getattr(sensor, "mirror_image", None)
     if image is None:
-        raise InputError(f"The sensor {name} has no mirror image. Learn without mirrored, or without the sensor.")
+        raise InputError(
+            f"The sensor {name} has no mirror image: the method mirror_image, which says from which value each comes "
+            "and with which sign. Write it, or learn without mirrored, or without the sensor."
+        )
     found: MirrorImage = image()
     return found
 

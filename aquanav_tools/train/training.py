@@ -41,10 +41,10 @@ from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.episodes import CurvePoint
 from aquanav_tools.train.events import EventFile
 from aquanav_tools.train.fitting import decisions_of, described, fitted
-from aquanav_tools.train.initial import InitialPolicy, begin_with, check_initial, read_initial
+from aquanav_tools.train.initial import InitialPolicy, begin_with, fitted_initial, read_initial
 from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
-from aquanav_tools.train.mirror import MirroredEnvs
+from aquanav_tools.train.mirror import MirroredEnvs, check_mirror_images
 from aquanav_tools.train.pipeline import Pipeline
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
 from aquanav_tools.train.reporting import REPORT_FILE, write_artifacts
@@ -105,6 +105,7 @@ def train(
     torch.set_num_threads(1)  # more threads are slower on a busy machine, for networks this small
     vehicle = pipeline.run.vehicle
     check_names(pipeline)
+    check_mirror_images(pipeline.lessons)
     drawn: list[DrawnCaves | None] = [None] * len(pipeline.lessons) if scenario else drawn_caves(pipeline, seed)
     named = [name for lesson in pipeline.lessons for name in lesson.all_scenarios] if scenario is None else []
     with compiling_kernels(named):
@@ -178,13 +179,12 @@ def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
 
 
 def _initial(pipeline: Pipeline, scenario: AnyScenario) -> InitialPolicy | None:
-    """Return the policy to begin with, checked against the first lesson's task."""
+    """Return the policy to begin with, as it fits the first lesson's task."""
     if pipeline.run.init is None:
         return None
     initial, lesson = read_initial(pipeline.run.init), fitted(pipeline.lessons[0])
     with closing(training_env(scenario, lesson)) as env:
-        check_initial(initial, env.observation_space, env.action_space, lesson)
-    return initial
+        return fitted_initial(initial, env.observation_space, env.action_space, lesson)
 
 
 def _learn_all(

@@ -134,6 +134,22 @@ def test_policy_that_does_not_fit_is_refused_with_both_forms_before_anything_is_
     assert learned(tmp_path) == before
 
 
+def test_policy_with_fewer_sensors_acts_as_before_until_it_has_learned(tube: Path, tmp_path: Path) -> None:
+    form = {"observation": "full", "masked_observations": ("depth",)}
+    train(tiny_pipeline(tube, steps=256, learning_rate=1e-2, **form), 0, tmp_path / "old")
+    run, wider = beginning_with(tmp_path / "old"), form | {"sensors": ("echosounders",)}
+    train(tiny_pipeline(tube, run=run, **STILL, **wider), 7, tmp_path / "new")
+    weights, begun = (state_of(tmp_path / name)["policy"] for name in ("old", "new"))
+    for name in ("mlp_extractor.policy_net.0.weight", "mlp_extractor.value_net.0.weight"):
+        assert torch.equal(begun[name][:, :44], weights[name]) and begun[name][:, 44:].abs().max() < 1e-20
+    assert torch.equal(begun["action_net.weight"], weights["action_net.weight"])
+    assert int(begun["features_extractor.count"]) == 128  # all of them what the new run saw
+    ranges = begun["features_extractor.mean"][44:]
+    assert ((ranges > 0.1) & (ranges < 4.0)).all()
+    with pytest.raises(InputError, match=r"observation space Box of 60 values, and this run Box of 44 values"):
+        train(tiny_pipeline(tube, run=beginning_with(tmp_path / "new"), **STILL, **form), 7, tmp_path / "narrower")
+
+
 class Task(gymnasium.Env[Any, Any]):
     """Has the spaces of the tiny runs, and nothing else."""
 

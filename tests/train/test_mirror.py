@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +10,12 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import LimitSettings, Scenario
 from aquanav_tools.sim.batch.sensors import fan_spec
 from aquanav_tools.sim.batch.sensors.fan import RangeFan
+from aquanav_tools.train import training
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner, update_normalisers
 from aquanav_tools.train.mirror import MirroredEnvs, mirror_image
+from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.types import Pose, yaw_quaternion
 from tests.caves import tube_scenario
 from tests.train.runs import TINY
@@ -69,6 +73,30 @@ def test_a_sensor_that_is_lopsided_or_of_unknown_kind_has_no_mirror_image() -> N
         RangeFan({"lengths": [4.0], "azimuths_deg": [0.0, 90.0]}).mirror_image()
     with pytest.raises(InputError, match="sonar has no mirror image"):
         mirror_image("full", ("sonar",))
+
+
+class Ears:
+    """A sensor of the user's own: what is heard on the left and on the right."""
+
+    def mirror_image(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([1, 0]), np.ones(2, dtype=np.float32)
+
+
+def test_a_sensor_of_the_users_own_has_the_mirror_image_that_it_says() -> None:
+    order, signs = mirror_image("paper", (f"{__name__}:Ears",))
+    assert order[-2:].tolist() == [32, 31] and signs[-2:].tolist() == [1.0, 1.0]
+
+
+def test_what_has_no_mirror_image_is_refused_before_caves_are_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def draw(*_: object) -> None:
+        raise AssertionError("it drew caves first, which takes minutes")
+
+    monkeypatch.setattr(training, "drawn_caves", draw)
+    lesson = dataclasses.replace(TINY, scenario="generated/mixed", mirrored=True, sensors=("sonar",))
+    with pytest.raises(InputError, match="sonar has no mirror image"):
+        training.train(Pipeline((lesson,), RunSettings(backend="batch")), 0, tmp_path)
 
 
 def test_a_network_acts_the_same_whatever_it_is_masked_observations(rng: np.random.Generator) -> None:
