@@ -54,14 +54,15 @@ def measure_ranges(
     state: BatchState,
     caves: wp.array(dtype=Cave),
     num_parts: int,
+    period: int,
     fan: Fan,
     noise: RangeNoise,
     out: wp.array2d(dtype=wp.float32),
 ):
-    """Write each ray's distance; an index casts a share of its vehicle's rays."""
+    """Write each ray's distance at every `period`-th decision; an index casts a share of its vehicle's rays."""
     index = first + wp.tid()
     i = chosen(state, index // num_parts, only_restarted)
-    if i < 0:
+    if i < 0 or state.decisions[i] % period != 0:
         return
     cave = caves[state.cave_of[i]]
     origin = origin_of(cave, state.positions[i])
@@ -136,9 +137,13 @@ class RangeFan(KernelSensor):
     def _shape(self) -> tuple[int, ...]:
         return (len(self.pattern.lengths),)
 
+    def _memory(self) -> dict[str, Any]:
+        return {"ranges": self._out} if self.data.period > 0.0 and self._out is not None else {}
+
     def _inputs(self, batch: SensorBatch) -> list[Any]:
         return [
             self._work_per_vehicle(batch),
+            max(1, round(self.data.period / batch.decision_seconds)),
             make_fan(self.pattern, batch.device),
             make_range_noise(self.data.noise),
         ]

@@ -55,8 +55,12 @@ class FanSpec:
     """Of spheres that are cast through the distance field in place of rays, one for each, or one for all, m; 0 casts
     a ray."""
     noise: RangeErrors = field(default_factory=RangeErrors)
+    period: float = 0.0
+    """Time between two readings, s, in whole decisions; the last one stands meanwhile. 0 reads at every decision."""
 
     def __post_init__(self) -> None:
+        if not 0.0 <= self.period <= 100.0:
+            raise ValueError(f"A fan has the period {self.period} s, which must be from 0 to 100.")
         count = len(self.directions or self.azimuths_deg)
         if bool(self.directions) == bool(self.azimuths_deg):
             raise ValueError("A fan must have either directions or azimuths_deg.")
@@ -135,12 +139,13 @@ _ECHO_SOUNDERS_DEG = (
 def sonar_3d() -> FanSpec:
     """Return 117 beams ahead, of two 3D sonars with 90 by 40 degrees each, one tilted up by 20 degrees, one down.
 
-    Of the 256 by 64 distances of such a sonar's image (Water Linked, Sonar 3D-15) every 7.5 degrees across and 10 up.
+    Of the 256 by 64 distances of such a sonar's image, five a second (Water Linked, Sonar 3D-15), every 7.5 degrees
+    across and 10 up. The errors are those of the echo sounders: the maker states none.
     """
     angles = [(7.5 * across, 10.0 * up) for across in range(-6, 7) for up in range(-4, 5)]
     azimuths, elevations = zip(*angles, strict=True)
     errors = RangeErrors(constant=0.01, proportional=0.005)
-    return FanSpec((4.0,), azimuths_deg=azimuths, elevations_deg=elevations, noise=errors)
+    return FanSpec((4.0,), azimuths_deg=azimuths, elevations_deg=elevations, noise=errors, period=0.2)
 
 
 PRESET_FANS = {

@@ -7,8 +7,8 @@ import pytest
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.sim.batch.disturbance import RayErrors
-from aquanav_tools.sim.batch.sensors.fan import RangeFan
-from aquanav_tools.sim.batch.sensors.fan_spec import FanSpec, RangeErrors, paper_fan
+from aquanav_tools.sim.batch.sensors.fan import RangeFan, Sonar3D
+from aquanav_tools.sim.batch.sensors.fan_spec import PRESET_FANS, FanSpec, RangeErrors, paper_fan
 from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import rotation_matrix, yaw_quaternion
 from tests.sim.batch.sensors.rooms import distance_to_room, random_poses, room_batch
@@ -134,3 +134,39 @@ def test_a_senseless_fan_is_refused_with_what_is_wrong(table: dict[str, object],
 def test_an_unknown_fan_is_refused_by_name() -> None:
     with pytest.raises(InputError, match="no data sheet 'papr' for the sensor 'fan'"):
         RangeFan("papr")
+
+
+def test_a_reading_stands_until_the_period_is_over_and_none_outlives_its_episode() -> None:
+    fan = RangeFan(FanSpec((20.0,), (AHEAD,), period=0.2))  # two decisions
+    batch = room_batch(positions=np.zeros((2, 3)), decisions=np.array([4, 7]))
+    fan.measure(batch)
+    read = []
+    for x, decisions, restarted in ((1.0, [5, 8], [0, 0]), (2.0, [6, 0], [0, 1]), (3.0, [7, 1], [0, 0])):
+        batch.state.positions.assign(np.tile([x, 0.0, 0.0], (2, 1)))
+        batch.state.decisions.assign(np.array(decisions, dtype=np.int32))
+        batch.state.restarted.assign(np.array(restarted, dtype=np.int32))
+        read.append(fan.measure(batch)[:, 0].copy())
+    # The wall ahead is 6 m from the middle; the second vehicle was first read at 1 m, its next episode begins at 2 m.
+    np.testing.assert_allclose(read, [[6.0, 5.0], [4.0, 4.0], [4.0, 4.0]], atol=1e-5)
+    kept = fan.state()
+    batch.state.decisions.assign(np.array([8, 2], dtype=np.int32))
+    fan.measure(batch)
+    fan.restore(kept)
+    batch.state.decisions.assign(np.array([9, 3], dtype=np.int32))
+    np.testing.assert_allclose(fan.measure(batch)[:, 0], [4.0, 4.0], atol=1e-5)
+
+
+def test_the_3d_sonars_look_ahead_within_their_angles_five_times_a_second() -> None:
+    spec = PRESET_FANS["sonar3d"]
+    x, y, z = spec.pattern.directions.T
+    assert len(x) == 117 and spec.period == 0.2
+    assert np.degrees(np.abs(np.arctan2(y, x)).max()) == pytest.approx(45.0)
+    assert np.degrees(np.abs(np.arcsin(z)).max()) == pytest.approx(40.0)
+    order, signs = Sonar3D().mirror_image()
+    assert (signs == 1.0).all()
+    np.testing.assert_allclose(spec.pattern.directions[order], spec.pattern.directions * [1.0, -1.0, 1.0], atol=1e-12)
+
+
+def test_a_period_out_of_range_is_refused() -> None:
+    with pytest.raises(InputError, match="period -1.0 s, which must be from 0 to 100"):
+        RangeFan({"lengths": [4.0], "azimuths_deg": [0.0], "period": -1.0})
