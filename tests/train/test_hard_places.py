@@ -74,7 +74,7 @@ def test_a_stopped_run_ends_as_one_that_never_stopped(tmp_path: Path, monkeypatc
 
 
 def test_where_it_cannot_be_it_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="here contacts end none. Set on_collision to end"):
+    with pytest.raises(ValueError, match=r"here contacts end none\. Set on_collision to end"):
         tiny_pipeline(Path(MIXED), 1, ON_BATCH, hard_starts=0.5)
     tube, own = tiny_tube(tmp_path / "tube"), RunSettings(backend="own")
     with pytest.raises(InputError, match="hard_starts is for the batch only"):
