@@ -39,6 +39,9 @@ class TrainSettings(TaskOptions):
     cave_that_leaves: Literal["oldest", "easiest"] = "oldest"
     """Which of the drawn caves the next one takes the place of: the one that came first, or the one in which most
     episodes end at the goal without a contact by now, so that more is learned in caves that are hard."""
+    hard_starts: float = 0.0
+    """Fraction of the episodes that begin shortly before a place where an episode in the same cave ended in a contact
+    lately, so that more is learned where it is hard. The batch only, where contacts end episodes."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
@@ -117,6 +120,12 @@ class TrainSettings(TaskOptions):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
         _check(
             math.isfinite(self.ent_coef) and self.ent_coef >= 0, f"ent_coef must not be negative, got {self.ent_coef}."
+        )
+        _check(0.0 <= self.hard_starts <= 1.0, f"hard_starts must be in [0, 1], got {self.hard_starts}.")
+        _check(
+            self.hard_starts == 0.0 or self.on_collision == "end",
+            "hard_starts begins episodes before places where others ended in a contact, and here contacts end none. "
+            "Set on_collision to end, or leave hard_starts out.",
         )
         _check(
             len(self.scenarios) < self.num_envs,
