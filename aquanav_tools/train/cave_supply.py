@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
 from aquanav_tools.envs.factory import with_vehicle
@@ -21,6 +23,7 @@ from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import generated_name, remove_version
 from aquanav_tools.scenario.split import training_seed
+from aquanav_tools.train.scaled_caves import scaled_to_fit
 
 AHEAD = 8
 """Caves that are built, and read, before their turn: more than fail to be built in a row."""
@@ -40,6 +43,13 @@ class CaveSequence:
     """Of the run."""
     vehicle: str | None = None
     """What dives them; None for their own."""
+    scales: tuple[float, float] = (1.0, 1.0)
+    """By a factor between these each is made larger or smaller."""
+
+    def scale(self, number: int) -> float:
+        """Return the factor of a cave, drawn evenly in the logarithm."""
+        low, high = np.log(self.scales)
+        return float(np.exp(np.random.default_rng([self.seed, number]).uniform(low, high)))
 
     def task(self, number: int, attempt: int = 0) -> NumberedTask:
         """Return how to build a cave; with the attempts before it in vain, another one in its place."""
@@ -215,7 +225,8 @@ class CaveSupply:
             assert isinstance(scenario, Scenario)
             if scenario.flow is None:
                 raise InputError(f"No water flows through {name}.")
-            return scenario
+            is_as_built = self.sequence.scales == (1.0, 1.0)
+            return scenario if is_as_built else scaled_to_fit(scenario, self.sequence.scale(task.number))
         except InputError as error:
             if task.attempt + 1 == MAX_ATTEMPTS:
                 raise InputError(

@@ -89,7 +89,7 @@ def drawn_caves(pipeline: Pipeline, seed: int) -> list[DrawnCaves | None]:
             found.append(None)
             continue
         num = min(lesson.num_caves, lesson.num_envs - len(fixed_names(lesson)))
-        found.append(DrawnCaves(CaveSequence(styles, seed, pipeline.run.vehicle), first, num))
+        found.append(DrawnCaves(CaveSequence(styles, seed, pipeline.run.vehicle, lesson.cave_scales), first, num))
         first += decisions_of(lesson) // lesson.num_envs // steps_between(lesson)
     return found
 

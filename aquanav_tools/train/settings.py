@@ -39,6 +39,9 @@ class TrainSettings(TaskOptions):
     cave_that_leaves: Literal["oldest", "easiest"] = "oldest"
     """Which of the drawn caves the next one takes the place of: the one that came first, or the one in which most
     episodes end at the goal without a contact by now, so that more is learned in caves that are hard."""
+    cave_scales: tuple[float, float] = (1.0, 1.0)
+    """Each drawn cave is made larger or smaller by a factor from this range, drawn evenly in the logarithm, but not so
+    small that the vehicle does not fit: more caves, with tighter squeezes and sharper bends than their styles have."""
     hard_starts: float = 0.0
     """Fraction of the episodes that begin shortly before a place where an episode in the same cave ended in a contact
     lately, so that more is learned where it is hard. The batch only, where contacts end episodes."""
@@ -120,6 +123,10 @@ class TrainSettings(TaskOptions):
             _check(0.0 <= getattr(self, name) <= 1.0, f"{name} must be in [0, 1], got {getattr(self, name)}.")
         _check(
             math.isfinite(self.ent_coef) and self.ent_coef >= 0, f"ent_coef must not be negative, got {self.ent_coef}."
+        )
+        low, high = self.cave_scales
+        _check(
+            0.1 <= low <= high <= 10.0, f"cave_scales must rise and lie between 0.1 and 10, and they are {low}, {high}."
         )
         _check(0.0 <= self.hard_starts <= 1.0, f"hard_starts must be in [0, 1], got {self.hard_starts}.")
         _check(

@@ -168,5 +168,5 @@ def test_the_3d_sonars_look_ahead_within_their_angles_five_times_a_second() -> N
 
 
 def test_a_period_out_of_range_is_refused() -> None:
-    with pytest.raises(InputError, match="period -1.0 s, which must be from 0 to 100"):
+    with pytest.raises(InputError, match=r"period -1\.0 s, which must be from 0 to 100"):
         RangeFan({"lengths": [4.0], "azimuths_deg": [0.0], "period": -1.0})

@@ -1,0 +1,68 @@
+"""Drawn caves made larger or smaller: more caves from each that is built, and squeezes as tight as the vehicle fits.
+
+The style of a cave says how narrow its narrowest place may be, the vehicle's width what of that it sees. A cave that is
+made smaller has tighter squeezes and sharper bends.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aquanav_tools.cave.route.starts import Start
+from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.envs.vehicles import vehicle_of
+from aquanav_tools.errors import MeshError
+from aquanav_tools.scenario.scaling import scaled
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.hull import hull_clearance
+from aquanav_tools.types import Capsule
+
+NARROWEST = 1.15
+"""A cave is not made smaller than so many vehicle widths, at the narrowest place of the way to its goal."""
+MARGIN = 0.03
+"""Clearance of the hull at a start, m."""
+MIN_STARTS = 4
+"""Fewer would be nearly the same dive again and again."""
+MAX_NODES = 60_000
+MAX_TRIES = 5
+"""Factors that are tried, each half as far from 1, in the logarithm, as the one before."""
+
+
+def scaled_to_fit(scenario: Scenario, factor: float) -> Scenario:
+    """Return a cave made larger or smaller by a factor, or by one nearer to 1 where its vehicle would not fit through.
+
+    Starts that it does not fit at any more are left out. A cave that fits by no factor stays as it is.
+    """
+    capsule = vehicle_of(scenario).capsule
+    for _ in range(MAX_TRIES):
+        other = scaled(scenario, factor)
+        starts = _usable(other, capsule)
+        if len(starts) >= MIN_STARTS:
+            return replace(other, starts=starts)
+        factor = float(np.sqrt(factor))
+    return scenario
+
+
+def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:
+    """Return the starts where a hull is free and from which a way with room to spare leads to the goal."""
+    try:
+        graph = WaterGraph(scenario.field, 0.5 * NARROWEST * 2.0 * capsule.radius, MAX_NODES)
+    except MeshError:
+        return ()
+    goal = scenario.guide.centres[-1]
+    gap = float(np.linalg.norm(graph.points[graph.nearest_open(goal)] - goal))
+    if gap > scenario.guide.radii[-1] + scenario.settings.goal.tolerance:
+        return ()
+    lengths = graph.ways_from(goal).lengths_to(np.array([start.pose.position for start in scenario.starts]))
+    return tuple(
+        start
+        for start, length in zip(scenario.starts, lengths, strict=True)
+        if np.isfinite(length) and _room(scenario, start, capsule) > MARGIN
+    )
+
+
+def _room(scenario: Scenario, start: Start, capsule: Capsule) -> float:
+    state = np.concatenate([start.pose.position, start.pose.orientation])
+    return float(hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *scenario.field.grid))
