@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -120,8 +120,6 @@ class CaveBatch(ExtendedBatch):
         self._share_out(num, len(several))
         self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
         pairs = [prepared(scenario, vehicle) for scenario in several]
-        self.choose_starts: Callable[[npt.NDArray[np.int64]], None] | None = None
-        """Called with the vehicles whose episodes have just ended, before others follow; it may write wanted_starts."""
         self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
         self.decision_seconds = _decision_seconds(self.scenarios)
@@ -229,12 +227,6 @@ class CaveBatch(ExtendedBatch):
         self.world.reset(np.array([seed % NUM_SEEDS for seed in seeds]), first, given)
         self._begin_observing()
 
-    def remaining_at_starts(self, cave: int) -> Array:
-        """Return the (S,) metres to go along the guide from each of a cave's starts."""
-        from aquanav_tools.sim.batch.starts import remaining_of
-
-        return remaining_of(self.world.caves.rows[cave], self.world.device)
-
     def randomise_time_limits(self, seed: int) -> None:
         """Let time run out earlier, by chance, in the episodes that have just begun."""
         self.world.age(np.random.default_rng(seed).integers(self.limits))
@@ -279,11 +271,8 @@ class CaveBatch(ExtendedBatch):
     def _judge(self) -> None:
         """Look at what the decision led to; then vehicles whose episodes have ended go into the caves of now."""
         super()._judge()
-        ended = np.flatnonzero(self.view_of("outcomes") > 0)
-        if self.choose_starts is not None and len(ended):
-            self.choose_starts(ended)
         if self._is_replaceable:
-            self._move(ended)
+            self._move(np.flatnonzero(self.view_of("outcomes") > 0))
 
     def _move(self, vehicles: npt.NDArray[np.int64]) -> None:
         """Let the next episodes of vehicles begin in the caves that are in their places now."""

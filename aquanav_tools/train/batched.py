@@ -15,7 +15,6 @@ from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.task import choices_of
 from aquanav_tools.train.cave_rotation import CaveRotation
 from aquanav_tools.train.episodes import SUMMARY, EpisodeSummary
-from aquanav_tools.train.hard_places import HardPlaces
 from aquanav_tools.train.settings import TrainSettings
 
 
@@ -37,9 +36,6 @@ class BatchedEnvs(BatchedVecEnv):
             form["replaceable"] = True
         self.rotation = rotation
         super().__init__(scenarios, settings.num_envs, **(form | choices_of(settings)))
-        self.hard_places = HardPlaces(self._caves, settings.hard_starts) if settings.hard_starts > 0.0 else None
-        if rotation is not None and self.hard_places is not None:
-            rotation.tell_replaced = self.hard_places.forget
 
     def reset(self) -> Floats:
         """Begin all episodes, as if some time had passed in each.
@@ -68,16 +64,13 @@ class BatchedEnvs(BatchedVecEnv):
     def state(self) -> dict[str, Any]:
         """Return all arrays of the batch, and which drawn caves are in it."""
         drawn = {} if self.rotation is None else self.rotation.state()
-        hard = {} if self.hard_places is None else self.hard_places.state()
-        return {name: torch.from_numpy(values) for name, values in (self._task.state() | drawn | hard).items()}
+        return {name: torch.from_numpy(values) for name, values in (self._task.state() | drawn).items()}
 
     def restore(self, state: dict[str, Any]) -> Floats:
         """Go back to where `state` was taken; return the observations there."""
         arrays = {name: tensor.numpy() for name, tensor in state.items()}
         if self.rotation is not None:
             self.rotation.restore(arrays, self._caves)
-        if self.hard_places is not None:
-            self.hard_places.restore(arrays)
         self._task.restore(arrays)
         return self._task.copy_of("observations")
 

@@ -10,7 +10,7 @@ prioritised level replay (Jiang, Grefenstette and Rocktaeschel 2021) with the fr
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,8 +45,6 @@ class CaveRotation:
         self._ended = np.zeros((len(numbers), 2), dtype=np.int64)
         """(P, 2) episodes that ended in the cave of now in each place, and how many of them were clean."""
         self._caves_before: np.ndarray | None = None
-        self.tell_replaced: Callable[[int], None] | None = None
-        """Called with the index of each cave of the batch whose place another has taken."""
         self._began, self._taking = time.perf_counter(), 0.0
 
     def begin(self) -> None:
@@ -71,8 +69,6 @@ class CaveRotation:
             place = self._first(batch) + turn
             if batch.replace(place, scenario):
                 half = int(batch.current_caves[place] != place)
-                if self.tell_replaced is not None:
-                    self.tell_replaced(int(batch.current_caves[place]))
                 self.numbers[turn, half] = self._next
                 self._ended[turn] = 0
                 self._next += 1

@@ -59,8 +59,6 @@ def check_names(pipeline: Pipeline) -> None:
         ScenarioError: a name is that of no drawn cave.
     """
     for lesson in pipeline.lessons:
-        if lesson.hard_starts and pipeline.run.backend != "batch":
-            raise InputError("hard_starts is for the batch only. Choose --backend batch, or leave it out.")
         for name in lesson.all_scenarios:
             if distribution_of(name) is None:
                 check_training_cave(name)

@@ -42,9 +42,6 @@ class TrainSettings(TaskOptions):
     cave_scales: tuple[float, float] = (1.0, 1.0)
     """Each drawn cave is made larger or smaller by a factor from this range, drawn evenly in the logarithm, but not so
     small that the vehicle does not fit: more caves, with tighter squeezes and sharper bends than their styles have."""
-    hard_starts: float = 0.0
-    """Fraction of the episodes that begin shortly before a place where an episode in the same cave ended in a contact
-    lately, so that more is learned where it is hard. The batch only, where contacts end episodes."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
@@ -127,12 +124,6 @@ class TrainSettings(TaskOptions):
         low, high = self.cave_scales
         _check(
             0.1 <= low <= high <= 10.0, f"cave_scales must rise and lie between 0.1 and 10, and they are {low}, {high}."
-        )
-        _check(0.0 <= self.hard_starts <= 1.0, f"hard_starts must be in [0, 1], got {self.hard_starts}.")
-        _check(
-            self.hard_starts == 0.0 or self.on_collision == "end",
-            "hard_starts begins episodes before places where others ended in a contact, and here contacts end none. "
-            "Set on_collision to end, or leave hard_starts out.",
         )
         _check(
             len(self.scenarios) < self.num_envs,

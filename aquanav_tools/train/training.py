@@ -174,10 +174,8 @@ def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
         load_bullet()
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
-    if bays and any(one.mirrored or one.masked_observations or one.hard_starts for one in pipeline.lessons):
-        raise InputError(
-            f"mirrored, masked_observations and hard_starts are for caves, and {bays[0]} is a bay. Leave them out."
-        )
+    if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):
+        raise InputError(f"mirrored and masked_observations are for caves, and {bays[0]} is a bay. Leave them out.")
 
 
 def _initial(pipeline: Pipeline, scenario: AnyScenario) -> InitialPolicy | None:

@@ -111,5 +111,5 @@ def test_bays_and_caves_do_not_mix(bay: Path, tube: Scenario, tmp_path: Path) ->
 
 
 def test_mirrors_are_for_caves(bay: Path, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"mirrored, masked_observations and hard_starts are for caves, and small is"):
+    with pytest.raises(InputError, match="mirrored and masked_observations are for caves, and small is a bay"):
         train(pipeline_in(str(bay), mirrored=True), 0, tmp_path / "run")

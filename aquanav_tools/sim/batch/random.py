@@ -17,10 +17,9 @@ from aquanav_tools.sim.batch.runtime import OPTIONS
 wp.set_module_options(OPTIONS)
 
 u32 = wp.uint32
-START, SHARE, SWELL, NEXT, HARD_START, EDDIES, RAYS, DYNAMICS = 0, 1, 2, 3, 4, 16, 1 << 16, 1 << 20
-"""Purposes: where an episode begins; its share of the current; its waves' phase; the seed of the episode after it;
-whether that one begins before a hard place, and which; from here on its eddies; from here on the errors of its rays;
-from here on its vehicle's dynamics."""
+START, SHARE, SWELL, NEXT, EDDIES, RAYS, DYNAMICS = 0, 1, 2, 3, 16, 1 << 16, 1 << 20
+"""Purposes: where an episode begins; its share of the current; its waves' phase; the seed of the episode after it; from
+here on its eddies; from here on the errors of its rays; from here on its vehicle's dynamics."""
 
 
 @wp.func

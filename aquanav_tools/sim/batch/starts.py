@@ -11,14 +11,11 @@ import numpy.typing as npt
 import warp as wp
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim.batch.caves import Cave, Starts, gates_at, make_starts
-from aquanav_tools.sim.batch.guide import remaining_at
-from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel, put_rows
+from aquanav_tools.sim.batch.caves import Starts, gates_at, make_starts
+from aquanav_tools.sim.batch.runtime import put_rows
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.vehicle_base import Vehicle
-from aquanav_tools.types import Array, Pose
-
-wp.set_module_options(OPTIONS)
+from aquanav_tools.types import Pose
 
 DRAWN, UNLISTED = wp.constant(-1), wp.constant(-2)
 """In place of a start's index: it is to be drawn from the list; it is the vehicle's own, in a list of its own."""
@@ -86,18 +83,3 @@ def _blank_starts(num: int, num_extra: int, device: Any) -> Starts:
         shape = (num, num_extra) if name == "extra" else num
         setattr(starts, name, wp.zeros(shape, dtype=field.type.dtype, device=device))
     return starts
-
-
-@wp.kernel
-def write_remaining(cave: Cave, out: wp.array(dtype=wp.float64)):
-    """Write what is to go from each start, m."""
-    n = wp.tid()
-    out[n] = remaining_at(cave.starts.positions[n], cave.measure.panels, cave.starts.gates[n])
-
-
-def remaining_of(cave: Cave, device: Any) -> Array:
-    """Return the (S,) metres to go along the guide from each listed start of a cave."""
-    num = cave.starts.positions.shape[0]
-    out = wp.zeros(num, dtype=wp.float64, device=device)
-    launch_kernel(write_remaining, dim=num, inputs=[cave, out], device=device)
-    return np.asarray(out.numpy())
