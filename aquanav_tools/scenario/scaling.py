@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.centreline.graph import NO_NETWORK
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.starts import Start
 from aquanav_tools.cave.water.flow import Flow
-from aquanav_tools.scenario.schema import NO_NETWORK, Scenario
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.types import Mesh
 
 
@@ -22,11 +23,13 @@ def scaled(scenario: Scenario, factor: float) -> Scenario:
     left out.
     """
     field, settings, goal = scenario.field, scenario.settings, scenario.settings.goal
-    middle = tuple(float(factor * x) for x in goal.position)
+    x, y, z = goal.position
     return replace(
         scenario,
         settings=replace(
-            settings, goal=replace(goal, position=middle), collision_error=factor * settings.collision_error
+            settings,
+            goal=replace(goal, position=(factor * x, factor * y, factor * z)),
+            collision_error=factor * settings.collision_error,
         ),
         cavity=_scaled_cavity(scenario.cavity, factor),
         collision=_scaled_mesh(scenario.collision, factor),
@@ -34,7 +37,7 @@ def scaled(scenario: Scenario, factor: float) -> Scenario:
             field,
             origin=factor * field.origin,
             spacing=factor * field.spacing,
-            samples=(field.samples * np.float32(factor)),
+            samples=field.samples * np.float32(factor),
         ),
         guide=_scaled_guide(scenario.guide, factor),
         starts=tuple(_scaled_start(start, factor) for start in scenario.starts),
