@@ -1,7 +1,7 @@
 """Drawn caves made larger or smaller: more caves from each that is built, and squeezes as tight as the vehicle fits.
 
-The style of a cave says how narrow its narrowest place may be, the vehicle's width what of that it sees. A cave that is
-made smaller has tighter squeezes and sharper bends.
+To a vehicle a passage is as narrow as it is in widths of its hull: in a cave that is made smaller, squeezes are
+tighter and bends sharper than its style has them.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ MARGIN = 0.03
 MIN_STARTS = 4
 """Fewer would be nearly the same dive again and again."""
 MAX_NODES = 60_000
+"""Places in the water among which a way is sought: a tenth of a second."""
 MAX_TRIES = 5
 """Factors that are tried, each half as far from 1, in the logarithm, as the one before."""
 
@@ -48,7 +49,7 @@ def scaled_to_fit(scenario: Scenario, factor: float) -> Scenario:
 def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:
     """Return the starts where a hull is free and from which a way with room to spare leads to the goal."""
     try:
-        graph = WaterGraph(scenario.field, 0.5 * NARROWEST * 2.0 * capsule.radius, MAX_NODES)
+        graph = WaterGraph(scenario.field, NARROWEST * capsule.radius, MAX_NODES)
     except MeshError:
         return ()
     goal = scenario.guide.centres[-1]
