@@ -12,7 +12,7 @@ import numpy as np
 from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.passability import measure_passability
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.cave.water.geodesic import MAX_NODES, WaterGraph
 from aquanav_tools.errors import InputError, MeshError, ScenarioError
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
@@ -112,7 +112,7 @@ def _left_out(scenario: Scenario, roomy: Scenario) -> tuple[int, ...]:
 def _usable_starts(scenario: Scenario, vehicle: Vehicle) -> tuple[Start, ...]:
     """Return the starts whose pose is free for a vehicle's hull and joined to the goal, with their way for it."""
     positions = np.array([start.pose.position for start in scenario.starts])
-    lengths = _ways(scenario, vehicle.capsule.radius, positions)
+    lengths = ways_to_goal(scenario, vehicle.capsule.radius, positions)
     if not np.isfinite(lengths).any():
         raise InputError(_too_tight(scenario, vehicle))
     checker = CapsuleChecker(scenario.cavity, scenario.field, vehicle.capsule)
@@ -130,11 +130,14 @@ def _usable_starts(scenario: Scenario, vehicle: Vehicle) -> tuple[Start, ...]:
     return usable
 
 
-def _ways(scenario: Scenario, radius: float, positions: Array) -> Array:
-    """Return the (N,) lengths of the ways from (N, 3) positions to the goal for a ball, m; inf where there is none."""
+def ways_to_goal(scenario: Scenario, radius: float, positions: Array, max_nodes: int = MAX_NODES) -> Array:
+    """Return the (N,) lengths of the ways from (N, 3) positions to the goal for a ball, m; inf where there is none.
+
+    They are sought on as many samples of the water as a build seeks its route on, unless another number is given.
+    """
     goal = scenario.guide.centres[-1]
     try:
-        graph = WaterGraph(scenario.field, radius)  # as the build seeks its route
+        graph = WaterGraph(scenario.field, radius, max_nodes)
     except MeshError:
         return np.full(len(positions), np.inf)
     gap = float(np.linalg.norm(graph.points[graph.nearest_open(goal)] - goal))

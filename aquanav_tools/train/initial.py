@@ -75,11 +75,13 @@ def fitted_initial(
         InputError: its spaces, its network or what it sees is another; the message has both.
     """
     policy = make_policy(observation, action, settings)
-    if _has_fewer_sensors(initial, settings):
-        initial = _widened(initial, policy.state_dict())
-    else:
-        _check_spaces(initial, observation, action, settings)
+    is_wider = _has_fewer_sensors(initial, settings)
+    if not is_wider:
+        _check_space(initial, "observation", observation, settings.observation)
+    _check_space(initial, "action", action, settings.action)
     _check_network(initial, settings)
+    if is_wider:
+        initial = _widened(initial, policy.state_dict())
     _check_weights(initial, policy.state_dict())
     _check_sight(initial, settings)
     return initial
@@ -125,19 +127,13 @@ def _path_of(name: str) -> Path:
     return best_policy(path) if path.is_dir() else path
 
 
-def _check_spaces(
-    initial: InitialPolicy, observation: spaces.Space[Any], action: spaces.Space[Any], settings: TrainSettings
-) -> None:
-    for name, wanted, choice in (
-        ("observation", observation, settings.observation),
-        ("action", action, settings.action),
-    ):
-        found = parse_space(initial.settings.get(f"{name}_space"), f"{name} space")
-        if not is_same_space(found, wanted):
-            raise InputError(
-                f"The policy {initial.path} has the {name} space {describe_space(found)}, and this run "
-                f"{describe_space(wanted)} ({name} {choice}). Choose --{name} as it was trained, or another policy."
-            )
+def _check_space(initial: InitialPolicy, name: str, wanted: spaces.Space[Any], choice: str) -> None:
+    found = parse_space(initial.settings.get(f"{name}_space"), f"{name} space")
+    if not is_same_space(found, wanted):
+        raise InputError(
+            f"The policy {initial.path} has the {name} space {describe_space(found)}, and this run "
+            f"{describe_space(wanted)} ({name} {choice}). Choose --{name} as it was trained, or another policy."
+        )
 
 
 def _check_network(initial: InitialPolicy, settings: TrainSettings) -> None:

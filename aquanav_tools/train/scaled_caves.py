@@ -11,9 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.geodesic import WaterGraph
-from aquanav_tools.envs.vehicles import vehicle_of
-from aquanav_tools.errors import MeshError
+from aquanav_tools.envs.vehicles import vehicle_of, ways_to_goal
 from aquanav_tools.scenario.scaling import scaled
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
@@ -48,15 +46,8 @@ def scaled_to_fit(scenario: Scenario, factor: float) -> Scenario:
 
 def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:
     """Return the starts where a hull is free and from which a way with room to spare leads to the goal."""
-    try:
-        graph = WaterGraph(scenario.field, NARROWEST * capsule.radius, MAX_NODES)
-    except MeshError:
-        return ()
-    goal = scenario.guide.centres[-1]
-    gap = float(np.linalg.norm(graph.points[graph.nearest_open(goal)] - goal))
-    if gap > scenario.guide.radii[-1] + scenario.settings.goal.tolerance:
-        return ()
-    lengths = graph.ways_from(goal).lengths_to(np.array([start.pose.position for start in scenario.starts]))
+    positions = np.array([start.pose.position for start in scenario.starts])
+    lengths = ways_to_goal(scenario, NARROWEST * capsule.radius, positions, MAX_NODES)
     return tuple(
         start
         for start, length in zip(scenario.starts, lengths, strict=True)

@@ -146,6 +146,8 @@ def test_policy_with_fewer_sensors_acts_as_before_until_it_has_learned(tube: Pat
     assert int(begun["features_extractor.count"]) == 128  # all of them what the new run saw
     ranges = begun["features_extractor.mean"][44:]
     assert ((ranges > 0.1) & (ranges < 4.0)).all()
+    with pytest.raises(InputError, match=r"action space MultiDiscrete\(\[3, 3, 3\]\), and this run Discrete\(27\)"):
+        train(tiny_pipeline(tube, run=run, **STILL, **wider, action="discrete"), 7, tmp_path / "otherwise")
     with pytest.raises(InputError, match=r"observation space Box of 60 values, and this run Box of 44 values"):
         train(tiny_pipeline(tube, run=beginning_with(tmp_path / "new"), **STILL, **form), 7, tmp_path / "narrower")
 
