@@ -148,3 +148,11 @@ def test_the_papers_curriculum_is_shipped_for_the_batch() -> None:
     assert pipeline.run == dataclasses.replace(paper.run, backend="batch")
     as_paper = [dataclasses.replace(lesson, num_envs=16, n_steps=1280) for lesson in pipeline.lessons]
     assert as_paper == list(paper.lessons)  # a rollout of the original's 20,480 decisions
+
+
+@pytest.mark.parametrize("sensor", ["sonar3d", "track"])  # new readings at every second decision; a memory
+def test_stopped_run_goes_on_with_what_sensors_remember(
+    sensor: str, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pipeline = tiny_pipeline(tube, 1, ON_BATCH, sensors=(sensor,), steps=256)
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)

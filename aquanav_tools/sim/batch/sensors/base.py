@@ -117,6 +117,8 @@ class KernelSensor:
         self._launches: list[Any] = []
         self._passed: tuple[int, int] = (0, 0)
         self._out: Any = None
+        self._restored: dict[str, npt.NDArray[Any]] | None = None
+        """What is to be remembered as soon as there is room for it."""
 
     def measure(self, batch: SensorBatch) -> Reading:
         """Return the readings of all vehicles, (N, ...), in memory that the next measurement changes."""
@@ -137,9 +139,16 @@ class KernelSensor:
         return {name: np.array(array.numpy()) for name, array in self._memory().items()}
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
-        """Take back what `state` returned."""
-        for name, array in self._memory().items():
-            array.assign(state[name])
+        """Take back what `state` returned, also before the first measurement."""
+        self._restored = state
+        if self._batch is not None:
+            self._remember()
+
+    def _remember(self) -> None:
+        if self._restored is not None:
+            for name, array in self._memory().items():
+                array.assign(self._restored[name])
+        self._restored = None
 
     def _memory(self) -> dict[str, Any]:
         """Return the arrays in which the sensor remembers earlier decisions."""
@@ -163,6 +172,7 @@ class KernelSensor:
             for first, last in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
         ]
         self._batch = batch
+        self._remember()
 
     def _work_per_vehicle(self, batch: SensorBatch) -> int:
         """Return into how many indices of the kernel a vehicle is divided."""
