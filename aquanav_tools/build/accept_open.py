@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.cave.closing.enclosure import check_enclosure, enclosure
+from aquanav_tools.cave.closing.ambient_occlusion import ambient_occlusion, check_occlusion
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.surface import Surface, surface_from_mesh
@@ -45,13 +45,13 @@ def noting_guesswork(journal: Journal) -> Callable[[UnseenWallsError], None]:
     return note
 
 
-def median_enclosure(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
+def median_occlusion(surface: Mesh, places: Array, accept: Callable[[UnseenWallsError], None]) -> float:
     """Return the median share of the view from (N, 3) places in the water that is scanned wall."""
     try:
-        return check_enclosure(surface, places, "the middle of the passage")
+        return check_occlusion(surface, places, "the middle of the passage")
     except UnseenWallsError as error:
         accept(error)
-    return float(np.median(enclosure(surface, places)))
+    return float(np.median(ambient_occlusion(surface, places)))
 
 
 def surface_of(

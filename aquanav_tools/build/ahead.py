@@ -19,7 +19,7 @@ import numpy as np
 from aquanav_tools.build.cave_stages import build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.sight import make_sight
 from aquanav_tools.machine import lower_priority
 from aquanav_tools.reconstruct.dense import cpu
@@ -58,8 +58,10 @@ def compile_later_stages() -> None:
     _search_depth()
     lowest, highest = np.array([0.0, 0.0, 0.0]), np.array([_LENGTH, 0.0, 0.0])
     centres = np.linspace(lowest, highest, _STATIONS + 2)[1:-1]
-    evidence = Evidence(centres, np.stack([centres[:-1], centres[1:]], axis=1), make_sight(*_views(centres)))
-    build_scenario(_pipe(np.random.default_rng(0)), BuildOptions(Path("pipe"), Path("pipe")), Journal(silent), evidence)
+    free_space = FreeSpace(centres, np.stack([centres[:-1], centres[1:]], axis=1), make_sight(*_views(centres)))
+    build_scenario(
+        _pipe(np.random.default_rng(0)), BuildOptions(Path("pipe"), Path("pipe")), Journal(silent), free_space
+    )
 
 
 def _search_depth() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from aquanav_tools import __version__
-from aquanav_tools.build.accept_open import accepting, median_enclosure, noting_guesswork, surface_of
+from aquanav_tools.build.accept_open import accepting, median_occlusion, noting_guesswork, surface_of
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.time_stage import note_time
@@ -16,9 +16,9 @@ from aquanav_tools.build.water_stage import find_currents, water_settings
 from aquanav_tools.build.weaknesses import MAX_MEDIAN_VOXELS, note_weaknesses
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
+from aquanav_tools.cave.closing.ambient_occlusion import check_is_hollow
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
-from aquanav_tools.cave.closing.enclosure import check_is_hollow
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
+from aquanav_tools.cave.closing.free_space import NONE_KNOWN, FreeSpace
 from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.closing.reconstruct import ClosedScan, ReconstructionOptions, close_scan
 from aquanav_tools.cave.closing.solid import ClosedSurface
@@ -65,7 +65,7 @@ class BuiltCave:
     surface: Surface
     """The scan as it was used."""
     closed: ClosedSurface
-    enclosure: float
+    occlusion: float
     """Median share of the view from roomy places that is scanned wall."""
     passability: Passability
     handles: tuple[Handle, ...]
@@ -79,7 +79,7 @@ class BuiltCave:
 
     @property
     def method(self) -> str:
-        """How the surface was closed: "lids" or "winding"; "made-up" where it was closed from the start."""
+        """How the surface was closed: "caps" or "winding"; "made-up" where it was closed from the start."""
         return self.closed.method
 
 
@@ -97,7 +97,7 @@ def build_scenario(
     scan: Mesh | PointCloud,
     options: BuildOptions,
     journal: Journal,
-    evidence: Evidence = NO_EVIDENCE,
+    free_space: FreeSpace = NONE_KNOWN,
     measured: Array | None = None,
     store: StageStore | None = None,
 ) -> BuiltCave:
@@ -107,14 +107,14 @@ def build_scenario(
         scan: walls.
         options: settings of the stages.
         journal: collects their cost and what is poor but usable.
-        evidence: what is known to be water.
+        free_space: what is known to be water.
         measured: (N, 3) where the walls were measured, m; everywhere when not given.
         store: keeps the closed cavity, the longest of the stages, for a later run with other routes or starts.
 
     Raises:
         MeshError: the scan encloses no passage that the vehicle can dive; the message says why.
     """
-    closing = _closing(scan, options, journal, load_vehicle(options.vehicle).capsule.radius, evidence, store)
+    closing = _closing(scan, options, journal, load_vehicle(options.vehicle).capsule.radius, free_space, store)
     _note_large_cut(closing, options, journal)
     if measured is not None:
         observed = _near_points(closing.cavity, measured, 2.0 * closing.resolution.voxel)
@@ -140,7 +140,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     with journal.stage("Measuring distances"):
         field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
         accept = noting_guesswork(journal) if kind == "photos" else accepting(options.closing, journal)
-        share = median_enclosure(surface.mesh, _roomy_places(field, rng), accept)
+        share = median_occlusion(surface.mesh, _roomy_places(field, rng), accept)
     way = _find_way(cavity, field, vehicle.capsule, options, journal, rng)
     with journal.stage("Tracing the centreline"):
         network = find_centreline(cavity, field)
@@ -255,36 +255,36 @@ def _closing(
     options: BuildOptions,
     journal: Journal,
     vehicle_radius: float,
-    evidence: Evidence,
+    free_space: FreeSpace,
     store: StageStore | None,
 ) -> Closing:
     """Return what `_close` returns, from the store where it is kept there."""
     if store is None:
-        return _close(scan, options, journal, vehicle_radius, evidence)
-    inputs = (scan, evidence, options.closing, vehicle_radius, options.seed)
+        return _close(scan, options, journal, vehicle_radius, free_space)
+    inputs = (scan, free_space, options.closing, vehicle_radius, options.seed)
     with store.open("closed", _close, *inputs) as folder:
         return kept_value(
-            Closing, folder / "closed.npz", lambda: _close(scan, options, journal, vehicle_radius, evidence)
+            Closing, folder / "closed.npz", lambda: _close(scan, options, journal, vehicle_radius, free_space)
         )
 
 
 def _close(
-    scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, evidence: Evidence
+    scan: Mesh | PointCloud, options: BuildOptions, journal: Journal, vehicle_radius: float, free_space: FreeSpace
 ) -> Closing:
     """Return the cavity in a scan, and what it was made from; once more and coarser where noise asks for it."""
     given = np.array(options.closing.inside).reshape(-1, 3)
-    evidence = replace(evidence, inside=np.concatenate([evidence.inside, given]))
+    free_space = replace(free_space, inside=np.concatenate([free_space.inside, given]))
     min_portal = options.closing.min_portal or 4.0 * vehicle_radius
     with journal.stage("Choosing the resolution"):
         resolution = choose_resolution(scan, vehicle_radius, options.closing.memory, options.closing.voxel)
-    found = _close_at(resolution, scan, options, journal, min_portal, evidence)
+    found = _close_at(resolution, scan, options, journal, min_portal, free_space)
     points = _sample(found.surface.points, np.random.default_rng(options.seed))
     misfit = measure_fit(found.cavity, points, resolution.voxel, found.closed.mesh).median
     coarser = VOXELS_OF_MISFIT * misfit
     is_loose = misfit > MAX_MEDIAN_VOXELS * resolution.voxel
     if is_loose and options.closing.voxel is None and coarser <= vehicle_radius:
         resolution = replace(resolution, voxel=coarser, reason="the noise that a first, finer surface showed")
-        found = _close_at(resolution, scan, options, journal, min_portal, evidence)
+        found = _close_at(resolution, scan, options, journal, min_portal, free_space)
     return Closing(resolution, found.surface, found.closed, found.cavity)
 
 
@@ -294,7 +294,7 @@ def _close_at(
     options: BuildOptions,
     journal: Journal,
     min_portal: float,
-    evidence: Evidence,
+    free_space: FreeSpace,
 ) -> ClosedScan:
     """Return the cavity in a scan at a resolution, and what it was made from."""
     journal.announce(
@@ -303,7 +303,7 @@ def _close_at(
     )
     with journal.stage("Preparing the surface"):
         voxel = resolution.voxel
-        lamps = np.concatenate([evidence.inside, evidence.legs.mean(axis=1)])
+        lamps = np.concatenate([free_space.inside, free_space.legs.mean(axis=1)])
         surface = surface_of(scan, voxel, lamps, accepting(options.closing, journal))
     with journal.stage("Closing the cavity") as progress:
         how = ReconstructionOptions(
@@ -313,8 +313,8 @@ def _close_at(
             cuts=tuple(_cut(plane) for plane in options.closing.cut),
             accept_open=options.closing.accept_open,
         )
-        found = close_scan(surface, how, evidence, progress)
-        if not len(evidence.inside) and not len(evidence.legs):
+        found = close_scan(surface, how, free_space, progress)
+        if not len(free_space.inside) and not len(free_space.legs):
             check_is_hollow(found.cavity, float(found.closed.is_scan.mean()))
     return found
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from aquanav_tools.build.cave_stages import BuiltCave, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence
+from aquanav_tools.cave.closing.free_space import NONE_KNOWN, FreeSpace
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.reconstruct.intake.options import IntakeOptions
@@ -32,7 +32,7 @@ def kept_scenario(
     options: BuildOptions,
     journal: Journal,
     store: StageStore,
-    evidence: Evidence = NO_EVIDENCE,
+    free_space: FreeSpace = NONE_KNOWN,
     measured: Array | None = None,
 ) -> BuiltCave:
     """Return what `build_scenario` returns; a later call with the same scan and options takes it from the store."""
@@ -55,10 +55,10 @@ def kept_scenario(
 
     def make() -> _Kept:
         told = len(journal.notices)
-        built = build_scenario(scan, options, journal, evidence, measured, store)
+        built = build_scenario(scan, options, journal, free_space, measured, store)
         return _Kept(built, tuple(journal.notices[told:]))
 
-    with store.open("cave", build_scenario, scan, options.kind, evidence, measured, settings, vehicle) as folder:
+    with store.open("cave", build_scenario, scan, options.kind, free_space, measured, settings, vehicle) as folder:
         is_made = not (folder / "cave.npz").is_file()
         kept = kept_value(_Kept, folder / "cave.npz", make)
     if not is_made:

@@ -40,7 +40,7 @@ PHOTO_CODE = (
     "aquanav_tools.build.photo_intake:take_in",
     "aquanav_tools.reconstruct.reconstruction:reconstruct",
     "aquanav_tools.build.photo_stages",
-    "aquanav_tools.build.photo_evidence:photo_evidence",
+    "aquanav_tools.build.photo_free_space:photo_free_space",
     "aquanav_tools.build.kept_cave:kept_scenario",
     "aquanav_tools.scenario.folder:write_scenario",
 )

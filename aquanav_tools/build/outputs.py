@@ -57,7 +57,7 @@ def cave_facts(built: BuiltCave) -> dict[str, Any]:
         "closed_by": built.method,
         "left_out_share": built.surface.dropped_share,
         "turned_share": built.surface.turned_share,
-        "enclosure": built.enclosure,
+        "occlusion": built.occlusion,
         "water": current_facts(built.scenario),
         "time": time_facts(built.scenario),
         "num_starts": len(built.scenario.starts),

@@ -13,13 +13,13 @@ import numpy as np
 from aquanav_tools.build.cloud_file import write_cloud
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions, PhotoScaleOptions
-from aquanav_tools.build.photo_evidence import ways_ahead
-from aquanav_tools.cave.closing.enclosure import (
-    MIN_ENCLOSURE,
+from aquanav_tools.build.photo_free_space import ways_ahead
+from aquanav_tools.cave.closing.ambient_occlusion import (
     MIN_FACING,
+    MIN_OCCLUSION,
     NUM_DIRECTIONS,
-    check_enclosure,
-    enclosure,
+    ambient_occlusion,
+    check_occlusion,
     facing,
     free_height,
     seen_height,
@@ -68,7 +68,7 @@ class FilmedCave:
     """A coarse surface."""
     is_inside: BoolArray
     """(N,) which cameras are known to be in the water, for some may have stood outside before the entrance."""
-    enclosure: float
+    occlusion: float
     """Median share of the view from the cameras that is wall."""
     facing: float
     """Median share of the lines through the water before a camera that meet walls which face each other."""
@@ -76,14 +76,14 @@ class FilmedCave:
     @property
     def is_half_seen(self) -> bool:
         """Whether so much wall is missing that only walls which face each other tell that it is a cave."""
-        return self.enclosure < MIN_ENCLOSURE
+        return self.occlusion < MIN_OCCLUSION
 
     @property
     def caution(self) -> tuple[str, str]:
         """Code and sentence of the warning that a cave half seen comes with."""
         return "half-seen", (
             f"Much of the wall was not seen: from the cameras the surface that photos show fills only "
-            f"{self.enclosure:.0%} of the view all around, and in a passage {MIN_ENCLOSURE:.0%} and more. It is taken "
+            f"{self.occlusion:.0%} of the view all around, and in a passage {MIN_OCCLUSION:.0%} and more. It is taken "
             f"for a cave because half-way to what the cameras look at {self.facing:.0%} of all lines meet walls that "
             f"face each other ({MIN_FACING:.0%} are asked for). The other walls are guesswork, marked as unobserved."
         )
@@ -124,7 +124,7 @@ def check_is_cave(reconstruction: Reconstruction, preview: Mesh) -> float:
         UnseenWallsError: the cameras were not inside of what they photographed: it is a facade or an object.
     """
     centres, names = reconstruction.camera_centres, reconstruction.camera_names
-    return check_enclosure(preview, centres, "the cameras", names, before=_before(reconstruction))
+    return check_occlusion(preview, centres, "the cameras", names, before=_before(reconstruction))
 
 
 def _before(reconstruction: Reconstruction) -> Array:
@@ -149,7 +149,7 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
         unit = "" if reconstruction.is_metric else " (The scale comes later: lengths here are in the model's own unit.)"
         share = 1.0 if reconstruction.sight is None else filmed_directions(reconstruction.sight)
         cause, advice = "", error.advice
-        if error.code == "open-walls" and share < MIN_ENCLOSURE:
+        if error.code == "open-walls" and share < MIN_OCCLUSION:
             cause, advice = NARROW.format(share=share), TURN_ROUND
         accept(UnseenWallsError(error.code, f"{error.facts}{cause}{unit}", advice, error.places))
 
@@ -163,10 +163,10 @@ def look_for_cave(reconstruction: Reconstruction, accept: Callable[[UnseenWallsE
     except UnseenWallsError as error:
         accept_here(error)
     centres = reconstruction.camera_centres
-    shares = enclosure(preview, centres)
+    shares = ambient_occlusion(preview, centres)
     share, between = float(np.median(shares)), float(np.median(facing(preview, _before(reconstruction))))
     # Where walls are missing they do not tell who stood outside, and wherever a camera was there is room.
-    is_inside = shares >= MIN_ENCLOSURE if share >= MIN_ENCLOSURE else np.ones(len(centres), dtype=bool)
+    is_inside = shares >= MIN_OCCLUSION if share >= MIN_OCCLUSION else np.ones(len(centres), dtype=bool)
     return FilmedCave(preview, is_inside, share, between)
 
 

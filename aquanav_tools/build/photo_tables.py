@@ -80,7 +80,7 @@ def _photo_table(facts: dict[str, Any]) -> Table:
         "cloud_points": ("Points of the dense cloud", "{}"),
         "scale_error_percent_95": ("Scale, 95 % interval", "± {} %"),
         "up_error_deg_95": ("Up, 95 % cone", "± {}°"),
-        "camera_enclosure": ("Wall around the cameras", "{:.0%} of the view"),
+        "camera_occlusion": ("Wall around the cameras", "{:.0%} of the view"),
         "camera_facing": ("Walls before them that face each other", "on {:.0%} of all lines"),
     }
     found = {name: facts[name] for name in names if facts.get(name) is not None}

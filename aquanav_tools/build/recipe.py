@@ -28,14 +28,14 @@ from aquanav_tools.build.output_folder import (
     publish,
     publish_failure,
 )
-from aquanav_tools.build.photo_evidence import photo_evidence
+from aquanav_tools.build.photo_free_space import photo_free_space
 from aquanav_tools.build.photo_intake import Intake, take_in
 from aquanav_tools.build.photo_report import PhotoWork, partial_section
 from aquanav_tools.build.photo_stages import check_has_scale, in_metres, look_for_cave, write_found
 from aquanav_tools.build.route_cuts import with_planes
 from aquanav_tools.build.scenario_folder import Source, write_folder
-from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_evidence
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_free_space
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.survey.caves import choose_cave
 from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
@@ -111,14 +111,14 @@ def _build_from_scan(options: BuildOptions, journal: Journal, staged: Path) -> B
     facts: dict[str, Any] = {"offset": scan.offset.tolist()}
     if len(scan.stations):
         facts["scanner_stations"] = scan.stations.tolist()
-    survey, evidence = None, Evidence(scan.stations)
+    survey, free_space = None, FreeSpace(scan.stations)
     if options.survey is not None:
         survey = choose_cave(read_survey(options.survey), options.cave)
         inputs[options.survey.name] = file_hash(options.survey)
-        evidence = survey_evidence(survey, scan.offset)
-        evidence = replace(evidence, inside=np.concatenate([evidence.inside, scan.stations]))
+        free_space = survey_free_space(survey, scan.offset)
+        free_space = replace(free_space, inside=np.concatenate([free_space.inside, scan.stations]))
     try:
-        built = kept_scenario(scan.surface, options, journal, _store(options), evidence)
+        built = kept_scenario(scan.surface, options, journal, _store(options), free_space)
     except MeshError as error:
         _report_failure(error, options, journal, inputs, facts, staged, scan.surface)
         raise
@@ -148,7 +148,7 @@ def _build_from_survey(options: BuildOptions, journal: Journal, staged: Path) ->
         walls = model_walls(survey, journal)
     facts = {"offset": walls.offset.tolist(), **walls.facts}
     try:
-        built = kept_scenario(walls.surface, options, journal, _store(options), walls.evidence, walls.measured)
+        built = kept_scenario(walls.surface, options, journal, _store(options), walls.free_space, walls.measured)
     except MeshError as error:
         _report_failure(error, options, journal, inputs, facts, staged, walls.surface)
         raise
@@ -191,7 +191,7 @@ def _build_cave_of(
         with journal.stage("Checking that it is a cave"):
             accept = accepting(options.closing, journal)
             filmed = look_for_cave(reconstruction, accept)
-            facts |= {"camera_enclosure": filmed.enclosure, "camera_facing": filmed.facing}
+            facts |= {"camera_occlusion": filmed.occlusion, "camera_facing": filmed.facing}
             closing = options.closing
             if filmed.is_half_seen and not closing.accept_open:
                 journal.warn(*filmed.caution)
@@ -202,9 +202,9 @@ def _build_cave_of(
             )
             facts |= reconstruction.statistics
             write_found(reconstruction, staged)
-        evidence = photo_evidence(reconstruction, filmed.is_inside, accept_open=closing.accept_open)
+        free_space = photo_free_space(reconstruction, filmed.is_inside, accept_open=closing.accept_open)
         settings_of_cave = dataclasses.replace(options, closing=closing)
-        built = kept_scenario(reconstruction.cloud, settings_of_cave, journal, _store(options), evidence)
+        built = kept_scenario(reconstruction.cloud, settings_of_cave, journal, _store(options), free_space)
     except AquanavError as error:
         if isinstance(error, ReconstructionError) and error.unregistered:
             facts["unregistered"] = list(error.unregistered)

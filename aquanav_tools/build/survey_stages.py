@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.build.journal import Journal
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.read import FAR_FROM_ORIGIN
 from aquanav_tools.cave.survey.drift import DriftReport, check_drift
 from aquanav_tools.cave.survey.model import Survey
@@ -29,7 +29,7 @@ class SurveyWalls:
 
     surface: Mesh
     """Walls, open at the entrances, m."""
-    evidence: Evidence
+    free_space: FreeSpace
     """Its stations and legs."""
     measured: Array
     """(N, 3) points of the wall that were measured; the rest of it is a model, m."""
@@ -63,7 +63,7 @@ def model_walls(survey: Survey, journal: Journal) -> SurveyWalls:
     }
     return SurveyWalls(
         Mesh(surface.vertices - offset, surface.faces),
-        Evidence(cave.stations, cave.legs).moved(-offset),
+        FreeSpace(cave.stations, cave.legs).moved(-offset),
         wall_points(survey, passage_graph(survey)).points - offset,
         offset,
         facts,
@@ -82,10 +82,10 @@ def _how_measured(cave: SurveyCave) -> str:
     )
 
 
-def survey_evidence(survey: Survey, offset: Array) -> Evidence:
+def survey_free_space(survey: Survey, offset: Array) -> FreeSpace:
     """Return the stations and legs of a survey in the frame of a scan that was moved by -offset (m)."""
     graph = passage_graph(survey)
-    return Evidence(graph.nodes, graph.segments).moved(-offset)
+    return FreeSpace(graph.nodes, graph.segments).moved(-offset)
 
 
 def hold_against(survey: Survey, cavity: Mesh, offset: Array, journal: Journal) -> dict[str, Any]:

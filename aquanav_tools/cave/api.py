@@ -14,7 +14,7 @@ import numpy.typing as npt
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.centreline.find import find_centreline
 from aquanav_tools.cave.centreline.graph import CentrelineGraph
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.measure.sections import Section, cross_sections
@@ -120,7 +120,7 @@ def close(
         cuts=tuple(Cut(plane[:3], plane[3:] / np.linalg.norm(plane[3:])) for plane in planes),
         accept_open=accept_open,
     )
-    return close_scan(surface, options, Evidence(known)).cavity
+    return close_scan(surface, options, FreeSpace(known)).cavity
 
 
 def centreline(water: Cavity, *, narrowest: float = NARROWEST) -> CentrelineGraph:

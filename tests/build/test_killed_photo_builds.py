@@ -22,7 +22,7 @@ from tests.reconstruct.scenes import SMALL_DIVE, small_cave
 
 pytestmark = pytest.mark.slow
 DIVE = replace(SMALL_DIVE, camera=CameraOptions(width=320, height=240))
-STRICT = "from aquanav_tools.cave.closing import enclosure; enclosure.MIN_FACING = 1.0; "
+STRICT = "from aquanav_tools.cave.closing import ambient_occlusion; ambient_occlusion.MIN_FACING = 1.0; "
 """Walls that face each other do not make a cave then, so that builds end after the stages of the photos."""
 BUILD = ["-c", f"{STRICT}from aquanav_tools.cli.build_cave import main; main()"]
 

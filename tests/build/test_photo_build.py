@@ -26,7 +26,7 @@ from aquanav_tools.build.photo_stages import (
     preview_surface,
     write_found,
 )
-from aquanav_tools.cave.closing.enclosure import MIN_FACING, seen_height
+from aquanav_tools.cave.closing.ambient_occlusion import MIN_FACING, seen_height
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.scan.sight import Sight, make_sight
@@ -95,7 +95,7 @@ def test_cameras_before_a_facade_are_in_no_cave(rng: np.random.Generator) -> Non
     accepted: list[UnseenWallsError] = []
     found = look_for_cave(reconstruction, accepted.append)
     assert found.is_inside.all()  # walls that are missing tell of nobody that he stood outside
-    assert 0.1 < found.enclosure < 0.5  # a facade 10 m wide and 8 m high, 6 m away
+    assert 0.1 < found.occlusion < 0.5  # a facade 10 m wide and 8 m high, 6 m away
     assert found.facing == 0.0
     assert [error.code for error in accepted] == ["open-walls"]
     assert "in the model's own unit" in accepted[0].facts  # nothing gave these photos a scale

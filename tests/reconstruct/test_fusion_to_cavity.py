@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from aquanav_tools.cave.closing.evidence import Evidence, contradictions
+from aquanav_tools.cave.closing.free_space import FreeSpace, contradictions
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.synthetic.caves import SyntheticCave, demo_cave
@@ -55,12 +55,12 @@ def test_exact_depth_gives_the_cave_back(tmp_path: Path) -> None:
     shots = plan_capture(cave.centreline, CaptureOptions())
     fused = fuse_exact(cave, shots, tmp_path)
     surface = surface_from_cloud(fused.cloud, VOXEL)
-    evidence = Evidence(fused.sight.centres, sight=fused.sight)
-    cavity = close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence).cavity
+    free_space = FreeSpace(fused.sight.centres, sight=fused.sight)
+    cavity = close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), free_space).cavity
     assert sorted(round(float(portal.normal[0])) for portal in cavity.portals) == [-1, 1]  # the ends at x = 0 and 9
     assert cavity.mesh.to_trimesh().euler_number == cave.truth.to_trimesh().euler_number
     assert cavity.volume == pytest.approx(abs(cave.truth.volume), rel=0.03)
-    assert contradictions(cavity.mesh, evidence, 1e-6).count == 0
+    assert contradictions(cavity.mesh, free_space, 1e-6).count == 0
     cameras = TrueCameras(
         tuple(str(index) for index in range(len(shots))),
         LENS,

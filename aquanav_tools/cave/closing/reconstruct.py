@@ -1,9 +1,9 @@
 """From a prepared scan to its cavity: closed, its ends cut, and held against what is known to be water.
 
-A sound surface is closed exactly, by a lid over each hole (`lids`). Anything else is resampled (`tiles`). What comes
-out is examined, and while it is wrong, corrections are added and it is extracted anew, where they reach: legs that rock
-blocks, tunnels that nobody scanned, ends to be drawn out, known water that an end shut out. That is the one loop of
-`close_scan`; it ends with a proven cavity, and what could not be put right is told among the cautions.
+A sound surface is closed exactly, by a cap over each hole (`hole_capping`). Anything else is resampled (`tiles`). What
+comes out is examined, and while it is wrong, corrections are added and it is extracted anew, where they reach: legs
+that rock blocks, tunnels that nobody scanned, ends to be drawn out, known water that an end shut out. That is the one
+loop of `close_scan`; it ends with a proven cavity, and what could not be put right is told among the cautions.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.closing.ends import NO_CAMERAS, End, find_ends, without_passed
-from aquanav_tools.cave.closing.evidence import NO_EVIDENCE, Evidence, contradictions
 from aquanav_tools.cave.closing.fairing import fair_holes
 from aquanav_tools.cave.closing.field_edits import NO_EDITS, FieldEdits
-from aquanav_tools.cave.closing.lids import close_with_lids
+from aquanav_tools.cave.closing.free_space import NONE_KNOWN, FreeSpace, contradictions
+from aquanav_tools.cave.closing.hole_capping import cap_holes
 from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
 from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, faces_within, main_water
@@ -68,7 +68,7 @@ class ReconstructionOptions:
     min_portal: float
     """Narrower openings are no portals and are filled with the curvature of the wall around them, m."""
     keep_triangles: bool = True
-    """Try lids first. For scans that come as meshes; a surface fitted to points is better resampled, which smooths the
+    """Try caps first. For scans that come as meshes; a surface fitted to points is better resampled, which smooths the
     false handles that noise makes."""
     cuts: tuple[Cut, ...] = ()
     """Where the user ends the cave."""
@@ -103,7 +103,7 @@ class _Draft:
     """... and how many there were with them."""
     ends: tuple[End, ...] | None = None
     """Where the passage is open; None until that was looked for."""
-    dry: Evidence = NO_EVIDENCE
+    dry: FreeSpace = NONE_KNOWN
     """Known water that is in rock before the ends are cut."""
     is_dug: bool = False
     """Whether known water that was sealed was dug free."""
@@ -118,7 +118,7 @@ class _Scan:
     """What stays the same in all extractions."""
 
     surface: Surface
-    evidence: Evidence
+    free_space: FreeSpace
     options: ReconstructionOptions
     tree: SurfaceTree
     """Over the triangles of the scan."""
@@ -130,7 +130,7 @@ class _Scan:
     @cached_property
     def water(self) -> ImplicitField:
         """The field of the water in the scan."""
-        return implicit_field(self.surface.mesh, self.options.voxel, self.evidence.sight)
+        return implicit_field(self.surface.mesh, self.options.voxel, self.free_space.sight)
 
     def accept(self, error: UnseenWallsError) -> None:
         """Raise an error, or note it where the user accepts open walls."""
@@ -142,7 +142,7 @@ class _Scan:
 def close_scan(
     surface: Surface,
     options: ReconstructionOptions,
-    evidence: Evidence = NO_EVIDENCE,
+    free_space: FreeSpace = NONE_KNOWN,
     progress: Progress = ignore_progress,
 ) -> ClosedScan:
     """Return the cavity in a prepared scan.
@@ -150,14 +150,14 @@ def close_scan(
     Args:
         surface: normals out of the water.
         options: see there.
-        evidence: what is known to be water.
+        free_space: what is known to be water.
         progress: called with (parts done, parts in all), from the start again where something has to be corrected.
 
     Raises:
         MeshError: no space is enclosed, two caves are, or known water cannot be kept.
     """
-    scan = _scan(surface, evidence, options)
-    closed, draft = _with_lids(scan), _Draft()
+    scan = _scan(surface, free_space, options)
+    closed, draft = _with_caps(scan), _Draft()
     while True:  # it ends: tunnels, ends and sealed water are each corrected a fixed number of times
         if closed is None:
             closed, draft = _extracted(scan, draft, progress)
@@ -175,50 +175,50 @@ def close_scan(
             return replace(found, closed=replace(found.closed, cautions=cautions))
 
 
-def close_surface(surface: Mesh, options: ReconstructionOptions, evidence: Evidence = NO_EVIDENCE) -> ClosedSurface:
+def close_surface(surface: Mesh, options: ReconstructionOptions, free_space: FreeSpace = NONE_KNOWN) -> ClosedSurface:
     """Return the solid that a surface encloses, before its ends are looked for; see `close_scan`."""
-    scan = _scan(Surface(surface, surface.vertices), evidence, options)
-    closed, draft = _with_lids(scan), _Draft()
+    scan = _scan(Surface(surface, surface.vertices), free_space, options)
+    closed, draft = _with_caps(scan), _Draft()
     while closed is None:
         closed, draft = _extracted(scan, draft, ignore_progress)
     return closed
 
 
-def _scan(surface: Surface, evidence: Evidence, options: ReconstructionOptions) -> _Scan:
+def _scan(surface: Surface, free_space: FreeSpace, options: ReconstructionOptions) -> _Scan:
     """Return what stays the same in all extractions; of what cameras saw, only what fits the scan."""
     tree, distance = surface_tree(surface.mesh), SHOWN_VOXELS * options.voxel
-    if evidence.sight is not None:
-        sight = believed(evidence.sight, lambda places: are_within(tree, places, distance))
-        evidence = replace(evidence, sight=sight)
-    return _Scan(surface, evidence, options, tree)
+    if free_space.sight is not None:
+        sight = believed(free_space.sight, lambda places: are_within(tree, places, distance))
+        free_space = replace(free_space, sight=sight)
+    return _Scan(surface, free_space, options, tree)
 
 
-def _with_lids(scan: _Scan) -> ClosedSurface | None:
+def _with_caps(scan: _Scan) -> ClosedSurface | None:
     """Return a sound surface closed exactly; None where it is better resampled."""
     options = scan.options
     if not options.keep_triangles:
         return None
     try:
-        lidded = close_with_lids(scan.surface.mesh, options.min_portal)
+        capped = cap_holes(scan.surface.mesh, options.min_portal)
     except MeshError as reason:
-        logger.info("Lids do not close the surface (%s); resampling it at %.3g m", reason, options.voxel)
+        logger.info("Caps do not close the surface (%s); resampling it at %.3g m", reason, options.voxel)
         return None
-    if contradictions(lidded.mesh, scan.evidence, options.voxel).count:
-        logger.info("Lids seal a place that is known to be water; resampling at %.3g m", options.voxel)
+    if contradictions(capped.mesh, scan.free_space, options.voxel).count:
+        logger.info("Caps seal a place that is known to be water; resampling at %.3g m", options.voxel)
         return None
-    return ClosedSurface(lidded.mesh, lidded.is_scan, "lids")
+    return ClosedSurface(capped.mesh, capped.is_scan, "caps")
 
 
 def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSurface | None, _Draft]:
     """Return the resampled solid; or None and a draft that corrects its blocked legs and its tunnels."""
     voxel = scan.options.voxel
     waters = water_surface(scan.water, draft.edits, scan.cache, progress)
-    mesh, cautions = main_water(waters, scan.surface.mesh, scan.tree, scan.evidence.inside, voxel, scan.accept)
+    mesh, cautions = main_water(waters, scan.surface.mesh, scan.tree, scan.free_space.inside, voxel, scan.accept)
     spurious = _spurious_handles(mesh, scan.tree, voxel)
     if draft.is_worse(len(spurious)):
         return None, replace(draft, edits=draft.unsmoothed, num_spurious=np.inf, num_smoothed=len(SMOOTHING_VOXELS))
     if draft.num_smoothed < len(SMOOTHING_VOXELS):
-        blocked = _blocked(mesh, waters, scan.evidence, voxel)
+        blocked = _blocked(mesh, waters, scan.free_space, voxel)
         if len(blocked) or spurious:
             radius = SMOOTHING_VOXELS[draft.num_smoothed] * voxel
             return None, replace(
@@ -235,10 +235,10 @@ def _extracted(scan: _Scan, draft: _Draft, progress: Progress) -> tuple[ClosedSu
 
 def _with_ends(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> tuple[ClosedSurface | None, _Draft]:
     """Return the solid and the ends of its passage; None instead of it where they have to be drawn out first."""
-    evidence, options = scan.evidence, scan.options
-    dry = evidence.chosen(contradictions(closed.mesh, evidence, options.voxel))
-    openings = find_openings(closed, options.min_portal, evidence.sight)
-    cameras = NO_CAMERAS if evidence.sight is None else evidence.sight.centres
+    free_space, options = scan.free_space, scan.options
+    dry = free_space.chosen(contradictions(closed.mesh, free_space, options.voxel))
+    openings = find_openings(closed, options.min_portal, free_space.sight)
+    cameras = NO_CAMERAS if free_space.sight is None else free_space.sight.centres
     if options.accept_open:
         openings = without_passed(openings, cameras)
     holes = holes_in_wall(openings, closed.mesh)
@@ -262,7 +262,7 @@ def _cut(scan: _Scan, draft: _Draft, closed: ClosedSurface) -> ClosedScan:
     return ClosedScan(kept, closed, cavity)
 
 
-def _dug(draft: _Draft, sealed: Evidence, options: ReconstructionOptions) -> _Draft:
+def _dug(draft: _Draft, sealed: FreeSpace, options: ReconstructionOptions) -> _Draft:
     """Return a draft in which water that an end or a missing ceiling shut out is dug free; ends are sought anew."""
     radius = LEG_VOXELS * options.voxel
     if sealed.sight is not None:
@@ -285,10 +285,10 @@ def _faired(scan: _Scan, mesh: Mesh, holes: Mesh) -> Mesh:
     return fair_holes(mesh, is_hole, voxel)
 
 
-def _blocked(mesh: Mesh, waters: Mesh, evidence: Evidence, voxel: float) -> Array:
+def _blocked(mesh: Mesh, waters: Mesh, free_space: FreeSpace, voxel: float) -> Array:
     """Return the (M, 2, 3) legs that rock blocks although both their ends lie in water, be it of two bodies."""
-    legs = evidence.legs[contradictions(mesh, evidence, voxel).legs]
-    dry = contradictions(waters, Evidence(legs.reshape(-1, 3)), voxel).points
+    legs = free_space.legs[contradictions(mesh, free_space, voxel).legs]
+    dry = contradictions(waters, FreeSpace(legs.reshape(-1, 3)), voxel).points
     blocked: Array = np.delete(legs, np.unique(dry // 2), axis=0)
     return blocked
 
@@ -339,7 +339,7 @@ def _handles_left(spurious: tuple[Handle, ...]) -> tuple[tuple[str, str], ...]:
     return (("spurious-handles", sentence),)
 
 
-def _contradiction(dry: Evidence) -> UnseenWallsError:
+def _contradiction(dry: FreeSpace) -> UnseenWallsError:
     places = [(tuple(place.tolist()), "known water in rock") for place in (*dry.inside, *dry.legs.mean(axis=1))]
     advice = (
         "The scan does not fit them: check that both have the same unit and origin."

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.closing.enclosure import MIN_ENCLOSURE, check_enclosure, enclosure
+from aquanav_tools.cave.closing.ambient_occlusion import MIN_OCCLUSION, ambient_occlusion, check_occlusion
 from aquanav_tools.cave.mesh.components import component, component_ids, component_volumes
 from aquanav_tools.cave.mesh.proximity import SurfaceTree, are_within
 from aquanav_tools.cave.scan.orientation import face_areas
@@ -40,7 +40,7 @@ class ClosedSurface:
     is_scan: BoolArray
     """(F,) whether the face follows the scan; the others were invented to close it."""
     method: str
-    """"lids" (the scan's own triangles), "winding" (resampled), or "made-up" (closed from the start)."""
+    """"caps" (the scan's own triangles), "winding" (resampled), or "made-up" (closed from the start)."""
     cautions: tuple[tuple[str, str], ...] = ()
     """Codes and sentences about what had to be changed or left out."""
 
@@ -114,10 +114,10 @@ def _check_is_the_cave(
     first, second = bodies
     try:
         _check_is_no_hollow(first, float(volumes[0]), tree, voxel, number)
-        check_enclosure(surface, _middles(first), "the largest of several bodies of water")
+        check_occlusion(surface, _middles(first), "the largest of several bodies of water")
     except UnseenWallsError as error:
         accept(error)
-    is_cave = np.median(enclosure(surface, _middles(second))) >= MIN_ENCLOSURE
+    is_cave = np.median(ambient_occlusion(surface, _middles(second))) >= MIN_OCCLUSION
     if is_cave and _invented_share(second, tree, voxel) <= MAX_HOLLOW_SHARE:
         raise _two_caves(bodies, volumes)
 

@@ -21,8 +21,8 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.route.route import resample
+from aquanav_tools.cave.water.bottleneck_path import BottleneckPath, bottleneck_path
 from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.cave.water.widest import WidestPath, widest_path
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, BoolArray, IntArray
 
@@ -185,7 +185,7 @@ def measure_passability(cavity: Cavity, field: DistanceField, line: Array, vehic
         for station, top, room in [_narrowest_near(points, float(low), step, walls)]
     ]
     narrowest = min(narrows, key=lambda narrow: narrow.width)
-    way = _widest_way(cavity, field, tops[[0, -1]], narrowest.width)
+    way = _bottleneck_path(cavity, field, tops[[0, -1]], narrowest.width)
     proven = max((way, _path_through(tops, walls)), key=lambda path: path.width)
     if proven.width < (1.0 - SAME_WIDTH) * narrowest.width:
         narrowest = _bottleneck(proven, points, step, vehicle_width)
@@ -215,24 +215,24 @@ def route_clearance(walls: Surface, line: Array) -> RouteClearance:
     )
 
 
-def _widest_way(cavity: Cavity, field: DistanceField, ends: Array, width: float) -> WidestPath:
+def _bottleneck_path(cavity: Cavity, field: DistanceField, ends: Array, width: float) -> BottleneckPath:
     """Return the widest way between (2, 3) ends; most of the search is spared where it is no wider than the route."""
     enough = 0.5 * (1.0 + SAME_WIDTH) * width + field.spacing
-    way = widest_path(cavity, field, ends[0], ends[1], enough)
+    way = bottleneck_path(cavity, field, ends[0], ends[1], enough)
     if way is not None and way.clearance.min() >= enough - field.spacing:
-        way = widest_path(cavity, field, ends[0], ends[1])
+        way = bottleneck_path(cavity, field, ends[0], ends[1])
     if way is None:
         raise MeshError(f"No water joins the ends of the route, {ends[0].round(2)} m and {ends[1].round(2)} m.")
     return way
 
 
-def _path_through(tops: Array, walls: Surface) -> WidestPath:
+def _path_through(tops: Array, walls: Surface) -> BottleneckPath:
     """Return the path through the (S, 3) roomiest points of a line's cross-sections."""
     points = resample(tops, REFINEMENTS[0])
-    return WidestPath(points, walls.distance(points))
+    return BottleneckPath(points, walls.distance(points))
 
 
-def _bottleneck(way: WidestPath, points: Array, step: float, vehicle_width: float) -> Narrow:
+def _bottleneck(way: BottleneckPath, points: Array, step: float, vehicle_width: float) -> Narrow:
     """Return the tightest place of the widest way as a place of a line's (C, 3) points, `step` m apart."""
     nearest = int(np.argmin(np.linalg.norm(points - way.tightest, axis=1)))
     return Narrow(way.tightest, nearest * step, way.width, vehicle_width)

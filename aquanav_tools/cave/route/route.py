@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
+from aquanav_tools.cave.water.bottleneck_path import bottleneck_path
 from aquanav_tools.cave.water.field import BAND, DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
-from aquanav_tools.cave.water.widest import widest_path
 from aquanav_tools.errors import InputError, MeshError
 from aquanav_tools.types import Array
 
@@ -146,7 +146,7 @@ def _farthest(graph: WaterGraph, point: Array) -> Array:
 
 def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> MeshError:
     """Return the error that says where the widest way is too narrow, and which vehicle would fit."""
-    found = widest_path(cavity, field, start, end)
+    found = bottleneck_path(cavity, field, start, end)
     if found is None:
         return MeshError(
             f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The wall closes the "

@@ -31,7 +31,7 @@ def close(mesh: Mesh):
 def test_an_open_tube_becomes_a_proven_solid_of_known_volume_with_two_portals() -> None:
     closed, cavity = close(straight())
     prove_watertight(cavity.mesh)
-    assert closed.method == "lids"
+    assert closed.method == "caps"
     assert cavity.volume == pytest.approx(tube_volume(10.0), rel=1e-5)  # float32
     assert len(cavity.portals) == 2
     for portal, x in zip(sorted(cavity.portals, key=lambda lid: lid.centre[0]), (0.0, 10.0), strict=True):

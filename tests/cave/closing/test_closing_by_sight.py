@@ -9,7 +9,7 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, prove_watertight
 from aquanav_tools.cave.closing.ends import find_ends
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.closing.openings import MAX_REACH, MAX_REACH_IN_VAIN, find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan, close_surface
@@ -32,10 +32,10 @@ def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
     plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
     with pytest.raises(MeshError, match="two separate caves"):
         close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False))
-    evidence = Evidence(sight=sight_of(straight(), places(1.0, 2.0, 3.0, 4.0), 0.0))
-    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence)
+    free_space = FreeSpace(sight=sight_of(straight(), places(1.0, 2.0, 3.0, 4.0), 0.0))
+    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), free_space)
     cavity = cut_portals(
-        closed, straight(), find_ends(find_openings(closed, MIN_PORTAL, evidence.sight), closed.mesh, VOXEL), VOXEL
+        closed, straight(), find_ends(find_openings(closed, MIN_PORTAL, free_space.sight), closed.mesh, VOXEL), VOXEL
     )
     prove_watertight(cavity.mesh)
     assert cavity.mesh.to_trimesh().euler_number == 2
@@ -47,8 +47,8 @@ def test_false_rock_that_three_cameras_looked_through_is_water() -> None:
 
 def test_rock_that_one_camera_looked_through_stays_rock() -> None:
     plugged = joined(straight(), disc(5.0, 0.01, 1.0), disc(5.4, 0.01, -1.0))
-    evidence = Evidence(places(2.0), sight=sight_of(straight(), places(2.0), 0.0))
-    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence)
+    free_space = FreeSpace(places(2.0), sight=sight_of(straight(), places(2.0), 0.0))
+    closed = close_surface(plugged, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), free_space)
     assert closed.mesh.vertices[:, 0].max() < 5.0 + VOXEL
 
 
@@ -89,7 +89,9 @@ def test_wall_that_photos_show_where_the_scan_has_none_opens_no_tunnel() -> None
     blind = joined(Mesh(straight().vertices, straight().faces[middles[:, 0] < 7.0]), disc(7.0, 0.01, 1.0))
     sight = sight_of(joined(straight(), disc(9.8, 0.01, 1.0)), places(3.0, 4.0, 5.0, 6.0), 0.0)
     assert (sight.votes(places(7.5, 8.5), 2.0 * VOXEL)[:, 0] >= 3).all()
-    closed = close_surface(blind, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), Evidence(sight=sight))
+    closed = close_surface(
+        blind, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), FreeSpace(sight=sight)
+    )
     assert closed.mesh.vertices[:, 0].max() < 7.0 + VOXEL
 
 
@@ -101,10 +103,10 @@ def test_cameras_above_walls_without_a_ceiling_get_room_around_them() -> None:
     centres = np.array([[x, 0.0, 0.9] for x in np.arange(-1.5, 1.6, 0.5)])
     down = np.stack([centres, centres - [0.0, 0.0, 0.9]], axis=1)
     legs = np.concatenate([np.stack([centres[:-1], centres[1:]], axis=1), down])
-    evidence = Evidence(centres, legs, sight_of(trench, centres, 0.0, -60.0))
+    free_space = FreeSpace(centres, legs, sight_of(trench, centres, 0.0, -60.0))
     surface = Surface(trench, trench.vertices)
     options = ReconstructionOptions(0.06, 0.8, keep_triangles=False, accept_open=True)
-    scan = close_scan(surface, options, evidence)
+    scan = close_scan(surface, options, free_space)
     prove_watertight(scan.cavity.mesh)
     assert "known-water-in-rock" not in dict(scan.closed.cautions)
     mesh = scan.cavity.mesh

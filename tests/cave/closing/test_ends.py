@@ -10,7 +10,7 @@ import pytest
 
 from aquanav_tools.cave.cavity import Cavity, from_manifold, prove_watertight
 from aquanav_tools.cave.closing.ends import CAMERA_VOXELS, End, find_ends, without_passed
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
@@ -120,9 +120,9 @@ def slanted_scan() -> Mesh:
 
 
 def closed_with(scan: Mesh, cameras: Array) -> Cavity:
-    evidence = Evidence(sight=sight_of(scan, cameras, 0.0))
+    free_space = FreeSpace(sight=sight_of(scan, cameras, 0.0))
     surface = surface_from_mesh(scan, VOXEL)
-    return close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), evidence).cavity
+    return close_scan(surface, ReconstructionOptions(VOXEL, MIN_PORTAL, keep_triangles=False), free_space).cavity
 
 
 def test_a_slanted_end_is_drawn_out_along_the_way_that_cameras_took_and_past_them() -> None:

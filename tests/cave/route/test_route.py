@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.closing.enclosure import MIN_FACING, check_enclosure, enclosure, facing, free_height
+from aquanav_tools.cave.closing.ambient_occlusion import (
+    MIN_FACING,
+    ambient_occlusion,
+    check_occlusion,
+    facing,
+    free_height,
+)
 from aquanav_tools.cave.closing.ends import find_ends
 from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
@@ -146,15 +152,15 @@ def test_the_capsule_checker_measures_the_gap_to_a_tube() -> None:
     assert checker.distance(Pose(np.array([10.0, 5.0, 0.0]), yaw_quaternion(0.0))) == 0.0
 
 
-def test_enclosure_of_an_open_tube_is_the_solid_angle_of_its_wall() -> None:
-    share = enclosure(straight(), np.array([[LENGTH / 2, 0.0, 0.0]]))[0]
+def test_ambient_occlusion_of_an_open_tube_is_the_solid_angle_of_its_wall() -> None:
+    share = ambient_occlusion(straight(), np.array([[LENGTH / 2, 0.0, 0.0]]))[0]
     ends = 1 - (LENGTH / 2) / np.hypot(LENGTH / 2, RADIUS)  # two caps of a cone
     assert share == pytest.approx(1 - ends, abs=0.01)
 
 
 def test_in_the_middle_of_an_open_tube_wall_that_is_seen_faces_wall() -> None:
     middle = np.array([[LENGTH / 2, 0.0, 0.0]])
-    assert facing(straight(), middle)[0] == pytest.approx(enclosure(straight(), middle)[0], abs=0.01)
+    assert facing(straight(), middle)[0] == pytest.approx(ambient_occlusion(straight(), middle)[0], abs=0.01)
 
 
 def test_outside_of_the_hull_of_a_surface_no_line_meets_it_on_both_sides(rng: np.random.Generator) -> None:
@@ -162,7 +168,7 @@ def test_outside_of_the_hull_of_a_surface_no_line_meets_it_on_both_sides(rng: np
     soup = Mesh(corners, np.arange(len(corners)).reshape(-1, 3))
     around = rng.normal(size=(200, 3))
     around *= 1.01 * np.sqrt(3.0) / np.linalg.norm(around, axis=1, keepdims=True)  # the cube's corners lie at sqrt(3)
-    assert enclosure(soup, around).max() > 0.1
+    assert ambient_occlusion(soup, around).max() > 0.1
     assert not facing(soup, around).any()
 
 
@@ -171,7 +177,7 @@ def test_floor_and_facade_do_not_face_each_other() -> None:
     floor = Mesh(facade.vertices[:, [2, 1, 0]] * [1.0, 1.0, -1.0], facade.faces)
     corner = Mesh(np.concatenate([facade.vertices, floor.vertices]), np.concatenate([facade.faces, floor.faces + 4]))
     middle = np.zeros((1, 3))
-    assert enclosure(corner, middle)[0] > 0.6  # two of six sides, and more where they reach beyond them
+    assert ambient_occlusion(corner, middle)[0] > 0.6  # two of six sides, and more where they reach beyond them
     assert facing(corner, middle)[0] == 0.0
 
 
@@ -182,11 +188,11 @@ def test_between_two_walls_somebody_who_looked_through_there_is_in_a_cave_and_a_
     # A square of half width a at a distance d fills 4 asin(a^2 / (a^2 + d^2)) of the 4 pi of all directions.
     share = 2.0 * np.arcsin(4.0 / 8.0) / np.pi
     assert facing(walls, middle)[0] == pytest.approx(share, abs=0.02)  # 128 lines
-    assert check_enclosure(walls, middle, "the cameras", before=middle) == pytest.approx(share, abs=0.02)
+    assert check_occlusion(walls, middle, "the cameras", before=middle) == pytest.approx(share, abs=0.02)
     with pytest.raises(UnseenWallsError, match="a passage needs 60%"):
-        check_enclosure(walls, middle, "the middle of the passage")
+        check_occlusion(walls, middle, "the middle of the passage")
     with pytest.raises(UnseenWallsError, match=rf"0% of all lines meet walls .* between walls {MIN_FACING:.0%}"):
-        check_enclosure(walls, beside, "the cameras", before=beside)
+        check_occlusion(walls, beside, "the cameras", before=beside)
 
 
 def facing_square(x: float, half: float) -> Mesh:
@@ -199,7 +205,7 @@ def test_a_wall_seen_from_one_side_is_no_cave() -> None:
     wall = facing_square(5.0, 50.0)
     places = np.array([[-5.0, 0.0, 0.0], [0.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     with pytest.raises(UnseenWallsError, match=r"no cave.*: from the cameras, .* fills only \d+%") as caught:
-        check_enclosure(wall, places, "the cameras", ("a.jpg", "b.jpg", "c.jpg"))
+        check_occlusion(wall, places, "the cameras", ("a.jpg", "b.jpg", "c.jpg"))
     sentence = str(caught.value)
     assert "the median at (0.00, 0.00, 0.00) m (b.jpg)" in sentence
     assert "+x 100%, -x 0%" in sentence

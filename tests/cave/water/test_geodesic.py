@@ -9,10 +9,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.cave.water.bottleneck_path import bottleneck_path
 from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.cave.water.field import DistanceField, field_from_dense
 from aquanav_tools.cave.water.geodesic import WaterGraph, distance_to
-from aquanav_tools.cave.water.widest import widest_path
 from aquanav_tools.errors import MeshError
 from aquanav_tools.types import Array, Mesh
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_cavity, tube_field
@@ -110,11 +110,11 @@ def hourglass(throat: float) -> Cavity:
 
 
 @pytest.mark.parametrize("throat", [0.2, 0.33])
-def test_the_widest_way_through_an_hourglass_is_as_wide_as_its_throat(throat: float) -> None:
+def test_the_bottleneck_path_through_an_hourglass_is_as_wide_as_its_throat(throat: float) -> None:
     cavity = hourglass(throat)
     field = distance_field(cavity, 0.1)
     axis = trimesh.transformations.rotation_matrix(0.7, [1.0, 0.4, 0.2])[:3, 2]
-    found = widest_path(cavity, field, -2.0 * axis, 2.0 * axis)
+    found = bottleneck_path(cavity, field, -2.0 * axis, 2.0 * axis)
     assert found is not None
     # The turned polygon of 96 sides, and a last move of 1 % of a spacing.
     assert found.width == pytest.approx(2.0 * throat * np.cos(np.pi / 96), abs=0.04 * field.spacing)
@@ -123,16 +123,18 @@ def test_the_widest_way_through_an_hourglass_is_as_wide_as_its_throat(throat: fl
     assert np.linalg.norm(narrowest - (narrowest @ axis) * axis) < 0.25 * field.spacing
 
 
-def test_the_widest_way_in_a_tube_is_its_axis() -> None:
+def test_the_bottleneck_path_in_a_tube_is_its_axis() -> None:
     cavity = tube_cavity()
-    found = widest_path(cavity, distance_field(cavity, 0.2), np.array([3.0, 1, 0]), np.array([TUBE_LENGTH - 3, 0, 1]))
+    found = bottleneck_path(
+        cavity, distance_field(cavity, 0.2), np.array([3.0, 1, 0]), np.array([TUBE_LENGTH - 3, 0, 1])
+    )
     assert found is not None
     # From 1 m off the axis on, the way can only widen: its ends are its narrowest places, moved a spacing inwards.
     assert TUBE_RADIUS - 1.2 < 0.5 * found.width < TUBE_RADIUS - 1.0 + 1.87 * 0.2
     assert np.linalg.norm(found.points[len(found.points) // 2, 1:]) < 0.2
 
 
-def test_a_lid_beside_the_end_of_the_widest_way_is_no_wall() -> None:
-    found = widest_path(tube_cavity(), tube_field(0.2), np.array([0.3, 0, 0]), np.array([TUBE_LENGTH - 0.3, 0, 0]))
+def test_a_lid_beside_the_end_of_the_bottleneck_path_is_no_wall() -> None:
+    found = bottleneck_path(tube_cavity(), tube_field(0.2), np.array([0.3, 0, 0]), np.array([TUBE_LENGTH - 0.3, 0, 0]))
     assert found is not None
     assert found.width > TUBE_RADIUS  # as near as they are, lids would leave 0.6 m

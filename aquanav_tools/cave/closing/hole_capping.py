@@ -1,7 +1,7 @@
-"""Closing a sound surface exactly: its own triangles stay, and every hole gets a lid.
+"""Closing a sound surface exactly: its own triangles stay, and every hole gets a cap.
 
 Small holes are filled so that the wall's curvature goes on across them; wide ones, which may be open ends, get a flat
-lid. Faces that cross each other or crowd around an edge are taken out first, and the holes they leave filled.
+cap. Faces that cross each other or crowd around an edge are taken out first, and the holes they leave filled.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ MAX_REPAIRED_SHARE = 0.02
 TOO_BROKEN = "More than 2 % of the surface crosses itself or is in separate pieces."
 MAX_UNSAMPLED, NUM_SAMPLES, SAMPLE_MARGIN = 100_000, 20_000, 1.5
 """Of a surface with more faces some are looked at first; of 20,000 a share of 2 % is known to a tenth of that."""
-MAX_LID_SHARE = 0.4
-"""With more of the closed surface made of lids the scan was a sheet, not a passage."""
+MAX_CAP_SHARE = 0.4
+"""With more of the closed surface made of caps the scan was a sheet, not a passage."""
 MAX_FAN = 0.5
 """A hole with a folded rim is closed with a fan to its middle when it is narrower than this share of the narrowest
 portal: a crack that runs around a passage that a vehicle fits through is wider, and would get a wall across it ..."""
@@ -39,27 +39,27 @@ STRAY_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Lidded:
-    """A closed surface made of a scan's own triangles and lids."""
+class Capped:
+    """A closed surface made of a scan's own triangles and caps."""
 
     mesh: Mesh
     is_scan: BoolArray
     """(F,) whether a face comes from the scan."""
 
 
-def close_with_lids(surface: Mesh, min_portal: float) -> Lidded:
-    """Return the surface with a lid over each hole.
+def cap_holes(surface: Mesh, min_portal: float) -> Capped:
+    """Return the surface with a cap over each hole.
 
     Args:
         surface: normals out of the water.
-        min_portal: holes of at least this diameter get a flat lid, m.
+        min_portal: holes of at least this diameter get a flat cap, m.
 
     Raises:
         MeshError: the surface is in several pieces or too broken, or the result is not a proven solid.
     """
     areas = face_areas(surface)[0]
     whole = float(areas.sum())
-    # Most surfaces that are too broken are so before any lid is made, and where many faces are, a sample tells.
+    # Most surfaces that are too broken are so before any cap is made, and where many faces are, a sample tells.
     is_large = len(surface.faces) > MAX_UNSAMPLED
     if is_large and crossing_share(surface, NUM_SAMPLES) > SAMPLE_MARGIN * MAX_REPAIRED_SHARE:
         raise MeshError(TOO_BROKEN)
@@ -72,16 +72,16 @@ def close_with_lids(surface: Mesh, min_portal: float) -> Lidded:
     for _ in range(MAX_ROUNDS):
         if face_areas(kept)[0].sum() < (1.0 - MAX_REPAIRED_SHARE) * whole:
             raise MeshError(TOO_BROKEN)
-        lidded, owners = _with_lids(kept, min_portal, flat_loops)
-        crossing = np.unique(self_intersections(lidded.mesh))
+        capped, owners = _with_caps(kept, min_portal, flat_loops)
+        crossing = np.unique(self_intersections(capped.mesh))
         if not len(crossing):
-            areas = face_areas(lidded.mesh)[0]
-            if areas[~lidded.is_scan].sum() > MAX_LID_SHARE * areas.sum():
-                raise MeshError("Lids would make up more than 40 % of the closed surface.")
-            prove_watertight(lidded.mesh)
-            return lidded
+            areas = face_areas(capped.mesh)[0]
+            if areas[~capped.is_scan].sum() > MAX_CAP_SHARE * areas.sum():
+                raise MeshError("Caps would make up more than 40 % of the closed surface.")
+            prove_watertight(capped.mesh)
+            return capped
         broken = crossing[crossing < len(kept.faces)]
-        # A curved lid that runs into the wall is made flat; a flat one costs the wall it crosses.
+        # A curved cap that runs into the wall is made flat; a flat one costs the wall it crosses.
         flat_loops |= {owners[face - len(kept.faces)] for face in crossing if face >= len(kept.faces)}
         kept = _largest_patch(Mesh(kept.vertices, np.delete(kept.faces, broken, axis=0)))
     raise MeshError(f"{len(crossing)} faces still cross each other after {MAX_ROUNDS} rounds of repair.")
@@ -100,40 +100,40 @@ def _largest_patch(mesh: Mesh) -> Mesh:
     return kept
 
 
-def _with_lids(
+def _with_caps(
     surface: Mesh, min_portal: float, flat_loops: set[tuple[float, ...]]
-) -> tuple[Lidded, list[tuple[float, ...]]]:
-    """Return the closed surface, its scanned faces first, and the middle of the loop that each lid face closes."""
-    vertices, lids, owners = surface.vertices, [surface.faces], []
+) -> tuple[Capped, list[tuple[float, ...]]]:
+    """Return the closed surface, its scanned faces first, and the middle of the loop that each cap face closes."""
+    vertices, caps, owners = surface.vertices, [surface.faces], []
     for loop in boundary_loops(surface):
         middle = vertices[loop].mean(axis=0)
         owner = tuple(middle.round(6).tolist())
         diameter = _diameter(vertices[loop])
-        added, lid = _lid(vertices, surface.faces, loop, diameter < min_portal and owner not in flat_loops)
-        if lid is None and (diameter < MAX_FAN * min_portal or _roundness(vertices[loop]) > MIN_ROUNDNESS):
-            added, lid = _fan(vertices, loop)
-        if lid is None:
+        added, cap = _cap(vertices, surface.faces, loop, diameter < min_portal and owner not in flat_loops)
+        if cap is None and (diameter < MAX_FAN * min_portal or _roundness(vertices[loop]) > MIN_ROUNDNESS):
+            added, cap = _fan(vertices, loop)
+        if cap is None:
             raise MeshError(f"The rim of the hole at {np.round(owner, 2)} m folds over itself.")
         vertices = np.vstack([vertices, added])
-        lids.append(lid)
-        owners += [owner] * len(lid)
+        caps.append(cap)
+        owners += [owner] * len(cap)
     # What is proven is what a scenario keeps: float32.
-    mesh = Mesh(vertices.astype(np.float32).astype(np.float64), np.concatenate(lids))
-    return Lidded(mesh, np.arange(len(mesh.faces)) < len(surface.faces)), owners
+    mesh = Mesh(vertices.astype(np.float32).astype(np.float64), np.concatenate(caps))
+    return Capped(mesh, np.arange(len(mesh.faces)) < len(surface.faces)), owners
 
 
 def _diameter(points: Array) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max() * 2.0)
 
 
-def _lid(vertices: Array, faces: IntArray, loop: IntArray, is_curved: bool) -> tuple[Array, IntArray | None]:
-    """Return the new vertices and faces of a lid, curved like the wall around or flat; no faces where neither goes."""
+def _cap(vertices: Array, faces: IntArray, loop: IntArray, is_curved: bool) -> tuple[Array, IntArray | None]:
+    """Return the new vertices and faces of a cap, curved like the wall around or flat; no faces where neither goes."""
     if is_curved:
         try:
             return fill_hole(vertices, faces[_faces_around(faces, loop, len(vertices))], loop)
         except MeshError:
             logger.info("The hole at %s m has an uneven rim", vertices[loop].mean(axis=0).round(2))
-    return np.zeros((0, 3)), _flat_lid(vertices, loop)
+    return np.zeros((0, 3)), _flat_cap(vertices, loop)
 
 
 def _roundness(points: Array) -> float:
@@ -159,7 +159,7 @@ def _faces_around(faces: IntArray, loop: IntArray, num_vertices: int) -> BoolArr
     return np.asarray(touching)
 
 
-def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
+def _flat_cap(vertices: Array, loop: IntArray) -> IntArray | None:
     """Return the (K - 2, 3) triangles over a loop, cut in the plane that fits it best; None when it folds there."""
     import mapbox_earcut
     import shapely
@@ -171,10 +171,10 @@ def _flat_lid(vertices: Array, loop: IntArray) -> IntArray | None:
     triangles = mapbox_earcut.triangulate_float64(flat, np.array([len(loop)], dtype=np.uint32)).reshape(-1, 3)
     if not outline.is_valid or len(triangles) != len(loop) - 2:
         return None
-    # earcut winds its triangles one way whatever the outline's; the lid must follow the loop.
+    # earcut winds its triangles one way whatever the outline's; the cap must follow the loop.
     corners = flat[triangles]
     winding = np.linalg.det(np.dstack([corners, np.ones(corners.shape[:2])])).sum()
     if (winding > 0) != outline.exterior.is_ccw:
         triangles = triangles[:, ::-1]
-    lid: IntArray = loop[triangles]
-    return lid
+    cap: IntArray = loop[triangles]
+    return cap

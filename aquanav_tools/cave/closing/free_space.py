@@ -1,4 +1,4 @@
-"""What is known to be water: where cameras and surveyors were, the legs they measured, a place the user names.
+"""Free-space constraints, what is known to be water: where cameras and surveyors were, the legs between, a named place.
 
 A cavity must hold all of it: whoever closes a scan must neither wall in a camera nor seal a passage that was walked.
 Cameras also saw how far the water reaches; what they looked through is water too.
@@ -24,8 +24,8 @@ NO_LEGS: Array = np.zeros((0, 2, 3))
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
-    """Places and lines in the water."""
+class FreeSpace:
+    """Constraints: places and lines in the water."""
 
     inside: Array = field(default_factory=lambda: NO_POINTS)
     """(N, 3) points, m."""
@@ -34,14 +34,14 @@ class Evidence:
     sight: Sight | None = None
     """What the cameras saw; None without photos."""
 
-    def moved(self, offset: Array) -> Evidence:
+    def moved(self, offset: Array) -> FreeSpace:
         """Return the same with a (3,) offset added, m."""
         sight = None if self.sight is None else self.sight.moved(Sim3(1.0, np.eye(3), offset))
-        return Evidence(self.inside + offset, self.legs + offset, sight)
+        return FreeSpace(self.inside + offset, self.legs + offset, sight)
 
-    def chosen(self, among: Contradictions) -> Evidence:
+    def chosen(self, among: Contradictions) -> FreeSpace:
         """Return only the places and legs that were found to be contradicted."""
-        return Evidence(self.inside[among.points], self.legs[among.legs], self.sight)
+        return FreeSpace(self.inside[among.points], self.legs[among.legs], self.sight)
 
     @property
     def count(self) -> int:
@@ -49,7 +49,7 @@ class Evidence:
         return len(self.inside) + len(self.legs)
 
 
-NO_EVIDENCE = Evidence()
+NONE_KNOWN = FreeSpace()
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,16 +67,16 @@ class Contradictions:
         return len(self.points) + len(self.legs)
 
 
-def contradictions(closed: Mesh, evidence: Evidence, voxel: float) -> Contradictions:
+def contradictions(closed: Mesh, free_space: FreeSpace, voxel: float) -> Contradictions:
     """Return which places and legs a closed surface (normals out of the water) leaves in rock."""
-    lengths = np.linalg.norm(evidence.legs[:, 1] - evidence.legs[:, 0], axis=1)
+    lengths = np.linalg.norm(free_space.legs[:, 1] - free_space.legs[:, 0], axis=1)
     counts = np.maximum(np.ceil(lengths / (LEG_STEP * voxel)).astype(np.int64), 1) + 1
     leg_ids = np.repeat(np.arange(len(lengths)), counts)
     rank = np.arange(len(leg_ids)) - np.repeat(np.cumsum(counts) - counts, counts)
     share = (rank / np.maximum(counts[leg_ids] - 1, 1))[:, None]
-    samples = (1.0 - share) * evidence.legs[leg_ids, 0] + share * evidence.legs[leg_ids, 1]
-    is_dry = ~_is_water(closed, np.concatenate([evidence.inside, samples]), voxel)
-    num_points = len(evidence.inside)
+    samples = (1.0 - share) * free_space.legs[leg_ids, 0] + share * free_space.legs[leg_ids, 1]
+    is_dry = ~_is_water(closed, np.concatenate([free_space.inside, samples]), voxel)
+    num_points = len(free_space.inside)
     return Contradictions(np.flatnonzero(is_dry[:num_points]), np.unique(leg_ids[is_dry[num_points:]]))
 
 

@@ -1,4 +1,4 @@
-"""Which of several places is nearest by way of the water: a flood that spreads from a point."""
+"""Which of several places is nearest by way of the water: a breadth-first search from a point."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 SAFE_CLEARANCE = float(0.5 * np.sqrt(3.0))
-"""Least clearance of a flooded sample, spacings: the balls of two neighbours then cover the way between them, so that
-no flood leaks through rock that is thinner than the spacing."""
+"""Least clearance of a sample that is searched, spacings: the balls of two neighbours then cover the way between them,
+so that no search leaks through rock that is thinner than the spacing."""
 BITS = 20
 """A sample's index takes this many bits per axis in its key: a million samples."""
 AXES: IntArray = np.array([1 << 2 * BITS, 1 << BITS, 1])
@@ -20,9 +20,9 @@ AROUND: IntArray = np.indices((3, 3, 3)).reshape(3, 27).T - 1
 def nearest_through_water(point: Array, targets: Array, field: DistanceField) -> int | None:
     """Return which of (T, 3) targets is nearest to a (3,) point through the water, or None when there is no way.
 
-    When the nearest in a straight line is in sight, it is that one. Otherwise it is the one that a flood meets first,
-    which spreads by one sample in all directions at a time; of several met at once, the one in their middle. Places
-    tighter than SAFE_CLEARANCE stay dry.
+    When the nearest in a straight line is in sight, it is that one. Otherwise it is the one that is met first by a
+    search that spreads by one sample in all directions at a time; of several met at once, the one in their middle.
+    Places tighter than SAFE_CLEARANCE are not searched.
     """
     nearest = int(np.argmin(np.linalg.norm(targets - point, axis=1)))
     if _sees(np.asarray(point), targets[nearest], field):

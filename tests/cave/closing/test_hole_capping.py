@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.closing.lids import close_with_lids
+from aquanav_tools.cave.closing.hole_capping import cap_holes
 from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.errors import MeshError
@@ -15,19 +15,19 @@ MIN_PORTAL = 0.7
 
 def test_small_holes_go_on_with_the_curvature_of_the_wall() -> None:
     holed = without_faces_near(straight(), np.array([5.0, RADIUS, 0.0]), 0.3)
-    lidded = close_with_lids(holed, MIN_PORTAL)
-    # A flat lid would lie up to 0.3^2 / 2 = 0.045 m inside the tube.
-    lid = lidded.mesh.triangles[~lidded.is_scan].reshape(-1, 3)
-    over_hole = lid[np.abs(lid[:, 0] - 5.0) < 1.0]
+    capped = cap_holes(holed, MIN_PORTAL)
+    # A flat cap would lie up to 0.3^2 / 2 = 0.045 m inside the tube.
+    cap = capped.mesh.triangles[~capped.is_scan].reshape(-1, 3)
+    over_hole = cap[np.abs(cap[:, 0] - 5.0) < 1.0]
     assert np.abs(np.linalg.norm(over_hole[:, 1:], axis=1) - RADIUS).max() < 0.01
-    assert lidded.mesh.to_trimesh().volume == pytest.approx(tube_volume(LENGTH), rel=1e-3)
+    assert capped.mesh.to_trimesh().volume == pytest.approx(tube_volume(LENGTH), rel=1e-3)
 
 
 def test_the_scans_own_triangles_stay_where_they_are() -> None:
     tube = straight()
-    lidded = close_with_lids(tube, MIN_PORTAL)
-    assert lidded.is_scan.sum() == len(tube.faces)
-    assert np.allclose(lidded.mesh.triangles[lidded.is_scan], tube.triangles, atol=1e-6)  # float32
+    capped = cap_holes(tube, MIN_PORTAL)
+    assert capped.is_scan.sum() == len(tube.faces)
+    assert np.allclose(capped.mesh.triangles[capped.is_scan], tube.triangles, atol=1e-6)  # float32
 
 
 def test_faces_that_cross_are_taken_out_and_the_holes_filled() -> None:
@@ -37,9 +37,9 @@ def test_faces_that_cross_are_taken_out_and_the_holes_filled() -> None:
     vertices[np.argmin(np.linalg.norm(vertices - [5.0, RADIUS, 0.0], axis=1)), 1] = -1.2 * RADIUS
     dented = Mesh(vertices, tube.faces)
     assert len(self_intersections(dented))
-    lidded = close_with_lids(dented, MIN_PORTAL)
-    assert not len(self_intersections(lidded.mesh))
-    assert lidded.mesh.to_trimesh().volume == pytest.approx(tube_volume(LENGTH), rel=5e-3)
+    capped = cap_holes(dented, MIN_PORTAL)
+    assert not len(self_intersections(capped.mesh))
+    assert capped.mesh.to_trimesh().volume == pytest.approx(tube_volume(LENGTH), rel=5e-3)
 
 
 def test_a_ragged_end_is_closed_where_it_is(rng: np.random.Generator) -> None:
@@ -47,8 +47,8 @@ def test_a_ragged_end_is_closed_where_it_is(rng: np.random.Generator) -> None:
     ragged = tube.triangles.mean(axis=1)[:, 0] < 9.5 - 0.4 * rng.random(len(tube.faces))
     solid = Mesh(tube.vertices, tube.faces[ragged]).to_trimesh().split(only_watertight=False, repair=False)
     largest = max(solid, key=lambda piece: len(piece.faces))
-    lidded = close_with_lids(Mesh(np.array(largest.vertices), np.array(largest.faces, dtype=np.int64)), MIN_PORTAL)
-    assert lidded.mesh.to_trimesh().volume == pytest.approx(tube_volume(9.3), rel=0.03)
+    capped = cap_holes(Mesh(np.array(largest.vertices), np.array(largest.faces, dtype=np.int64)), MIN_PORTAL)
+    assert capped.mesh.to_trimesh().volume == pytest.approx(tube_volume(9.3), rel=0.03)
 
 
 def test_a_crack_around_the_passage_gets_no_wall_across_it() -> None:
@@ -59,11 +59,11 @@ def test_a_crack_around_the_passage_gets_no_wall_across_it() -> None:
     in_crack = (np.abs(middles[:, 0] - 5.05) < 0.05) & (angle > -2.0)
     cracked = Mesh(tube.vertices, tube.faces[~in_crack])
     try:
-        lidded = close_with_lids(cracked, MIN_PORTAL)
+        capped = cap_holes(cracked, MIN_PORTAL)
     except MeshError:
         return  # left to resampling, which closes cracks along the wall
-    lid = lidded.mesh.triangles[~lidded.is_scan].reshape(-1, 3)
-    over_crack = lid[np.abs(lid[:, 0] - 5.0) < 1.0]
+    cap = capped.mesh.triangles[~capped.is_scan].reshape(-1, 3)
+    over_crack = cap[np.abs(cap[:, 0] - 5.0) < 1.0]
     assert np.linalg.norm(over_crack[:, 1:], axis=1).min() > 0.8 * RADIUS
 
 
@@ -71,4 +71,4 @@ def test_a_surface_in_two_pieces_is_left_to_resampling() -> None:
     tube = straight()
     apart = np.abs(tube.triangles.mean(axis=1)[:, 0] - 5.0) > 0.3
     with pytest.raises(MeshError, match="in 2 pieces"):
-        close_with_lids(Mesh(tube.vertices, tube.faces[apart]), MIN_PORTAL)
+        cap_holes(Mesh(tube.vertices, tube.faces[apart]), MIN_PORTAL)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.closing.enclosure import check_is_hollow
+from aquanav_tools.cave.closing.ambient_occlusion import check_is_hollow
 from aquanav_tools.cave.synthetic import caves, damage, networks
 from aquanav_tools.cave.synthetic.rock import embed_in_rock
 from aquanav_tools.errors import MeshError

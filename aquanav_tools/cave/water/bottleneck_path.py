@@ -1,4 +1,4 @@
-"""The widest way between two places: the one whose narrowest point is as roomy as can be.
+"""The bottleneck path, or widest way, between two places: the one whose narrowest point is as roomy as can be.
 
 Its narrowest clearance is the radius of the largest ball that gets from one place to the other.
 """
@@ -30,7 +30,7 @@ NUM_DIRECTIONS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class WidestPath:
+class BottleneckPath:
     """The way between two places whose narrowest point is as wide as can be."""
 
     points: Array
@@ -50,9 +50,9 @@ class WidestPath:
         return tightest
 
 
-def widest_path(
+def bottleneck_path(
     cavity: Cavity, field: DistanceField, start: Array, end: Array, enough: float = np.inf
-) -> WidestPath | None:
+) -> BottleneckPath | None:
     """Return the widest way between two places, or None when there is no way at all.
 
     The way is found on the field's samples, which miss the middle of a narrow place by up to 0.87 of a spacing; there
@@ -69,14 +69,14 @@ def widest_path(
     came_by = np.full((len(field.samples), BRICK, BRICK, BRICK), UNSEEN, dtype=np.int8)
     # The field also counts the lids of portals. The way is all the same the widest between any two of its samples, so
     # that an end beside a lid does not make it narrower elsewhere.
-    if not _spread_widest(first, last, field.bricks, field.samples, came_by, enough):
+    if not _spread_roomiest(first, last, field.bricks, field.samples, came_by, enough):
         return None
     path = field.positions(_trace_back(first, last, field.bricks, came_by))
     walls = cavity.wall_surface
     clearance = walls.distance(path)
     narrow = np.flatnonzero(clearance <= clearance.min() + field.spacing)
     path[narrow], clearance[narrow] = _centred(walls, path, narrow, field.spacing)
-    return WidestPath(path, clearance)
+    return BottleneckPath(path, clearance)
 
 
 def _water_samples(field: DistanceField, points: Array) -> IntArray:
@@ -112,7 +112,7 @@ def _sideways(ahead: Array) -> tuple[Array, Array]:
 
 
 @numba.njit(cache=True)
-def _spread_widest(first, last, bricks, samples, came_by, enough):  # type: ignore[no-untyped-def]
+def _spread_roomiest(first, last, bricks, samples, came_by, enough):  # type: ignore[no-untyped-def]
     """Visit the water from the roomiest sample seen so far until `last` is; note where each was come from.
 
     Samples with `enough` clearance are all alike: they wait in a queue, the others in a heap. In such roomy water a

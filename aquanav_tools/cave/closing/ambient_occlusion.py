@@ -1,4 +1,4 @@
-"""Is it a cave? How much of the view from inside is wall that was really scanned."""
+"""Is it a cave? Ambient occlusion: how much of the view from inside is wall that was really scanned."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aquanav_tools.cave.scan.orientation import Caster, face_areas
 from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
-MIN_ENCLOSURE = 0.6
+MIN_OCCLUSION = 0.6
 """A facade fills at most half of the view of any point before it; the middle of a passage sees 0.8 and more."""
 MIN_FACING = 0.2
 """Photos were taken between walls when this share of the lines through the water before their cameras meets walls that
@@ -49,7 +49,7 @@ MAX_CONVEXITY = 0.85
 """A boulder fills more of its convex hull than this; a passage winds and fills a half or less."""
 
 
-def enclosure(surface: Mesh, viewpoints: Array) -> Array:
+def ambient_occlusion(surface: Mesh, viewpoints: Array) -> Array:
     """Return the (N,) shares of all directions in which the scanned surface is in view from (N, 3) points."""
     shares: Array = np.isfinite(_cast(surface, viewpoints, _lines())).mean(axis=1)
     return shares
@@ -145,10 +145,10 @@ def _rays(surface: Mesh, origins: Array, directions: Array, query: str) -> Any:
     return scene.run(starts, ways, query=query).reshape(len(origins), -1)
 
 
-def check_enclosure(
+def check_occlusion(
     surface: Mesh, viewpoints: Array, what: str, names: Sequence[str] = (), *, before: Array | None = None
 ) -> float:
-    """Return the median enclosure at some viewpoints inside.
+    """Return the median ambient occlusion at some viewpoints inside.
 
     Args:
         surface: the scan, without anything invented.
@@ -158,7 +158,7 @@ def check_enclosure(
         before: (M, 3) places that were looked through from there, m: it is enough that walls face each other there.
 
     Raises:
-        UnseenWallsError: it is below MIN_ENCLOSURE, and walls that face each other below MIN_FACING where that is
+        UnseenWallsError: it is below MIN_OCCLUSION, and walls that face each other below MIN_FACING where that is
             enough: the scene is no cave, or much of its wall was not seen. Its places are a typical viewpoint, and
             beside it the sides where wall is missing.
     """
@@ -166,7 +166,7 @@ def check_enclosure(
     distances = _cast(surface, viewpoints, directions)
     shares = np.isfinite(distances).mean(axis=1)
     share, between = float(np.median(shares)), 0.0 if before is None else float(np.median(facing(surface, before)))
-    if share >= MIN_ENCLOSURE or between >= MIN_FACING:
+    if share >= MIN_OCCLUSION or between >= MIN_FACING:
         return share
     typical = int(np.argmin(np.abs(shares - share)))
     place, name = viewpoints[typical], f" ({names[typical]})" if len(names) else ""
@@ -174,7 +174,7 @@ def check_enclosure(
     raise UnseenWallsError(
         "open-walls",
         f"This is no cave, or much of its wall was not seen: from {what}, the scanned surface fills only {share:.0%} "
-        f"of the view all around, and a passage needs {MIN_ENCLOSURE:.0%}. Of {NUM_DIRECTIONS} rays in all directions, "
+        f"of the view all around, and a passage needs {MIN_OCCLUSION:.0%}. Of {NUM_DIRECTIONS} rays in all directions, "
         f"{shares.min():.0%} to {shares.max():.0%} meet the surface from {len(viewpoints)} places; the median at "
         f"({', '.join(f'{value:.2f}' for value in place)}) m{name}. Before a facade half of them do at most, in the "
         f"middle of a passage 80% and more. By sides: {', '.join(f'{side} {seen:.0%}' for side, seen in sides.items())}"
@@ -204,7 +204,7 @@ def _unseen(place: Array, sides: dict[str, float], distances: Array) -> list[tup
     return [
         (tuple((place + reach * np.array(SIDES[side])).tolist()), f"towards {side}: {seen:.0%} of the view is wall")
         for side, seen in sides.items()
-        if seen < MIN_ENCLOSURE
+        if seen < MIN_OCCLUSION
     ]
 
 
@@ -250,7 +250,7 @@ def _check_has_no_tunnel(mesh: Mesh) -> None:
         return
     across = 0.5 * distances[is_tunnel, :1] * caster.directions(axes[is_tunnel])[:, 0]
     middles = starts[is_tunnel] + across
-    place = middles[np.argmax(enclosure(mesh, middles))]
+    place = middles[np.argmax(ambient_occlusion(mesh, middles))]
     raise MeshError(
         f"This is a block of rock with a passage in it, or a cave closed all around: {share:.0%} of the closed wall "
         "lines a hollow on its outer side, and nothing tells on which side the water is. Name a point in it: "

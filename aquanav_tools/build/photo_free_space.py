@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.cave.closing.evidence import Evidence
+from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.sight import NO_WALL, OUTSIDE, UNSURE, Sight
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.types import Array, BoolArray
@@ -17,7 +17,7 @@ MAX_LEGS = 3.0
 """A way longer than this many typical ones is no way that was swum: photos are missing, or another dive began."""
 
 
-def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray, *, accept_open: bool = False) -> Evidence:
+def photo_free_space(reconstruction: Reconstruction, is_inside: BoolArray, *, accept_open: bool = False) -> FreeSpace:
     """Return what is known to be water.
 
     Args:
@@ -28,11 +28,11 @@ def photo_evidence(reconstruction: Reconstruction, is_inside: BoolArray, *, acce
     """
     centres, sight = reconstruction.camera_centres, reconstruction.sight
     if sight is None:
-        return Evidence(centres[is_inside])
+        return FreeSpace(centres[is_inside])
     legs = _legs(reconstruction, is_inside, sight)
     if accept_open:
         legs = np.concatenate([legs, ways_ahead(sight)])
-    return Evidence(centres[is_inside], legs, sight)
+    return FreeSpace(centres[is_inside], legs, sight)
 
 
 def ways_ahead(sight: Sight) -> Array:
