@@ -54,10 +54,13 @@ def rasterise_rows(corners, faces, heights, start, end):  # type: ignore[no-unty
             slope = slope_a * a[2] + slope_b * b[2] + slope_c * c[2]
             # Borders belong to both sides, so that no gap is between neighbours.
             first, last = _pixels_between(low - BORDER, high + BORDER, faces.shape[1])
-            for column in range(first, last + 1):
-                z = height + slope * (column + 0.5)
-                if z > heights[row, column]:
-                    heights[row, column], faces[row, column] = z, n
+            fronts, owners = heights[row, first : last + 1], faces[row, first : last + 1]
+            height += slope * (first + 0.5)
+            for k in range(len(fronts)):
+                z = height + slope * k
+                is_front = z > fronts[k]  # written anyway: without branches these are vectors
+                fronts[k] = z if is_front else fronts[k]
+                owners[k] = n if is_front else owners[k]
 
 
 @numba.njit(cache=True, error_model="numpy")
