@@ -21,13 +21,14 @@ COLUMNS = {
 
 @pytest.mark.parametrize("suffix", [".csv", ".parquet"])
 def test_a_track_has_every_state_in_its_units(suffix: str, tmp_path: Path) -> None:
+    if suffix == ".parquet":
+        parquet = pytest.importorskip("pyarrow.parquet", reason="It is about Parquet: pip install pyarrow.")
     trajectory, path = dive(), tmp_path / f"track{suffix}"
     write_track(path, trajectory)
     if suffix == ".csv":
         with path.open(newline="", encoding="utf-8") as file:
             rows = [{name: float(value or "nan") for name, value in row.items()} for row in csv.DictReader(file)]
     else:
-        parquet = pytest.importorskip("pyarrow.parquet", reason="It is about Parquet: pip install pyarrow.")
         rows = [
             {name: np.nan if value is None else float(value) for name, value in row.items()}
             for row in parquet.read_table(path).to_pylist()
