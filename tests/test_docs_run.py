@@ -64,6 +64,8 @@ READERS: dict[str, Callable[[Any], Any]] = {
 """By the names of the files that pages show. A block without a name is part of a file, and is read as TOML alone."""
 SLOW = {"docs/own-cave.md", "docs/tutorial-scan.md", "docs/tutorial-survey.md"}
 """Pages that build several caves, or large ones."""
+OTHERS = {"docs/tutorial-export.md": ["mujoco"]}
+"""Libraries that pages show and aquanav does not need; with Python 3.11 or newer they come with what tests need."""
 RUN = [
     pytest.param(page, marks=pytest.mark.slow if page in SLOW else ())
     for page in USERS_PAGES
@@ -109,6 +111,8 @@ def test_what_a_page_shows_runs_from_top_to_bottom(page: str, folder: Path) -> N
         (folder / name).write_text(code, encoding="utf-8")
     if re.search(r"(-o |output=\")out/train\b", text(page)):
         shutil.rmtree(folder / "out" / "train")  # which the page makes
+    for library in OTHERS.get(page, ()):
+        pytest.importorskip(library, reason=f"{page} shows it: pip install {library}.")
     for block in blocks(page):
         if not block.reason:
             run(page, block, folder)

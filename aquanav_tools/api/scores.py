@@ -103,6 +103,7 @@ def replay(
     vehicle: str | None = None,
     film: str | Path | None = None,
     bag: str | Path | None = None,
+    track: str | Path | None = None,
     view: View = "chase",
     trust: bool = False,
     progress: bool = False,
@@ -118,12 +119,13 @@ def replay(
         vehicle: The vehicle's file, likewise.
         film: Also write this film: .mp4, .webm, .gif or .webp.
         bag: Also write this folder, a bag of ROS 2; needs pip install 'aquanav[ros]'.
+        track: Also write this table with a row per state: .csv or .parquet.
         view: Of the film: "chase" or "onboard".
         trust: Whether the policy's file may run code.
         progress: Whether to show a bar over the film's frames, where stderr is a terminal.
 
     Returns:
-        The episode's metrics (m, s, J), and where the recording, the film and the bag lie.
+        The episode's metrics (m, s, J), and where the recording, the film, the bag and the track lie.
 
     Raises:
         InputError: no such results or episode, or the policy, scenario or vehicle is missing or another one.
@@ -132,7 +134,7 @@ def replay(
     options = ReplayOptions(
         Path(results), episode, None if output is None else Path(output), None, trust,
         None if scenario is None else Path(scenario), vehicle, None if film is None else Path(film),
-        None if bag is None else Path(bag), view,
+        None if bag is None else Path(bag), None if track is None else Path(track), view,
     )  # fmt: skip
     loaded = None if policy is None else load_policy(policy, trust=trust)
     with bar("", "frame", shown=progress and film is not None) as show:

@@ -251,6 +251,7 @@ def _replay(command: ReplayCommand) -> None:
         found = replay(options, show)
     episode, filmed = found.episode, "" if found.film is None else f"\nFilm: {found.film}"
     filmed += "" if found.bag is None else f"\nBag: {found.bag}"
+    filmed += "" if found.track is None else f"\nTrack: {found.track}"
     print(
         f"Episode {episode.index} repeats to the bit: {episode.outcome} after {episode.time:.1f} s with "
         f"{episode.collisions} collisions (SHA-256 {episode.digest[:12]}).\n"

@@ -265,10 +265,13 @@ class ReplayOptions:
     """The vehicle's file, where another than the scenario's was evaluated and it is no longer at its path."""
     film: Path | None = None
     """Also write this film of the episode: .mp4 for players, .webm for browsers, .gif or .webp for pages that show no
-    video. It takes a tenth of a second of one core per decision."""
+    video. It takes 0.02 s of one core per decision."""
     bag: Path | None = None
     """Also write this folder, a bag of ROS 2 (MCAP) with standard messages, for Foxglove, RViz and ros2 bag. Needs
     pip install 'aquanav[ros]'."""
+    track: Path | None = None
+    """Also write this table with a row per state, .csv or .parquet: time, pose, velocity, current, clearance, reward,
+    command and rays, units in the columns' names."""
     view: View = "chase"
     """Of the film: chase, from behind the vehicle, or onboard, from its nose."""
 
@@ -285,7 +288,7 @@ class WorstOptions:
     output: Path | None = None
     """Folder for the page, the stills and the films; without it, `worst` beside the results."""
     films: bool = True
-    """Whether to make films, which take a tenth of a second of one core per picture."""
+    """Whether to make films, which take 0.02 s of one core per picture."""
     seconds: float = 8.0
     """Before the first contact, or before the end where there is none, at which stills and films begin."""
     policy: str | None = None

@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.results import episodes_of, read_results, versions
 from aquanav_tools.registry import refuse_recorded
 from aquanav_tools.report.recording.bag import check_bag
 from aquanav_tools.report.recording.stream import require_recorder
+from aquanav_tools.report.recording.track import check_track, write_track
 from aquanav_tools.report.trajectory import FAILED, Trajectory
 from aquanav_tools.sim.contacts import Backend
 from aquanav_tools.task import TaskOptions, choices_of, named_code
@@ -46,6 +47,8 @@ class Replayed:
     """None where none was asked for."""
     bag: Path | None
     """Likewise."""
+    track: Path | None
+    """Likewise."""
 
 
 def replay(
@@ -53,7 +56,7 @@ def replay(
     progress: Progress = ignore_progress,
     load: Callable[[str], LoadedPolicy] | None = None,
 ) -> Replayed:
-    """Run an episode again; write its recording, and its film and bag where asked for.
+    """Run an episode again; write its recording, and its film, bag and track where asked for.
 
     Args:
         options: Which episode.
@@ -62,7 +65,7 @@ def replay(
 
     Raises:
         InputError: no such results or episode, the policy, the scenario or code of the user's own is missing or another
-            one, or no film of that name or view can be made.
+            one, or no film of that name or view can be made, or no track of that name.
         LibraryError: there can be no recording, as rerun is not installed, or no bag, as rosbags is not.
         ReplayError: the episode came out differently; its recording is written all the same.
     """
@@ -72,17 +75,21 @@ def replay(
         check_choice("view", options.view, get_args(View))
     if options.bag is not None:
         check_bag(options.bag)
+    if options.track is not None:
+        check_track(options.track)
     repeater = Repeater(options, load)
     once = repeater.run(options.episode)
     output = options.output or repeater.path.with_name(RECORDING.format(index=once.episode.index))
     record_trajectory(once.scenario, once.trajectory, output)
     if options.bag is not None:
         bag_trajectory(once.scenario, once.trajectory, options.bag)
+    if options.track is not None:
+        write_track(options.track, once.trajectory)
     if options.film is not None:
         film_trajectory(once.scenario, once.trajectory, options.film, options.view, progress)
     if once.difference:
         raise ReplayError(f"{once.difference} What happened now is in {output}.")
-    return Replayed(once.episode, output, options.film, options.bag)
+    return Replayed(once.episode, output, options.film, options.bag, options.track)
 
 
 @dataclass(frozen=True, eq=False)

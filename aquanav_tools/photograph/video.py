@@ -59,7 +59,7 @@ class VideoFile:
         """
         import av
 
-        even = np.pad(pixels, ((0, self._odd[0]), (0, self._odd[1]), (0, 0)), mode="edge")
+        even = np.pad(pixels, ((0, self._odd[0]), (0, self._odd[1]), (0, 0)), mode="edge") if any(self._odd) else pixels
         with self._explained():
             self._file.mux(self._stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(even), "rgb24")))
 

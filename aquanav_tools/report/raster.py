@@ -26,12 +26,13 @@ def rasterise(corners: Array, width: int, height: int) -> tuple[IntArray, Array]
     """
     faces = np.full((height, width), NO_FACE, dtype=np.int64)
     heights = np.full((height, width), -np.inf)
-    _rasterise(corners, faces, heights)
+    rasterise_rows(corners, faces, heights, 0, height)
     return faces, heights
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _rasterise(corners, faces, heights):  # type: ignore[no-untyped-def]
+def rasterise_rows(corners, faces, heights, start, end):  # type: ignore[no-untyped-def]
+    """Draw triangles into rows from `start` to before `end` of (H, W) faces and heights; see `rasterise`."""
     for n in range(len(corners)):
         a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
@@ -40,8 +41,8 @@ def _rasterise(corners, faces, heights):  # type: ignore[no-untyped-def]
         # Shares of the corners, each linear along a row.
         slope_a, slope_b = (b[1] - c[1]) / area, (c[1] - a[1]) / area
         slope_c = -slope_a - slope_b
-        first_row, last_row = _pixels_between(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), faces.shape[0])
-        for row in range(first_row, last_row + 1):
+        first_row, last_row = _pixels_between(min(a[1], b[1], c[1]), max(a[1], b[1], c[1]), end)
+        for row in range(max(first_row, start), last_row + 1):
             y = row + 0.5
             of_a = (b[0] * (c[1] - y) - (b[1] - y) * c[0]) / area
             of_b = (c[0] * (a[1] - y) - (c[1] - y) * a[0]) / area
@@ -53,10 +54,13 @@ def _rasterise(corners, faces, heights):  # type: ignore[no-untyped-def]
             slope = slope_a * a[2] + slope_b * b[2] + slope_c * c[2]
             # Borders belong to both sides, so that no gap is between neighbours.
             first, last = _pixels_between(low - BORDER, high + BORDER, faces.shape[1])
-            for column in range(first, last + 1):
-                z = height + slope * (column + 0.5)
-                if z > heights[row, column]:
-                    heights[row, column], faces[row, column] = z, n
+            fronts, owners = heights[row, first : last + 1], faces[row, first : last + 1]
+            height += slope * (first + 0.5)
+            for k in range(len(fronts)):
+                z = height + slope * k
+                is_front = z > fronts[k]  # written anyway: without branches these are vectors
+                fronts[k] = z if is_front else fronts[k]
+                owners[k] = n if is_front else owners[k]
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -1,8 +1,9 @@
 """CPU time of a frame: python eval/benchmarks/films.py [NUMBER OF FRAMES] [--scenario FOLDER] [--keep] [--smoke].
 
 A film in a cave from behind and from the nose, and one of a boat at sea, each with its numbers on it, as WebM and as
-MP4; all threads' time, which is also what it costs where many films are made side by side. The first frame, which
-compiles and reads, is left out. Without a scenario the cave is a straight tube.
+MP4; all threads' time, which is also what it costs where many films are made side by side. Each film is made three
+times, of which the least counts: others use the machine too. The first frame, which compiles and reads, is left out.
+Without a scenario the cave is a straight tube.
 """
 
 from __future__ import annotations
@@ -33,6 +34,8 @@ from tests.caves import tube_scenario
 
 SECONDS = 0.1
 """Between two frames."""
+ROUNDS = 3
+"""Films of which the least time counts."""
 
 
 class BoatCamera:
@@ -71,7 +74,7 @@ def main() -> None:
         np.concatenate([place, yaw_quaternion(float(np.arctan2(way[1], way[0])))])
         for place, way in zip(places, ways, strict=True)
     ]
-    record.say(f"{count} frames of each; a film shows one for each decision, {SECONDS:g} s.\n")
+    record.say(f"{count} frames of each, the least of {ROUNDS} films; one shows each decision, {SECONDS:g} s.\n")
     record.say("| film | px | CPU time per frame, ms | by the clock, ms | first frame, ms |\n|---|---|---|---|---|")
     for suffix in (".webm", ".mp4"):
         size = FILM_SIZES[suffix]
@@ -92,6 +95,14 @@ def vehicle_camera(cave: Scenario, view: str, size: tuple[int, int]) -> VehicleC
 def row(name: str, camera: Camera, states: list[Array], suffix: str) -> str:
     """Return a row of the table."""
     frames = [Frame(state, SECONDS * n, 0.5, 0, False, 1.0, 1.0) for n, state in enumerate(states)]
+    spent = np.array([times_of(camera, frames, suffix) for _ in range(ROUNDS)])
+    cpu, clock = spent[:, 1:].mean(axis=1).min(axis=0)
+    width, height = camera.size
+    return f"| {name} | {width} x {height}, {suffix} | {cpu:.0f} | {clock:.0f} | {spent[0, 0, 1]:.0f} |"
+
+
+def times_of(camera: Camera, frames: list[Frame], suffix: str) -> Array:
+    """Return the (N, 2) CPU time and time by the clock of each frame of a film, ms."""
     times = [(time.process_time(), time.perf_counter())]
 
     def note(*_: int) -> None:
@@ -99,10 +110,8 @@ def row(name: str, camera: Camera, states: list[Array], suffix: str) -> str:
 
     with tempfile.TemporaryDirectory() as folder:
         film(camera, frames, Path(folder) / f"film{suffix}", 1.0 / SECONDS, note)
-    spent = 1e3 * np.diff(times, axis=0)
-    cpu, clock = spent[1:].mean(axis=0)
-    width, height = camera.size
-    return f"| {name} | {width} x {height}, {suffix} | {cpu:.0f} | {clock:.0f} | {spent[0, 0]:.0f} |"
+    found: Array = 1e3 * np.diff(times, axis=0)
+    return found
 
 
 if __name__ == "__main__":

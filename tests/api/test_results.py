@@ -65,7 +65,10 @@ def test_a_scenario_in_memory_is_learned_in(tube_folder: Path, tmp_path: Path) -
 def test_a_function_is_scored_and_repeats(tube_folder: Path, tmp_path: Path) -> None:
     found = aquanav.evaluate(ahead, tube_folder, output=tmp_path, **RULES)
     assert found.episodes[0].path_length > 0.5 and found.episodes[0].control_effort > 0.3
-    again = aquanav.replay(tmp_path, 1, policy=ahead)
+    again = aquanav.replay(tmp_path, 1, policy=ahead, track=tmp_path / "track.csv")
+    assert again.track is not None
+    *_, last = again.track.read_text(encoding="utf-8").splitlines()
+    assert float(last.partition(",")[0]) == pytest.approx(again.episode.time)
     assert again.episode == found.episodes[1] and again.recording.is_file() and again.film is None
     with pytest.raises(InputError, match="ahead"):
         aquanav.replay(tmp_path, 1)  # it is no file that could be loaded again

@@ -11,7 +11,7 @@ import numpy as np
 
 from aquanav_tools.machine import num_cores
 
-BANDS_PER_CORE = 4
+BANDS_PER_CORE = 2
 """So that no core waits long for one that has more to draw, or something else to do."""
 
 

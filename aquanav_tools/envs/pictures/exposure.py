@@ -8,6 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.envs.pictures.bands import in_bands
 from aquanav_tools.photograph.water import FloatImage
 
 MIDDLE, MIDDLE_TONE = 60.0, 0.28
@@ -43,22 +44,33 @@ class AutoExposure:
         if self._log_gain is None:
             self._log_gain = wanted
         self._log_gain += (1.0 - math.exp(-seconds / SETTLING)) * (wanted - self._log_gain)
-        picture: npt.NDArray[np.uint8] = _apply(light, math.exp(self._log_gain), self._curve)
+        picture, gain = np.empty(light.shape, np.uint8), math.exp(self._log_gain)
+        in_bands(len(light), lambda first, end: _apply(light, gain, self._curve, picture, first, end))
         return picture
 
 
 def metered_gain(light: FloatImage) -> float:
     """Return the gain that suits (H, W, 3) light: for its middle tones, and lower where its bright ones would burn."""
-    some = light[::EVERY, ::EVERY].max(axis=2)
+    some = _brightest(light)
     middle, bright = np.maximum(np.percentile(some, [MIDDLE, BRIGHT]), DARKEST)
     return float(min(MIDDLE_TONE / middle, BRIGHT_TONE / bright))
 
 
 @numba.njit(cache=True)
-def _apply(light, gain, curve):  # type: ignore[no-untyped-def]
-    picture = np.empty(light.shape, np.uint8)
-    scale, last = gain * (len(curve) - 1) / MAX_EXPOSURE, len(curve) - 1
-    flat, shown = light.ravel(), picture.ravel()
+def _brightest(light):  # type: ignore[no-untyped-def]
+    """Return the brightest channel of the pixels that the meter looks at."""
+    some = np.empty(((len(light) + EVERY - 1) // EVERY, (light.shape[1] + EVERY - 1) // EVERY), np.float32)
+    for row in range(some.shape[0]):
+        for column in range(some.shape[1]):
+            pixel = light[EVERY * row, EVERY * column]
+            some[row, column] = max(pixel[0], pixel[1], pixel[2])
+    return some
+
+
+@numba.njit(cache=True, nogil=True)
+def _apply(light, gain, curve, picture, first, end):  # type: ignore[no-untyped-def]
+    """Put the tones of rows from `first` to before `end` into a picture."""
+    scale, last = np.float32(gain * (len(curve) - 1) / MAX_EXPOSURE), np.float32(len(curve) - 1)
+    flat, shown = light[first:end].ravel(), picture[first:end].ravel()
     for n in range(len(flat)):
-        shown[n] = curve[min(int(scale * flat[n] + 0.5), last)]
-    return picture
+        shown[n] = curve[np.uint32(min(scale * flat[n] + np.float32(0.5), last))]

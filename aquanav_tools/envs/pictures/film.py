@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -122,14 +123,22 @@ def annotate(picture: npt.NDArray[np.uint8], frame: Frame) -> npt.NDArray[np.uin
     height, width = picture.shape[:2]
     bar = max(round(BAR_SHARE * height), MIN_BAR)
     band = Image.fromarray((BAR * picture[height - bar :]).astype(np.uint8))
-    pen = ImageDraw.Draw(band)
-    small, large = _font(round(0.30 * bar)), _font(round(0.46 * bar))
+    small, large = round(0.30 * bar), round(0.46 * bar)
     fields = _fields(frame)
     for number, (label, value, colour) in enumerate(fields):
-        left = (number + 0.18) * width / len(fields)
-        pen.text((left, 0.06 * bar), label, LABEL, small)
-        pen.text((left, 0.42 * bar), value, colour, large)
+        left = round((number + 0.18) * width / len(fields))
+        band.paste(LABEL, (left, round(0.06 * bar)), _shape(label, small))
+        band.paste(colour, (left, round(0.42 * bar)), _shape(value, large))
     return np.concatenate([picture[: height - bar], np.asarray(band)])
+
+
+@functools.lru_cache(1024)
+def _shape(text: str, size: int) -> Image.Image:
+    """Return a text's shape, white on black: most of a film's texts come again, and drawing letters takes most time."""
+    _, _, right, bottom = _font(size).getbbox(text)
+    shape = Image.new("L", (max(math.ceil(right), 1), max(math.ceil(bottom), 1)))
+    ImageDraw.Draw(shape).text((0, 0), text, 255, _font(size))
+    return shape
 
 
 def _fields(frame: Frame) -> tuple[tuple[str, str, tuple[int, int, int]], ...]:

@@ -5,43 +5,40 @@ from __future__ import annotations
 import functools
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from aquanav_tools.envs.pictures.bands import in_bands
-from aquanav_tools.envs.pictures.rock_tile import look_up, look_up_grey, rock_tile
-from aquanav_tools.envs.pictures.triangles import Cells, Eye, corner_shares, see
+from aquanav_tools.envs.pictures.lamp_shading import (
+    BODY,
+    CORNER_LOSS,
+    FARTHEST,
+    FINER,
+    IRON,
+    OPEN,
+    PASSING_PER_M,
+    ROCK,
+    SIZES,
+    shade,
+)
+from aquanav_tools.envs.pictures.pixel_blocks import triangle_table
+from aquanav_tools.envs.pictures.rock_tile import SIDE, packed_tile
+from aquanav_tools.envs.pictures.triangles import Cells, Eye, see
 from aquanav_tools.photograph.options import Water
-from aquanav_tools.photograph.rock import AMBIENT, beam
 from aquanav_tools.photograph.water import FloatImage, transmission, veil_image
 from aquanav_tools.types import Array, BoolArray, Mesh
 
-FAR = 30.0
-"""Nothing farther off is lit, m: there, a lamp's light is a ten-thousandth of that at 1 m."""
 CELL = 3.0
 """Side of the cubes in which the wall is kept, m."""
-LAMP_SIZE = 0.45
-"""Width of a vehicle's array of lamps, m: it dazzles less on near wall than a point would."""
-ROCK, OPEN, BODY = 0, 1, 2
-"""What a face is of: wall, a portal, through which one sees open water, or a vehicle."""
 VEIL_STEP = 0.01
 """A camera that follows a vehicle is taken to be a whole number of these away, m."""
 VEIL_STEPS = 300
-"""Of the table of the water's own light, up to FAR."""
-BEYOND = 0.0006, 0.004, 0.006
-"""Light of the water beyond an opening."""
-PASSING_PER_M = 50.0
-"""Of the table of the light that is left after a way through the water: a step is a hundredth of the light at most."""
-BODY_AMBIENT = 0.1
-"""Light on a vehicle's unlit side, of the lamp's."""
-SIZES = 0.024, 0.0057
-"""Side of a sample of the rock's texture, m: two layers, the finer one without relief."""
-FAINT = 0.12
-"""Share of the finer layer from which on it is left out: a pixel is 1.4 of its samples wide there."""
-RELIEF = 0.16
-"""Slope of the texture's relief, one standard deviation."""
-CORNER_LOSS = 0.3
-"""Share of the light that the lens loses in the picture's corners."""
+"""Of the table of the water's own light, up to FARTHEST."""
+FINE_TURN = np.array([[0.8, 0.0, -0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 0.8]])
+"""Of the finer layer of texture against the coarser, against repeats."""
+FINE_SHIFT = 0.37
+"""Of the finer layer along y, m."""
+IRON_WAVES, LAYER_WAVES = np.array([0.7, -0.5, 1.9]), np.array([0.0, 0.0, 15.0])
+"""Of the rock's colour in space, rad/m."""
 
 
 class Lamp(NamedTuple):
@@ -78,9 +75,9 @@ class LitCave:
         self._num_wall, self._num_faces, self._body = count, len(wall.faces), body
         self._body_normals = self._normals[count:].copy()
         assert body.colours is not None, "a vehicle has colours"
-        self._colours = ((body.colours / 255.0) ** 2.2).astype(np.float32)
-        self._water, self._tile = water, rock_tile()
-        self._passing = transmission(np.arange(0.0, 2.0 * FAR, 1.0 / PASSING_PER_M), water)
+        self._colours = np.concatenate([np.zeros((count, 3)), (body.colours / 255.0) ** 2.2])
+        self._water, self._textures = water, packed_tile()
+        self._passing = transmission(np.arange(0.0, 2.0 * FARTHEST, 1.0 / PASSING_PER_M), water)
 
     def light(self, eye: Eye, lamps: tuple[Lamp, ...], pose: tuple[Array, Array] | None) -> FloatImage:
         """Return the (H, W, 3) light on the sensor.
@@ -97,27 +94,48 @@ class LitCave:
             position, turn = pose
             self._vertices[self._num_wall :] = self._body.vertices @ turn.T + position
             self._normals[self._num_wall :] = self._body_normals @ turn.T
-        seen, nearness = see(eye, self._vertices, faces, self._cells)
-        solid = self._vertices, self._normals, faces, self._kinds, self._colours, self._num_wall
+        seen, nearness, origins = see(eye, self._vertices, faces, self._cells)
+        solid = self._vertices, self._normals, self._colours, faces, self._kinds
+        table = triangle_table(origins, *solid, eye.centre, eye.cam_from_world)
         separation = float(np.linalg.norm(lamps[0].place - eye.centre))
         veil = veil_table(self._water, max(round(separation / VEIL_STEP) * VEIL_STEP, 0.05))
-        table = np.array([[*lamp.place, *lamp.ahead, lamp.power] for lamp in lamps])
-        view = eye.centre, eye.cam_from_world, eye.focal
-        light = np.zeros((eye.height, eye.width, 3), np.float32)
-        arguments = seen, nearness, solid, view, table, self._passing, veil, self._tile
-        in_bands(eye.height, lambda first, end: _shade(light, first, end, *arguments))
+        lens = np.array([eye.focal, CORNER_LOSS * 4.0 * eye.focal**2 / (eye.width**2 + eye.height**2)], np.float32)
+        view = np.ascontiguousarray(eye.cam_from_world.T, np.float32)
+        light = np.empty((eye.height, eye.width, 3), np.float32)
+        arguments = seen, nearness, table, lens, _rays(eye), view, _lamp_table(eye, lamps), self._passing, veil
+        in_bands(eye.height, lambda first, end: shade(light, first, end, *arguments, *self._textures))
         return light
+
+
+def _rays(eye: Eye) -> FloatImage:
+    """Return the (8, 4) coordinates of texture and waves at the camera, and their change per depth along its axes.
+
+    Those of texture are in samples, of waves in turns; both repeat, so that they may begin near 0.
+    """
+    scales = [np.eye(3) / SIZES[0], FINE_TURN / SIZES[1], IRON_WAVES / (2.0 * np.pi), LAYER_WAVES / (2.0 * np.pi)]
+    per_metre = np.vstack(scales)
+    at = per_metre @ eye.centre
+    at[FINER + 1] += FINE_SHIFT / SIZES[1]
+    at[:IRON] %= SIDE
+    at[IRON:] %= 1.0
+    return np.column_stack([at, per_metre @ eye.cam_from_world.T]).astype(np.float32)
+
+
+def _lamp_table(eye: Eye, lamps: tuple[Lamp, ...]) -> FloatImage:
+    """Return (N, 8) place from the camera, direction and power of lamps, and whether it is a vehicle's own."""
+    rows = [[*(lamp.place - eye.centre), *lamp.ahead, lamp.power, lamp is not lamps[-1]] for lamp in lamps]
+    return np.array(rows, np.float32)
 
 
 @functools.lru_cache(256)
 def veil_table(water: Water, separation: float) -> FloatImage:
-    """Return (VEIL_STEPS, 3) light that the water before rock sends back, by distance up to FAR.
+    """Return (VEIL_STEPS, 3) light that the water before rock sends back, by distance up to FARTHEST.
 
     Args:
         water: Scatters.
         separation: Of lamp and camera, m.
     """
-    return veil_image(np.linspace(0.0, FAR, VEIL_STEPS), water, separation)
+    return veil_image(np.linspace(0.0, FARTHEST, VEIL_STEPS), water, separation)
 
 
 def vertex_normals(mesh: Mesh) -> Array:
@@ -128,89 +146,3 @@ def vertex_normals(mesh: Mesh) -> Array:
             sums[:, axis] += np.bincount(mesh.faces[:, corner], areas[:, axis], len(sums))
     found: Array = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
     return found
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True, fastmath={"contract", "reassoc", "arcp", "afn", "nsz"})
-def _shade(light, first, end, seen, nearness, solid, view, lamps, passing, veil, tile):  # type: ignore[no-untyped-def]
-    """Add to (H, W, 3) light what is seen in each pixel of rows from `first` to before `end`."""
-    vertices, normals, faces, kinds, colours, num_wall = solid
-    centre, turn, focal = view
-    height, width = seen.shape
-    right, down, ahead = turn[0], turn[1], turn[2]
-    for row in range(first, end):
-        for column in range(width):
-            x, y = (column + 0.5 - 0.5 * width) / focal, (row + 0.5 - 0.5 * height) / focal
-            length = np.sqrt(x * x + y * y + 1.0)
-            face, far = seen[row, column], FAR
-            kind = OPEN if face < 0 else kinds[face]
-            if kind != OPEN:
-                depth = 1.0 / nearness[row, column]
-                far = depth * length
-                px = centre[0] + depth * (x * right[0] + y * down[0] + ahead[0])
-                py = centre[1] + depth * (x * right[1] + y * down[1] + ahead[1])
-                pz = centre[2] + depth * (x * right[2] + y * down[2] + ahead[2])
-                i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
-                a, b = corner_shares(vertices[i], vertices[j], vertices[k], px, py, pz)
-                c = 1.0 - a - b
-                nx = a * normals[i, 0] + b * normals[j, 0] + c * normals[k, 0]
-                ny = a * normals[i, 1] + b * normals[j, 1] + c * normals[k, 1]
-                nz = a * normals[i, 2] + b * normals[j, 2] + c * normals[k, 2]
-                if kind == BODY:
-                    red, green, blue = colours[i - num_wall, 0], colours[i - num_wall, 1], colours[i - num_wall, 2]
-                    ambient = BODY_AMBIENT
-                else:
-                    red, green, blue, sx, sy, sz = _rock(tile, px, py, pz, depth / focal)
-                    along = sx * nx + sy * ny + sz * nz
-                    nx, ny, nz = nx - sx + along * nx, ny - sy + along * ny, nz - sz + along * nz
-                    ambient = AMBIENT
-                scale = 1.0 / max(np.sqrt(nx * nx + ny * ny + nz * nz), 1e-9)
-                nx, ny, nz = scale * nx, scale * ny, scale * nz
-                # A vehicle's own lamps, which come first, do not shine on itself.
-                for n in range(len(lamps) - 1 if kind == BODY else 0, len(lamps)):
-                    lit, way = _lamp_on(lamps[n], px, py, pz, nx, ny, nz, ambient)
-                    left = passing[min(int((way + far) * PASSING_PER_M), len(passing) - 1)]
-                    light[row, column, 0] += red * lit * left[0]
-                    light[row, column, 1] += green * lit * left[1]
-                    light[row, column, 2] += blue * lit * left[2]
-            elif face >= 0:
-                light[row, column, 0], light[row, column, 1], light[row, column, 2] = BEYOND
-            at = int(min(far / FAR, 1.0) * (len(veil) - 1))
-            strength = lamps[0, 6] * beam(1.0 / length)
-            passed = 1.0 - CORNER_LOSS * (x * x + y * y) * 4.0 * focal * focal / (width * width + height * height)
-            for channel in range(3):
-                light[row, column, channel] = passed * (light[row, column, channel] + strength * veil[at, channel])
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "reassoc", "arcp", "afn", "nsz"})
-def _lamp_on(lamp, px, py, pz, nx, ny, nz, ambient):  # type: ignore[no-untyped-def]
-    """Return how much light of a lamp a surface sends back before the water takes its part, and the lamp's distance."""
-    lx, ly, lz = lamp[0] - px, lamp[1] - py, lamp[2] - pz
-    square = lx * lx + ly * ly + lz * lz
-    way = np.sqrt(square)
-    facing = max(0.0, (nx * lx + ny * ly + nz * lz) / way)
-    on_axis = -(lamp[3] * lx + lamp[4] * ly + lamp[5] * lz) / way
-    return lamp[6] * (facing * beam(on_axis) + ambient) / (square + LAMP_SIZE * LAMP_SIZE), way
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
-def _rock(tile, x, y, z, pixel):  # type: ignore[no-untyped-def]
-    """Return the rock's red, green and blue, and its relief's slope along x, y and z, seen with a pixel's size, m."""
-    grain, east, north, up = look_up(tile, x / SIZES[0], y / SIZES[0], z / SIZES[0])
-    share = min(1.0, SIZES[0] / (2.0 * pixel))
-    grey, slope = 0.48 + 0.15 * grain, RELIEF * share
-    sx, sy, sz = slope * east, slope * north, slope * up
-    share = (min(1.0, SIZES[1] / (2.0 * pixel)) ** 2 - FAINT) / (1.0 - FAINT)
-    if share > 0.0:
-        u, w = 0.8 * x - 0.6 * z, 0.6 * x + 0.8 * z  # turned, against repeats
-        grey += 0.11 * share * look_up_grey(tile, u / SIZES[1], (y + 0.37) / SIZES[1], w / SIZES[1])
-    iron = 0.5 + 0.5 * wave(1.9 * z + 0.7 * x - 0.5 * y + 1.2 * grain)
-    grey = min(1.0, max(0.05, grey + 0.06 * wave(15.0 * z + 3.0 * iron + 0.8 * grain)))
-    return grey * (1.0 + 0.22 * iron), grey * (0.92 + 0.02 * iron), grey * (0.82 - 0.18 * iron), sx, sy, sz
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
-def wave(angle):  # type: ignore[no-untyped-def]
-    """Return a sine within 0.06, of two parabolas: in an eighth of the time."""
-    turns = angle * (0.5 / np.pi)
-    turns -= np.floor(turns + 0.5)
-    return 8.0 * turns - 16.0 * turns * abs(turns)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import functools
 
-import numba
 import numpy as np
 import numpy.typing as npt
 
@@ -39,6 +38,23 @@ def rock_tile() -> Tile:
     return np.stack([_as_bytes(channel) for channel in channels], axis=-1)
 
 
+@functools.cache
+def packed_tile() -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
+    """Return the texture in (SIDE**3,) words of 32 bits, lowest byte first.
+
+    Returns:
+        The four channels of each sample; and the grey of each, of the next along z, along y, and along both.
+    """
+    tile = rock_tile()
+    grey = tile[..., 0]
+    square = [grey, np.roll(grey, -1, 2), np.roll(grey, -1, 1), np.roll(grey, (-1, -1), (1, 2))]
+    return _words(tile), _words(np.stack(square, axis=-1))
+
+
+def _words(tile: Tile) -> npt.NDArray[np.int32]:
+    return np.ascontiguousarray(tile).view("<i4").astype(np.int32).ravel()
+
+
 def _noise(rng: np.random.Generator, roughness: float, coarsest: float) -> Array:
     """Return periodic noise with mean 0 and deviation 1."""
     ways = np.fft.fftfreq(SIDE) * SIDE
@@ -53,43 +69,3 @@ def _noise(rng: np.random.Generator, roughness: float, coarsest: float) -> Array
 
 def _as_bytes(channel: Array) -> Tile:
     return np.round(np.clip(channel / RANGE, -1.0, 1.0) * 127.0).astype(np.int8)
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
-def look_up(tile, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the four channels at a place in samples, in standard deviations, between the eight samples around it."""
-    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
-    u, v, w = x - fx, y - fy, z - fz
-    last = SIDE - 1
-    i, j, k = int(fx) & last, int(fy) & last, int(fz) & last
-    a, b, c = (i + 1) & last, (j + 1) & last, (k + 1) & last
-    grey, east, north, up = _between(tile, i, j, b, k, c, v, w)
-    grey_2, east_2, north_2, up_2 = _between(tile, a, j, b, k, c, v, w)
-    near, far = (1.0 - u) * RANGE / 127.0, u * RANGE / 127.0
-    return near * grey + far * grey_2, near * east + far * east_2, near * north + far * north_2, near * up + far * up_2
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath=True)
-def look_up_grey(tile, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the first of the four channels; see `look_up`."""
-    fx, fy, fz = np.floor(x), np.floor(y), np.floor(z)
-    u, v, w = x - fx, y - fy, z - fz
-    last = SIDE - 1
-    i, j, k = int(fx) & last, int(fy) & last, int(fz) & last
-    a, b, c = (i + 1) & last, (j + 1) & last, (k + 1) & last
-    p, q, r, s = (1.0 - v) * (1.0 - w), (1.0 - v) * w, v * (1.0 - w), v * w
-    near = p * tile[i, j, k, 0] + q * tile[i, j, c, 0] + r * tile[i, b, k, 0] + s * tile[i, b, c, 0]
-    far = p * tile[a, j, k, 0] + q * tile[a, j, c, 0] + r * tile[a, b, k, 0] + s * tile[a, b, c, 0]
-    return ((1.0 - u) * near + u * far) * RANGE / 127.0
-
-
-@numba.njit(cache=True, error_model="numpy", fastmath=True, inline="always")
-def _between(tile, i, j, b, k, c, v, w):  # type: ignore[no-untyped-def]
-    """Return the four channels between four samples of a layer, as bytes hold them."""
-    p, q, r, s = (1.0 - v) * (1.0 - w), (1.0 - v) * w, v * (1.0 - w), v * w
-    return (
-        p * tile[i, j, k, 0] + q * tile[i, j, c, 0] + r * tile[i, b, k, 0] + s * tile[i, b, c, 0],
-        p * tile[i, j, k, 1] + q * tile[i, j, c, 1] + r * tile[i, b, k, 1] + s * tile[i, b, c, 1],
-        p * tile[i, j, k, 2] + q * tile[i, j, c, 2] + r * tile[i, b, k, 2] + s * tile[i, b, c, 2],
-        p * tile[i, j, k, 3] + q * tile[i, j, c, 3] + r * tile[i, b, k, 3] + s * tile[i, b, c, 3],
-    )

@@ -10,13 +10,26 @@ import numpy.typing as npt
 
 from aquanav_tools.envs.pictures.bands import in_bands
 from aquanav_tools.envs.pictures.chase import level
-from aquanav_tools.envs.pictures.daylight import FARTHEST, PAINT, REFRACTION, ROCK, ROCK_COLOUR, TONES, paint, wave_grid
+from aquanav_tools.envs.pictures.daylight import (
+    BANDS_IN_ROCK,
+    FARTHEST,
+    PAINT,
+    REFRACTION,
+    ROCK,
+    ROCK_COLOUR,
+    SAMPLE,
+    TONES,
+    paint,
+)
 from aquanav_tools.envs.pictures.lamp_light import vertex_normals
-from aquanav_tools.envs.pictures.rock_tile import rock_tile
+from aquanav_tools.envs.pictures.pixel_blocks import triangle_table
+from aquanav_tools.envs.pictures.rock_tile import SIDE, packed_tile
 from aquanav_tools.envs.pictures.sea_rocks import drawn_rock
 from aquanav_tools.envs.pictures.triangles import Cells, Eye, see
 from aquanav_tools.envs.pictures.vehicle_camera import check_size
+from aquanav_tools.envs.pictures.wave_grid import wave_grid
 from aquanav_tools.libraries import require
+from aquanav_tools.photograph.water import FloatImage
 from aquanav_tools.sea.sea_map import SeaMap
 from aquanav_tools.sim.appearance import boat_mesh
 from aquanav_tools.sim.boat import Boat
@@ -103,12 +116,17 @@ class SeaCamera:
         eye = self._eye(state[:3], turn, time)
         self._vertices[self._num_still :] = self._boat.vertices @ turn.T + state[:3]
         self._normals[self._num_still :] = self._boat_normals @ turn.T
-        seen, nearness = see(eye, self._vertices, self._faces, self._cells)
-        _, sunken = see(eye, self._sunken, self._faces[: len(self._cells.order)], self._cells)
+        seen, nearness, origins = see(eye, self._vertices, self._faces, self._cells)
+        _, sunken, _ = see(eye, self._sunken, self._faces[: len(self._cells.order)], self._cells)
         solid = self._vertices, self._normals, self._colours, self._faces, self._kinds
-        view = eye.centre, eye.cam_from_world, eye.focal
+        table = triangle_table(origins, *solid, eye.centre, eye.cam_from_world)
+        heights, slopes = wave_grid(eye.centre, water)
+        view = np.ascontiguousarray(eye.cam_from_world.T, np.float32)
         picture = np.empty((eye.height, eye.width, 3), np.uint8)
-        arguments = seen, nearness, sunken, solid, view, wave_grid(eye.centre, water), rock_tile(), TONES
+        arguments = (
+            seen, nearness, sunken, table, np.float32(eye.focal), np.float32(eye.centre[2]), _rays(eye), view,
+            heights.ravel(), slopes.reshape(-1, 2), packed_tile()[0], TONES,
+        )  # fmt: skip
         in_bands(eye.height, lambda first, end: paint(picture, first, end, *arguments))
         return self._with_beams(picture, eye, state[:3], turn, ranges)
 
@@ -147,6 +165,13 @@ class SeaCamera:
                 end = np.round(8.0 * pixels[-1]).astype(int).tolist()
                 cv2.circle(layer, end, 8 * 2 * BEAM_WIDTH, colour, -1, cv2.LINE_AA, 3)
         return np.asarray(cv2.addWeighted(layer, 0.75, picture, 0.25, 0.0), np.uint8)
+
+
+def _rays(eye: Eye) -> FloatImage:
+    """Return the (4, 4) coordinates of the rock's texture and bands at the camera, and their change along its axes."""
+    per_metre = np.vstack([np.eye(3) / SAMPLE, BANDS_IN_ROCK / (2.0 * np.pi)])
+    at = per_metre @ eye.centre % [SIDE, SIDE, SIDE, 1.0]  # both repeat
+    return np.column_stack([at, per_metre @ eye.cam_from_world.T]).astype(np.float32)
 
 
 def _flat(mesh: Mesh) -> Mesh:

@@ -6,8 +6,11 @@ from dataclasses import dataclass
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
-from aquanav_tools.report.raster import NO_FACE, rasterise
+from aquanav_tools.envs.pictures.bands import in_bands
+from aquanav_tools.photograph.water import FloatImage
+from aquanav_tools.report.raster import NO_FACE, rasterise_rows
 from aquanav_tools.types import Array, IntArray, Mesh
 
 NEAR = 0.02
@@ -57,7 +60,9 @@ class Cells:
         """(C, 4) middle and radius of a ball around each cell's triangles, m."""
 
 
-def see(eye: Eye, vertices: Array, faces: IntArray, cells: Cells | None = None) -> tuple[IntArray, Array]:
+def see(
+    eye: Eye, vertices: Array, faces: IntArray, cells: Cells | None = None
+) -> tuple[npt.NDArray[np.int32], FloatImage, IntArray]:
     """Return what is in each pixel.
 
     Args:
@@ -68,14 +73,19 @@ def see(eye: Eye, vertices: Array, faces: IntArray, cells: Cells | None = None) 
         cells: Of the first faces.
 
     Returns:
-        (H, W) face, NO_FACE for none, and (H, W) one over its depth along the camera's axis, 1/m; -inf for none.
+        (H, W) number of the triangle in sight, NO_FACE for none, (H, W) one over its depth along the camera's axis,
+        1/m, -inf for none, and the face that each of the (N,) triangles is of: what is left of it before the camera.
     """
     first = np.array([0, len(faces)]) if cells is None else np.append(cells.first, len(faces))
     spheres = np.empty((0, 4)) if cells is None else cells.spheres
     lens = np.array([eye.focal, 0.5 * eye.width, 0.5 * eye.height, eye.far])
     corners, origins = _project(vertices, faces, first, spheres, eye.centre, eye.cam_from_world, lens)
-    numbers, nearness = rasterise(corners, eye.width, eye.height)
-    return np.append(origins, NO_FACE)[numbers], nearness
+    seen, nearness = (
+        np.full((eye.height, eye.width), NO_FACE, np.int32),
+        np.full((eye.height, eye.width), -np.inf, np.float32),
+    )
+    in_bands(eye.height, lambda first, end: rasterise_rows(corners, seen, nearness, first, end))
+    return seen, nearness, origins
 
 
 @numba.njit(cache=True, error_model="numpy")

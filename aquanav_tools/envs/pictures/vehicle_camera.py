@@ -11,7 +11,8 @@ from aquanav_tools.cave.cavity import WALL
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.pictures.chase import ChaseCamera
 from aquanav_tools.envs.pictures.exposure import AutoExposure
-from aquanav_tools.envs.pictures.lamp_light import FAR, Lamp, LitCave
+from aquanav_tools.envs.pictures.lamp_light import Lamp, LitCave
+from aquanav_tools.envs.pictures.lamp_shading import FARTHEST
 from aquanav_tools.envs.pictures.triangles import Eye
 from aquanav_tools.errors import InputError
 from aquanav_tools.photograph.options import DEFAULT_FOCAL_35MM, FILM_DIAGONAL_MM, JERLOV
@@ -67,7 +68,7 @@ class VehicleCamera:
         seconds, self._time = max(time - self._time, 0.0), time
         position, turn = state[:3], rotation_matrix(state[3:7])
         centre, axes = self._onboard(position, turn) if self._is_onboard else self._chase.pose(position, turn, seconds)
-        eye = Eye(*self.size, self._focal, centre, axes, FAR)
+        eye = Eye(*self.size, self._focal, centre, axes, FARTHEST)
         lamps = self._headlights(position, turn)
         if not self._is_onboard:
             lamps = (*lamps, Lamp(centre + 0.1 * axes[0] - 0.1 * axes[1], axes[2], FILL))
