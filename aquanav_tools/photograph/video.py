@@ -20,8 +20,8 @@ CODECS = {
     ".mp4": ("libx264", {"preset": "ultrafast", "crf": "20"}),
     ".webm": ("libvpx", {"deadline": "realtime", "cpu-used": "16"}),
 }
-"""By suffix: H.264, and VP8, which every browser shows. Their fastest options: half of the time that the next ones take,
-and 1 to 2 dB more noise."""
+"""By suffix: H.264, and VP8, which every browser shows. Their fastest options: half of the time that the next ones
+take, and 1 to 2 dB more noise."""
 BITS_PER_PIXEL = 1.0
 """Of VP8: with its own default rock dissolves; and with a quality instead, it takes five times as long."""
 WEBP_QUALITY = 60
