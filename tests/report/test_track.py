@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import csv
+import errno
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.report.recording import track
 from aquanav_tools.report.recording.track import write_track
 from tests.report.test_bag import dive
 
@@ -77,3 +79,15 @@ def test_a_track_is_whole_or_not_there_and_replaces_nothing(tmp_path: Path) -> N
 def test_a_track_that_cannot_be_written_is_refused(name: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
         write_track(tmp_path / name, dive())
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_full_disk_is_told_in_a_sentence(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fill_up(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if suffix == ".parquet":
+        pytest.importorskip("pyarrow", reason="It is about Parquet: pip install pyarrow.")
+    monkeypatch.setattr(track, "write_whole", fill_up)
+    with pytest.raises(ResourceError, match=r"bytes cannot be written: No space left on device.*choose another"):
+        write_track(tmp_path / f"track{suffix}", dive())

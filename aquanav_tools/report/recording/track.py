@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import csv
-import os
+import io
 from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.errors import InputError
+from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.libraries import require
 from aquanav_tools.report.trajectory import Trajectory
+from aquanav_tools.store import write_whole
 from aquanav_tools.types import Array
 
 SUFFIXES = ".csv", ".parquet"
@@ -38,23 +39,37 @@ def write_track(path: Path, trajectory: Trajectory) -> None:
 
     Raises:
         InputError, LibraryError: as in `check_track`.
+        ResourceError: the disk is full, or the folder read-only.
     """
     check_track(path)
     columns = track_columns(trajectory)
-    partial = path.with_name(path.name + ".partial")
-    if path.suffix.lower() == ".csv":
-        with partial.open("w", newline="", encoding="utf-8") as file:
-            table = csv.writer(file)
-            table.writerow(columns)
-            for row in zip(*(column.tolist() for column in columns.values()), strict=True):
-                table.writerow(["" if value != value else value for value in row])  # nan is what is not there
-    else:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
+    table = _csv_table(columns) if path.suffix.lower() == ".csv" else _parquet_table(columns)
+    try:
+        write_whole(path, table)
+    except OSError as cause:
+        raise ResourceError(
+            f"The track {path} of {len(table)} bytes cannot be written: {cause.strerror or cause}. The disk "
+            "may be full or the folder read-only; choose another."
+        ) from cause
 
-        arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}  # nan becomes null
-        pq.write_table(pa.table(arrays), partial)
-    os.replace(partial, path)
+
+def _csv_table(columns: dict[str, Array]) -> bytes:
+    text = io.StringIO()
+    rows = csv.writer(text)
+    rows.writerow(columns)
+    for row in zip(*(column.tolist() for column in columns.values()), strict=True):
+        rows.writerow(["" if value != value else value for value in row])  # nan is what is not there
+    return text.getvalue().encode()
+
+
+def _parquet_table(columns: dict[str, Array]) -> bytes:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    arrays = {name: pa.array(column, from_pandas=True) for name, column in columns.items()}  # nan becomes null
+    stream = io.BytesIO()
+    pq.write_table(pa.table(arrays), stream)
+    return stream.getvalue()
 
 
 def track_columns(trajectory: Trajectory) -> dict[str, Array]:
