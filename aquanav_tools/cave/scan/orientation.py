@@ -131,7 +131,7 @@ def _side_votes(caster: Caster, middles: Array, normals: Array, offset: float) -
         distance, _ = caster.cast(middles + side * offset * normals, side * normals)
         is_hit = np.isfinite(distance)
         reach = np.where(is_hit, distance, 0.0).sum(axis=1) / np.maximum(is_hit.sum(axis=1), 1)
-        # Enclosure decides; between two enclosed sides the roomier one does.
+        # Ambient occlusion decides; between two enclosed sides the roomier one does.
         shares.append(is_hit.mean(axis=1))
         scores.append(shares[-1] ** 2 * np.sqrt(reach))
     certainty = np.maximum(*shares)

@@ -168,17 +168,3 @@ def _place(point, lens, corner):  # type: ignore[no-untyped-def]
     corner[2] = 1.0 / point[2]
     corner[0] = lens[0] * point[0] * corner[2] + lens[1]
     corner[1] = lens[0] * point[1] * corner[2] + lens[2]
-
-
-@numba.njit(cache=True, error_model="numpy", inline="always")
-def corner_shares(a, b, c, x, y, z):  # type: ignore[no-untyped-def]
-    """Return the shares of a triangle's corners a and b at a point in its plane; c has the rest."""
-    ux, uy, uz = a[0] - c[0], a[1] - c[1], a[2] - c[2]
-    vx, vy, vz = b[0] - c[0], b[1] - c[1], b[2] - c[2]
-    px, py, pz = x - c[0], y - c[1], z - c[2]
-    uu, uv, vv = ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz
-    pu, pv = px * ux + py * uy + pz * uz, px * vx + py * vy + pz * vz
-    area = uu * vv - uv * uv
-    if area <= 0.0:
-        return 0.0, 0.0
-    return (vv * pu - uv * pv) / area, (uu * pv - uv * pu) / area
