@@ -16,6 +16,11 @@ from aquanav_tools.sim.command import DIVING, NUM_CHOICES, Command, command_of
 ACTIONS = ("multidiscrete", "discrete", "continuous")
 
 
+def choices_of(commands: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return the (..., 3) multidiscrete actions of (..., 3) commands, each -1, 0 or 1: ballast, steer and thrust."""
+    return (1 + np.array([-1, -1, 1]) * np.asarray(commands)).astype(np.int64)
+
+
 class ActionModel:
     """One of the three forms of an action, its space and its meaning.
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.batch_view import BatchView
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts, parts_of
@@ -37,14 +38,15 @@ from aquanav_tools.task import MEASURES, TaskOptions, task_options
 from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
+    from aquanav_tools.sim.batch.oracle import BatchOracle
     from aquanav_tools.sim.batch.setup import CaveSetup
 
 RAY_SOURCES = ("field", "mesh")
 CaveSpec = str | Path | Scenario
 
 
-CURRENT = "places/current"
-"""Name of the array of the caves of now in `state`."""
+CURRENT, ORACLE = "places/current", "oracle/"
+"""Name of the array of the caves of now in `state`, and beginning of the names of what the oracle remembers."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +121,7 @@ class CaveBatch(ExtendedBatch):
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
         self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
+        self._oracle: BatchOracle | None = None
         pairs = [prepared(scenario, vehicle) for scenario in several]
         self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
@@ -258,6 +261,26 @@ class CaveBatch(ExtendedBatch):
         _decision_seconds([self._rooms[0].scenario, room.scenario])
         self.world.replace_cave(index, room.setup)
         self._rooms[index] = room
+        if self._oracle is not None:
+            self._oracle.put(index, room.scenario, room.vehicle)
+
+    def advice(self) -> Floats:
+        """Return the (N, 3) ballast, steer and thrust that the oracle, which knows map and water, would command now.
+
+        The first call finds the ways in all caves: about a second for each.
+
+        Raises:
+            InputError: the batch is on a GPU, or the vehicle is the original's or has thrusters of its own.
+            MeshError: there is no way for a vehicle in its cave.
+        """
+        return self._make_oracle()()
+
+    def _make_oracle(self) -> BatchOracle:
+        if self._oracle is None:
+            from aquanav_tools.sim.batch.oracle import BatchOracle
+
+            self._oracle = BatchOracle(self.world, [(room.scenario, room.vehicle) for room in self._rooms])
+        return self._oracle
 
     @property
     def _is_replaceable(self) -> bool:
@@ -286,7 +309,8 @@ class CaveBatch(ExtendedBatch):
         """Return copies of all arrays. Which caves there are is not in it."""
         own = self._own.state() | ({} if self._parts is None else self._parts.state())
         places = {CURRENT: self.current_caves.copy()} if self._is_replaceable else {}
-        return self.world.state() | places | own
+        advised = {} if self._oracle is None else {ORACLE + key: kept for key, kept in self._oracle.state().items()}
+        return self.world.state() | places | own | advised
 
     def restore(self, state: dict[str, npt.NDArray[Any]]) -> None:
         """Go back to where `state` was taken, with the same caves."""
@@ -294,6 +318,9 @@ class CaveBatch(ExtendedBatch):
         if self._is_replaceable:
             self.current_caves[:] = state[CURRENT]
         self.world.restore({name: values for name, values in state.items() if "/" not in name})
+        advised = {name.removeprefix(ORACLE): kept for name, kept in state.items() if name.startswith(ORACLE)}
+        if advised:
+            self._make_oracle().restore(advised)
         self._own.restore(state)
         if self._parts is not None:
             self._parts.restore(state)

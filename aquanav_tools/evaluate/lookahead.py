@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from itertools import product
 
-import numpy as np
-
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.command import NUM_CHOICES, Command
-from aquanav_tools.types import IntArray
 
 CHOICES = tuple(
     Command(1.0 - ballast, 1.0 - steer, thrust - 1.0)
@@ -27,8 +24,3 @@ def predictor_of(env: CaveEnv, *, has_map: bool, knows_draws: bool = False) -> P
     limits, field = settings.limits, env.scenario.field if has_map else None
     draws = env.drawn_dynamics if knows_draws else None
     return Predictor(env.vehicle, settings.water.density, limits.dt, limits.substeps, field, draws)
-
-
-def choices_of(command: Command) -> IntArray:
-    """Return the multidiscrete action [ballast, steer, thrust] of one of CHOICES."""
-    return np.array([1 - command.ballast, 1 - command.steer, 1 + command.thrust]).astype(np.int64)

@@ -23,10 +23,12 @@ import numpy.typing as npt
 
 from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.cave.water.roomy_ways import CENTRINGS, STRETCH, towards_middle
+from aquanav_tools.envs.action import choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
-from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
-from aquanav_tools.sim.batch.pursuit import SLOWEST, Pursuit
+from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
+from aquanav_tools.sim.batch.pursuit import HORIZON, MARGIN, PACES, Pursuit
 from aquanav_tools.sim.command import IDLE, Command
 from aquanav_tools.types import Array
 
@@ -35,17 +37,8 @@ NUM_NODES = (60_000, 300_000)
 cave so few may miss the middle of a narrow place; then as many as the build seeks its route on."""
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
-HORIZON = 18
-"""Decisions run ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces, that flood water
-will carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of 10."""
-MARGIN = 0.15
-"""Clearance of the hull that the look-ahead asks for, m."""
-SHARE, STRETCH = 0.5, 1.2
-"""Where the way has less room, it asks for so much of the least within so many metres."""
-CENTRINGS = 20
-"""Steps, each of up to half the spacing of the field, in which the way is moved away from walls."""
-PACES = (0.8, 0.6, 0.45, SLOWEST)
-"""Speeds over ground that the look-ahead tries beside walls, m/s: the first that keeps enough room is taken."""
+SHARE = 0.5
+"""Where the way has less room than MARGIN, it asks for so much of the least within STRETCH."""
 STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
 """Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
 that is narrower would hold it up for ever."""
@@ -156,17 +149,9 @@ def _smooth(points: Array) -> Array:
 
 def _centred(points: Array, field: DistanceField, enough: float) -> Array:
     """Return (N, 3) points, those inside moved across the way to where the clearance is greater, or enough (m)."""
-    moved, step = points.copy(), 0.5 * field.spacing
-    shifts = step * np.eye(3)
+    moved = points.copy()
     for _ in range(CENTRINGS):
         along = moved[2:] - moved[:-2]
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-        inside = moved[1:-1]
-        rises = [field.clearance(inside + shift) - field.clearance(inside - shift) for shift in shifts]
-        rise = np.stack(rises, axis=1) / (2.0 * step)
-        rise -= (rise * along).sum(axis=1, keepdims=True) * along
-        tried = inside + step * rise
-        room = field.clearance(inside)
-        is_better = (room < enough) & (field.clearance(tried) > room)
-        inside[is_better] = tried[is_better]
+        moved[1:-1] = towards_middle(moved[1:-1], along, field, enough)
     return moved

@@ -21,9 +21,10 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.action import ActionModel
+from aquanav_tools.envs.action import choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
-from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
+from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
 from aquanav_tools.sim.batch.stopping import Stopping
 from aquanav_tools.sim.command import Command
 from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE, unsoft

@@ -6,8 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import torch
 
+from aquanav_tools.envs.action import choices_of as choices_of_commands
 from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.factory import AnyScenario
@@ -55,6 +57,10 @@ class BatchedEnvs(BatchedVecEnv):
             infos = stepped[3]
             self.rotation.step(self._caves, {n: infos[n][SUMMARY] for n in np.flatnonzero(stepped[2]).tolist()})
         return stepped
+
+    def advice(self) -> npt.NDArray[np.int64]:
+        """Return the (N, 3) choices of the oracle where the vehicles are."""
+        return choices_of_commands(self._caves.advice())
 
     @property
     def _caves(self) -> CaveBatch:

@@ -82,7 +82,9 @@ def _policy_of(settings: TrainSettings) -> tuple[str, dict[str, Any]]:
 
 def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: LinearSchedule) -> BaseAlgorithm:
     name, network = _policy_of(settings)
-    precision = {"precision": settings.precision} if settings.algorithm == "ppo" else {}
+    ours: dict[str, Any] = {}
+    if settings.algorithm == "ppo":
+        ours = {"precision": settings.precision, "imitation": settings.imitation}
     return class_of(settings.algorithm)(
         name,
         envs,
@@ -97,7 +99,7 @@ def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Line
         policy_kwargs=network,
         seed=seed,
         device="cpu",
-        **precision,
+        **ours,
     )
 
 

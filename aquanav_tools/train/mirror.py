@@ -59,6 +59,12 @@ class MirroredEnvs(VecEnvWrapper):
             infos[n] = {**infos[n], "terminal_observation": last[self._order] * self._signs}
         return self._seen(observations), rewards, dones, infos
 
+    def advice(self) -> npt.NDArray[np.int64]:
+        """Return the (N, 3) choices of the oracle, as they are in the mirror."""
+        choices: npt.NDArray[np.int64] = self.venv.advice()  # type: ignore[attr-defined]  # the batch of caves
+        choices[self._rows] = self._turned(choices[self._rows])
+        return choices
+
     def state(self) -> dict[str, Any]:
         """Return where all environments are."""
         found: dict[str, Any] = self.venv.state()  # type: ignore[attr-defined]  # it is Resumable

@@ -45,6 +45,8 @@ class Batch(NamedTuple):
     """(N,); in minibatches each has the mean 0 and the standard deviation 1."""
     returns: torch.Tensor
     """(N,)."""
+    advice: torch.Tensor
+    """(N, K) the oracle's choices; (N, 0) where it was not asked."""
 
 
 class Losses(NamedTuple):
@@ -54,6 +56,8 @@ class Losses(NamedTuple):
     """Its mean, with the other sign."""
     policy: torch.Tensor
     value: torch.Tensor
+    imitation: torch.Tensor
+    """Mean of the cross-entropy of the oracle's choices."""
     log_ratio: torch.Tensor
     """(N,) logarithms of how much more probable the actions have become since they were chosen."""
 
@@ -61,16 +65,30 @@ class Losses(NamedTuple):
 class ParallelPPO(PPO):
     """SB3's PPO for networks whose feature extractor learns nothing; no target_kl, no clip_range_vf, no gSDE."""
 
-    def __init__(self, *args: Any, precision: str = "float32", **kwargs: Any) -> None:
+    def __init__(
+        self, *args: Any, precision: str = "float32", imitation: tuple[float, float] = (0.0, 0.0), **kwargs: Any
+    ) -> None:
         """Take SB3's arguments.
 
         Args:
             args: SB3's.
             precision: Of the products in the networks: float32, or bfloat16 (weights and losses stay float32).
+            imitation: Share of the actor's loss that is imitation of the oracle, at the beginning and at the end.
             kwargs: SB3's.
         """
-        self.precision = precision
+        self.precision, self._imitation = precision, imitation
         super().__init__(*args, **kwargs)
+        self.advice = np.zeros((self.n_steps, self.n_envs, 3 if any(imitation) else 0), dtype=np.int64)
+        """The oracle's choices in the rollout."""
+
+    @property
+    def imitation_share(self) -> float:
+        """Share of the actor's loss that is imitation now."""
+        first, last = self._imitation
+        return last + (first - last) * max(self._current_progress_remaining, 0.0)
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "advice", "_imitation"]
 
     def actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return logits, or the means of levels, (N, K), for (N, F) features."""
@@ -118,10 +136,10 @@ class ParallelPPO(PPO):
         """Return all decisions of the rollout."""
         buffer = self.rollout_buffer
         names = ("observations", "actions", "log_probs", "advantages", "returns")
-        columns = [torch.from_numpy(RolloutBuffer.swap_and_flatten(getattr(buffer, name))) for name in names]
+        columns = [torch.from_numpy(_flat(getattr(buffer, name))) for name in names]
         observations, actions, log_probs, advantages, returns = columns
-        features = features_of(self.policy, observations)
-        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
+        features, advice = features_of(self.policy, observations), torch.from_numpy(_flat(self.advice))
+        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten(), advice)
 
     def _update(
         self, batch: Batch, clip_range: float, parameters: list[nn.Parameter], critic_thread: Executor
@@ -130,22 +148,26 @@ class ParallelPPO(PPO):
         policy: Any = self.policy
         policy.optimizer.zero_grad()
         critic = critic_thread.submit(self._backward_critic, batch)
-        entropy_loss, policy_loss, log_ratio = self._backward_actor(batch, clip_range)
+        entropy_loss, policy_loss, imitation, log_ratio = self._backward_actor(batch, clip_range)
         value_loss = critic.result()
         nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         policy.optimizer.step()
-        return Losses(entropy_loss, policy_loss, value_loss, log_ratio)
+        return Losses(entropy_loss, policy_loss, value_loss, imitation, log_ratio)
 
-    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Compute the actor's gradients; return the first two of `Losses` and the last."""
+    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, ...]:
+        """Compute the actor's gradients; return `Losses` but the critic's."""
         distribution = action_distribution(self.policy, self.actor(batch.features))
         log_ratio = distribution.log_prob(batch.actions) - batch.log_probs
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
         policy_loss = -torch.min(batch.advantages * ratio, batch.advantages * clipped).mean()
         entropy_loss = -distribution.entropy().mean()
-        (policy_loss + self.ent_coef * entropy_loss).backward()  # type: ignore[no-untyped-call]
-        return entropy_loss.detach(), policy_loss.detach(), log_ratio.detach()
+        imitation, share = torch.zeros(()), self.imitation_share
+        if share:
+            imitation = -distribution.log_prob(batch.advice).mean()
+        loss = (1.0 - share) * policy_loss + share * imitation + self.ent_coef * entropy_loss
+        loss.backward()  # type: ignore[no-untyped-call]
+        return entropy_loss.detach(), policy_loss.detach(), imitation.detach(), log_ratio.detach()
 
     def _backward_critic(self, batch: Batch) -> torch.Tensor:
         """Compute the critic's gradients; return the mean square of its error."""
@@ -168,6 +190,12 @@ class ParallelPPO(PPO):
             self.logger.record("train/std", float(self.policy.log_std.detach().exp().mean()))
         self.logger.record("train/n_updates", self._n_updates, exclude="tensorboard")
         self.logger.record("train/clip_range", clip_range)
+
+
+def _flat(values: np.ndarray) -> np.ndarray:
+    """Return (N, K) values of (steps, environments, K) ones, or of one for each, in the buffer's order."""
+    flat: np.ndarray = RolloutBuffer.swap_and_flatten(values)
+    return flat
 
 
 def _minibatches(rollout: Batch, size: int) -> Iterator[Batch]:
@@ -201,4 +229,5 @@ def _statistics(losses: list[Losses], clip_range: float) -> dict[str, torch.Tens
         "approx_kl": means(change - log_ratio),
         "clip_fraction": means((change.abs() > clip_range).float()),
         "value_loss": torch.stack([one.value for one in losses]),
+        "imitation_loss": torch.stack([one.imitation for one in losses]),
     }

@@ -48,8 +48,10 @@ def collect_rollouts(
 
     values_later = torch.zeros(buffer.n_envs)
     callback.on_rollout_start()
-    for _ in range(num_steps):
+    for step in range(num_steps):
         observations = learner._last_obs
+        if learner.imitation_share:
+            learner.advice[step] = learner.env.advice()
         with torch.no_grad():
             distribution = action_distribution(policy, infer(learner.actor, observations))
             drawn = distribution.sample()

@@ -90,6 +90,10 @@ class TrainSettings(TaskOptions):
     """Lambda of the generalised advantage estimate."""
     ent_coef: float = 0.005
     """Weight of the entropy bonus; sac finds its own."""
+    imitation: tuple[float, float] = (0.0, 0.0)
+    """Share of ppo's loss that is imitation, at the lesson's beginning and at its end, in a straight line: of what the
+    oracle, which knows map and water, would choose where the policy comes (DAgger). The rest is ppo's own loss. Caves,
+    the batch and multidiscrete actions only."""
     memory: int = 64
     """Width of recurrent-ppo's LSTM."""
     replay: int = 300_000
@@ -108,6 +112,11 @@ class TrainSettings(TaskOptions):
         return self.n_steps * self.num_envs
 
     @property
+    def is_taught(self) -> bool:
+        """Whether the oracle is asked what it would choose."""
+        return any(self.imitation)
+
+    @property
     def all_scenarios(self) -> tuple[str, ...]:
         """All that the lesson is learned in."""
         return (self.scenario, *self.scenarios)
@@ -124,6 +133,15 @@ class TrainSettings(TaskOptions):
         low, high = self.cave_scales
         _check(
             0.1 <= low <= high <= 10.0, f"cave_scales must rise and lie between 0.1 and 10, and they are {low}, {high}."
+        )
+        _check(
+            all(0.0 <= share <= 1.0 for share in self.imitation),
+            f"imitation must be two shares from 0 to 1, and it is {self.imitation}.",
+        )
+        _check(
+            not self.is_taught or (self.algorithm == "ppo" and self.action == "multidiscrete"),
+            f"imitation is for ppo with multidiscrete actions, and here {self.algorithm} acts by {self.action} ones. "
+            "Leave it out.",
         )
         _check(
             len(self.scenarios) < self.num_envs,

@@ -72,18 +72,26 @@ class WaterGraph:
 
     def roomy_path(self, start: Array, end: Array) -> Array | None:
         """Return the (N, 3) samples of the wall-averse way between two points, or None when there is none."""
-        from scipy.sparse.csgraph import dijkstra
-
         first, last = self.nearest_open(start), self.nearest_open(end)
-        aversion = (self.clearance.max() / np.maximum(self.clearance, 1e-6)) ** WALL_AVERSION
-        costs = self.lengths * 0.5 * (np.repeat(aversion, np.diff(self.starts)) + aversion[self.neighbours])
-        reached, before = dijkstra(self._matrix(costs), indices=first, return_predecessors=True)
-        if not np.isfinite(reached[last]):
+        costs, before = self.roomy_ways(first)
+        if not np.isfinite(costs[last]):
             return None
         path = [last]
         while path[-1] != first:
             path.append(int(before[path[-1]]))
         return self.points[path[::-1]]
+
+    def roomy_ways(self, source: int) -> tuple[Array, Ints]:
+        """Return what the wall-averse ways from a node cost, (N,), and the node before each on its way, (N,).
+
+        Where there is no way the cost is inf; the source and the nodes without a way come before themselves.
+        """
+        from scipy.sparse.csgraph import dijkstra
+
+        aversion = (self.clearance.max() / np.maximum(self.clearance, 1e-6)) ** WALL_AVERSION
+        costs = self.lengths * 0.5 * (np.repeat(aversion, np.diff(self.starts)) + aversion[self.neighbours])
+        reached, before = dijkstra(self._matrix(costs), indices=source, return_predecessors=True)
+        return reached, np.where(before < 0, np.arange(len(before), dtype=np.int32), before)
 
     def parts(self, sides: BoolArray) -> IntArray:
         """Return the (N,) part of the water each node is in when no way leads between (N,) nodes of unlike sides."""

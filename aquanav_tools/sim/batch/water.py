@@ -293,7 +293,12 @@ def water_at(
 
 
 @wp.func
+def current_around(i: int, water: Water, grid: Grid, state: BatchState, position: wp.vec3d):
+    """Return the velocity of the water as vehicle `i` has it at a place, world frame, m/s."""
+    return state.current_fractions[i] * water_at(water, grid, state.eddies, i, state.phases[i], position)
+
+
+@wp.func
 def current_at(i: int, water: Water, grid: Grid, state: BatchState):
     """Return the velocity of the water where vehicle `i` is, world frame, m/s."""
-    velocity = water_at(water, grid, state.eddies, i, state.phases[i], state.positions[i])
-    return state.current_fractions[i] * velocity
+    return current_around(i, water, grid, state, state.positions[i])

@@ -85,8 +85,8 @@ class BatchWorld:
         is_linked = bool(engines) or options.law is not None
         self._contacts = make_exchange(num if is_linked else 0, device)
         self._link = EngineLink(engines, options.law, self.arrays, self._contacts) if is_linked else None
-        self._num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
-        self._threads = ThreadPoolExecutor(self._num_slices) if self._num_slices > 1 else None
+        self.num_slices = _num_slices(num, options.num_threads) if device.is_cpu and not is_linked else 1
+        self._threads = ThreadPoolExecutor(self.num_slices) if self.num_slices > 1 else None
         settings = self._settings
         settings.caves, settings.vehicles = self.caves.array, self._crafts.array
         settings.crafts = self._crafts.array if self._drawn_crafts is None else self._drawn_crafts.array
@@ -303,6 +303,11 @@ class BatchWorld:
             array.assign(np.broadcast_to(values, host.shape).astype(host.dtype))
 
     @property
+    def launched_on(self) -> tuple[BatchState, Any, Any]:
+        """What kernels beside a step's read: the vehicles, the caves and the vehicles' bodies."""
+        return self.arrays, self._settings.caves, self._settings.crafts
+
+    @property
     def has_moved(self) -> npt.NDArray[np.bool_]:
         """(N,) whether the step was a decision of an episode, not its beginning."""
         has_moved: npt.NDArray[np.bool_] = self.as_numpy("restarted") == 0
@@ -333,7 +338,7 @@ class BatchWorld:
 
     def _record(self) -> None:
         """Record the launches of a decision, of what follows ended episodes, of a beginning; for each slice."""
-        bounds = np.linspace(0, self.num, self._num_slices + 1).astype(int)
+        bounds = np.linspace(0, self.num, self.num_slices + 1).astype(int)
         self._decision: list[Callable[[], None]] = []
         self._resumption: list[Callable[[], None]] = []
         self._outlook: list[Callable[[], None]] = []
