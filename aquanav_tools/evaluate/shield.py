@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.envs.action import ActionModel
-from aquanav_tools.envs.action import choices_of
+from aquanav_tools.envs.action import ActionModel, choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of

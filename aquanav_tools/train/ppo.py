@@ -11,7 +11,7 @@ Source: Schulman et al., Proximal Policy Optimization Algorithms (2017, arXiv:17
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from typing import Any, NamedTuple
 
@@ -80,6 +80,8 @@ class ParallelPPO(PPO):
         super().__init__(*args, **kwargs)
         self.advice = np.zeros((self.n_steps, self.n_envs, 3 if any(imitation) else 0), dtype=np.int64)
         """The oracle's choices in the rollout."""
+        self.teacher: Callable[[], np.ndarray] | None = None
+        """Returns the (N, 3) of now; given where the share is not 0."""
 
     @property
     def imitation_share(self) -> float:
@@ -88,7 +90,7 @@ class ParallelPPO(PPO):
         return last + (first - last) * max(self._current_progress_remaining, 0.0)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "advice", "_imitation"]
+        return [*super()._excluded_save_params(), "advice", "teacher", "_imitation"]
 
     def actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return logits, or the means of levels, (N, K), for (N, F) features."""

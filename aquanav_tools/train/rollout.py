@@ -51,7 +51,7 @@ def collect_rollouts(
     for step in range(num_steps):
         observations = learner._last_obs
         if learner.imitation_share:
-            learner.advice[step] = learner.env.advice()
+            learner.advice[step] = learner.teacher()
         with torch.no_grad():
             distribution = action_distribution(policy, infer(learner.actor, observations))
             drawn = distribution.sample()

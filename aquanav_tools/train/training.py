@@ -238,6 +238,9 @@ def _learn(
         scale = VecNormalize(envs, norm_obs=False, norm_reward=True, gamma=settings.discount)
         done = 0 if checkpoint is None else checkpoint.learner["num_timesteps"]
         learner: Any = make_learner(scale, settings, _lesson_seed(run.seed, number), done)
+        if settings.is_taught:
+            assert not isinstance(envs, TrainingEnvs), "checked before"
+            learner.teacher = envs.advice
         if checkpoint is not None:
             restore_learner(learner, envs, scale, checkpoint.learner)
         elif learned is not None:

@@ -3,10 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aquanav_tools.envs.action import choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate import oracle
-from aquanav_tools.evaluate.lookahead import CHOICES, choices_of, predictor_of
+from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario

@@ -1,7 +1,7 @@
 """Where the roomiest way to a goal leads from every place in the water of a cave: a map for who looks ahead.
 
-The ways are the geodesics whose cost rises near walls (`geodesic.WaterGraph.roomy_ways`), as a tree that leads from each
-sample of the water to the goal, moved to the middle of narrow places. Places are looked up by the cell that they are in.
+The ways are the geodesics whose cost rises near walls (`geodesic.WaterGraph.roomy_ways`), as a tree that leads from
+each sample of the water to the goal, moved to the middle of narrow places. Places are looked up by their cell.
 """
 
 from __future__ import annotations

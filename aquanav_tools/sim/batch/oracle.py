@@ -1,15 +1,16 @@
 """What the oracle would choose, for all vehicles of a batch at once: the teacher of policies that learn by imitation.
 
-It knows the map, the body that each episode drew, its commands under way and the water of now wherever it comes to. Like
-`evaluate.oracle`, whose laws of pursuit it shares, it takes the fastest pace that keeps enough room while it follows the
-roomiest way, and where none does, the command after which pursuit keeps most room and then gets farthest. Its way begins
-where the vehicle is, at every decision, as vehicles are anywhere that their own policies lead them to.
+It knows the map, the body that each episode drew, its commands under way and the water of now wherever it comes to.
+Like `evaluate.oracle`, whose laws of pursuit it shares, it takes the fastest pace that keeps enough room while it
+follows the roomiest way, and where none does, the command after which pursuit keeps most room and then gets farthest.
+Its way begins where the vehicle is, at every decision, as vehicles are anywhere that their own policies lead them to.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -45,7 +46,8 @@ SHARE = wp.constant(wp.float64(0.5))
 STRIDE = wp.constant(wp.float64(0.5))
 PATIENCE = wp.constant(50)
 MAX_HALVINGS = wp.constant(3)
-"""Where it comes nearer to the goal by less than the first, m, in so many decisions, it asks for half the room, and so on."""
+"""Where it comes nearer to the goal by less than the first, m, in so many decisions, it asks for half the room, and so
+on."""
 BITS = wp.constant(3)
 MASK = wp.constant(water_ways.BLOCK - 1)
 VOLUME = wp.constant(water_ways.BLOCK**3)
@@ -257,7 +259,7 @@ class BatchOracle:
             launch_kernel(
                 advise, dim=last - first, inputs=[first, *inputs, memory, advice], device=device, record_cmd=True
             ).launch
-            for first, last in zip(cuts, cuts[1:], strict=False)
+            for first, last in pairwise(cuts)
             if last > first
         ]
 

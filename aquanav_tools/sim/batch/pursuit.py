@@ -30,8 +30,9 @@ PI = wp.constant(wp.float64(np.pi))
 REACH = wp.constant(wp.float64(AHEAD))
 """Distance along the path to the point that is aimed at, m."""
 HORIZON = 18
-"""Decisions that the oracle runs ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces, that
-flood water will carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of 10."""
+"""Decisions that the oracle runs ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces,
+that flood water will carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of
+10."""
 MARGIN = 0.15
 """Clearance of the hull that it asks for there, m."""
 SLOWEST = 0.3
@@ -88,9 +89,7 @@ def command_for(state: State, trim: f64, wanted: wp.vec3d, current: wp.vec3d):
 
 
 @wp.func
-def command_towards(
-    state: State, trim: f64, clearance: f64, pace: f64, current: wp.vec3d, aim: wp.vec3d, height: f64
-):
+def command_towards(state: State, trim: f64, clearance: f64, pace: f64, current: wp.vec3d, aim: wp.vec3d, height: f64):
     """Return the command that steers to a place ahead, and up or down to a height nearer by."""
     offset = aim - state.position
     speed = wp.clamp(SPEED_PER_METRE * clearance, pace, FASTEST)

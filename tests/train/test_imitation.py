@@ -1,0 +1,144 @@
+"""Learning by imitation: its loss, what a policy learns of it, and mirrored vehicles, taught in their mirror."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.folder import write_scenario
+from aquanav_tools.sim.contacts import default_backend
+from aquanav_tools.train import training
+from aquanav_tools.train.batched import BatchedEnvs
+from aquanav_tools.train.learners import make_learner
+from aquanav_tools.train.mirror import MirroredEnvs
+from aquanav_tools.train.ppo import Batch, ParallelPPO
+from aquanav_tools.train.settings import RunSettings, TrainSettings
+from aquanav_tools.train.training import train
+from tests.evaluate.winding import winding_scenario
+from tests.train.runs import TINY, assert_stopped_run_ends_alike, tiny_pipeline
+
+ON_BATCH = RunSettings(backend="batch", checkpoint_every=128, final_episodes=0)
+TAUGHT = dataclasses.replace(TINY, observation="full", imitation=(1.0, 1.0))
+
+
+@pytest.fixture(autouse=True)
+def no_reports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare a second for each run."""
+    monkeypatch.setattr(training, "write_artifacts", lambda *_: None)
+
+
+def learner_of(settings: TrainSettings, envs: Any) -> ParallelPPO:
+    learner = make_learner(envs, settings, 0)
+    assert isinstance(learner, ParallelPPO)
+    return learner
+
+
+def test_the_share_goes_in_a_straight_line_from_the_first_to_the_last() -> None:
+    learner = learner_of(
+        dataclasses.replace(TAUGHT, imitation=(0.8, 0.2)), BatchedEnvs([winding_scenario()] * 4, TAUGHT)
+    )
+    shares = []
+    for remaining in (1.0, 0.5, 0.0, -0.1):
+        learner._current_progress_remaining = remaining
+        shares.append(learner.imitation_share)
+    assert shares == pytest.approx([0.8, 0.5, 0.2, 0.2])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+def test_the_actors_gradient_is_that_of_the_two_losses_by_their_shares(share: float, rng: np.random.Generator) -> None:
+    """By torch's own cross-entropy and a clipped ratio written out."""
+    settings = dataclasses.replace(TAUGHT, imitation=(share, share), ent_coef=0.0)
+    learner = learner_of(settings, BatchedEnvs([winding_scenario()] * 4, settings))
+    num, size = 50, learner.observation_space.shape[0]  # type: ignore[index]
+    features = torch.from_numpy(rng.normal(size=(num, size)).astype(np.float32))
+    actions, advice = (torch.from_numpy(rng.integers(3, size=(num, 3))) for _ in range(2))
+    advantages = torch.from_numpy(rng.normal(size=num).astype(np.float32))
+    old = torch.from_numpy(rng.normal(-3.3, 0.2, num).astype(np.float32))
+    learner._backward_actor(Batch(features, actions, old, advantages, advantages, advice), 0.2)
+    actor = list(learner.policy.action_net.parameters())  # type: ignore[union-attr]
+    found = [parameter.grad.clone() for parameter in actor]
+    learner.policy.zero_grad()
+    logits = learner.actor(features).view(num, 3, 3)
+    log_probs = torch.log_softmax(logits, dim=2).gather(2, actions[..., None]).sum(dim=(1, 2))
+    ratio = (log_probs - old).exp()
+    surrogate = -torch.minimum(ratio * advantages, ratio.clamp(0.8, 1.2) * advantages).mean()
+    entropy = torch.nn.functional.cross_entropy(logits.reshape(-1, 3), advice.reshape(-1)) * 3.0
+    ((1.0 - share) * surrogate + share * entropy).backward()
+    for parameter, gradient in zip(actor, found, strict=True):
+        torch.testing.assert_close(gradient, parameter.grad, atol=1e-6, rtol=1e-4)
+
+
+def test_a_policy_comes_to_choose_as_the_oracle_does(tmp_path: Path) -> None:
+    """A third by chance; what is paid for by the reward has no part in it."""
+    settings = dataclasses.replace(
+        TAUGHT, num_envs=16, n_steps=16, batch=64, epochs=8, hidden=(64,), steps=8192, learning_rate=3e-3, ent_coef=0.0
+    )
+    envs = BatchedEnvs([winding_scenario()] * 16, settings)
+    learner = learner_of(settings, envs)
+    learner.teacher = envs.advice
+    before = _agreement(learner, envs)
+    learner.learn(settings.steps)
+    after = _agreement(learner, envs)
+    assert before < 0.5
+    assert after > 0.58
+    envs.close()
+
+
+def _agreement(learner: ParallelPPO, envs: BatchedEnvs) -> float:
+    """Share of the choices, where the policy's likeliest lead, that are the oracle's."""
+    seen, alike = envs.reset(), []
+    for _ in range(60):
+        chosen, _ = learner.predict(seen, deterministic=True)
+        alike.append((chosen == envs.advice()).mean())
+        seen, *_ = envs.step(chosen)
+    return float(np.mean(alike))
+
+
+def test_a_mirrored_vehicle_is_taught_in_its_mirror(monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = dataclasses.replace(TAUGHT, num_envs=2, batch=2, n_steps=1, mirrored=True)
+    envs = MirroredEnvs(BatchedEnvs([winding_scenario()] * 2, settings), settings)
+    to_the_left = np.array([[0, 0, 2], [0, 0, 2]])
+    monkeypatch.setattr(BatchedEnvs, "advice", lambda _: to_the_left.copy())
+    assert envs.advice().tolist() == [[0, 0, 2], [0, 2, 2]]
+    envs.close()
+
+
+def test_a_stopped_run_ends_as_one_that_never_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_scenario(winding_scenario(), tmp_path / "winding")
+    choices = {"observation": "full", "imitation": (1.0, 0.3), "steps": 256}
+    pipeline = tiny_pipeline(tmp_path / "winding", 1, ON_BATCH, **choices)
+    assert_stopped_run_ends_alike(pipeline, tmp_path, monkeypatch)
+
+
+def test_a_policy_keeps_nothing_of_what_it_was_taught(tmp_path: Path) -> None:
+    """The advice of the last rollout is no part of a zip."""
+    learner = learner_of(TAUGHT, BatchedEnvs([winding_scenario()] * 4, TAUGHT))
+    assert {"advice", "teacher", "_imitation"} <= set(learner._excluded_save_params())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"imitation": (1.2, 0.0)}, "two shares from 0 to 1"),
+        ({"imitation": (1.0, 0.0), "action": "continuous", "algorithm": "sac"}, "here sac acts by continuous ones"),
+        ({"imitation": (0.0, 0.5), "action": "discrete"}, "here ppo acts by discrete ones"),
+    ],
+)
+def test_what_cannot_be_taught_is_refused(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(TINY, **changes)
+
+
+def test_single_vehicles_are_not_taught(tmp_path: Path) -> None:
+    write_scenario(winding_scenario(), tmp_path / "winding")
+    run = RunSettings(final_episodes=0)
+    with pytest.raises(InputError, match=f"needs caves and the batch, and this is {default_backend()}"):
+        train(
+            tiny_pipeline(tmp_path / "winding", 1, run, observation="full", imitation=(1.0, 1.0)), 0, tmp_path / "out"
+        )
