@@ -21,6 +21,7 @@ from stable_baselines3.common.vec_env import VecNormalize
 
 from aquanav_tools.errors import InputError, TrainingError
 from aquanav_tools.store import check_room, write_whole
+from aquanav_tools.train.advice import AdviceMemory
 from aquanav_tools.train.environments import Resumable
 from aquanav_tools.train.learners import parameters_of, set_parameters
 
@@ -98,7 +99,8 @@ def learner_state(learner: BaseAlgorithm, envs: Resumable, scale: VecNormalize) 
     replay = getattr(learner, "replay_buffer", None)
     if replay is not None:
         end = replay.buffer_size if replay.full else replay.pos
-        arrays = {name: torch.from_numpy(getattr(replay, name)[:end]) for name in REPLAYED}
+        names = replay.arrays if isinstance(replay, AdviceMemory) else REPLAYED
+        arrays = {name: torch.from_numpy(getattr(replay, name)[:end]) for name in names}
         state["replay"] = {"pos": replay.pos, "full": replay.full, "arrays": arrays}
     return state
 

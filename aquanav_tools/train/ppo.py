@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from stable_baselines3 import PPO
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.callbacks import BaseCallback
@@ -25,6 +26,7 @@ from stable_baselines3.common.vec_env import VecEnv
 from torch import nn
 from torch.nn.functional import mse_loss
 
+from aquanav_tools.train.advice import AdviceMemory
 from aquanav_tools.train.distributions import action_distribution
 from aquanav_tools.train.rollout import collect_rollouts, features_of
 
@@ -45,8 +47,15 @@ class Batch(NamedTuple):
     """(N,); in minibatches each has the mean 0 and the standard deviation 1."""
     returns: torch.Tensor
     """(N,)."""
-    advice: torch.Tensor
-    """(N, K) the oracle's choices; (N, 0) where it was not asked."""
+
+
+class Advice(NamedTuple):
+    """What imitation learns from: a row per decision."""
+
+    features: torch.Tensor
+    """(N, F) normalised observations."""
+    choices: torch.Tensor
+    """(N, 3) the oracle's."""
 
 
 class Losses(NamedTuple):
@@ -66,7 +75,12 @@ class ParallelPPO(PPO):
     """SB3's PPO for networks whose feature extractor learns nothing; no target_kl, no clip_range_vf, no gSDE."""
 
     def __init__(
-        self, *args: Any, precision: str = "float32", imitation: tuple[float, float] = (0.0, 0.0), **kwargs: Any
+        self,
+        *args: Any,
+        precision: str = "float32",
+        imitation: tuple[float, float] = (0.0, 0.0),
+        memory: int = 0,
+        **kwargs: Any,
     ) -> None:
         """Take SB3's arguments.
 
@@ -74,14 +88,19 @@ class ParallelPPO(PPO):
             args: SB3's.
             precision: Of the products in the networks: float32, or bfloat16 (weights and losses stay float32).
             imitation: Share of the actor's loss that is imitation of the oracle, at the beginning and at the end.
+            memory: Decisions that imitation learns from at most.
             kwargs: SB3's.
         """
         self.precision, self._imitation = precision, imitation
         super().__init__(*args, **kwargs)
-        self.advice = np.zeros((self.n_steps, self.n_envs, 3 if any(imitation) else 0), dtype=np.int64)
+        is_taught = any(imitation)
+        self.advice = np.zeros((self.n_steps, self.n_envs, 3 if is_taught else 0), dtype=np.int64)
         """The oracle's choices in the rollout."""
+        width = spaces.flatdim(self.observation_space) if is_taught else 0
+        self.replay_buffer = AdviceMemory(memory, width) if is_taught else None
+        """What imitation learns from, under the name by which checkpoints know what a learner remembers."""
         self.teacher: Callable[[], np.ndarray] | None = None
-        """Returns the (N, 3) of now; given where the share is not 0."""
+        """Returns the (N, 3) choices of now; given where the share is not 0."""
 
     @property
     def imitation_share(self) -> float:
@@ -90,7 +109,7 @@ class ParallelPPO(PPO):
         return last + (first - last) * max(self._current_progress_remaining, 0.0)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "advice", "teacher", "_imitation"]
+        return [*super()._excluded_save_params(), "advice", "teacher", "replay_buffer", "_imitation"]
 
     def actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return logits, or the means of levels, (N, K), for (N, F) features."""
@@ -127,7 +146,7 @@ class ParallelPPO(PPO):
         parameters = list(policy.parameters())
         with ThreadPoolExecutor(1) as critic_thread:
             losses = [
-                self._update(batch, clip_range, parameters, critic_thread)
+                self._update(batch, self._advised(len(batch.features)), clip_range, parameters, critic_thread)
                 for _ in range(self.n_epochs)
                 for batch in _minibatches(rollout, self.batch_size)
             ]
@@ -140,36 +159,57 @@ class ParallelPPO(PPO):
         names = ("observations", "actions", "log_probs", "advantages", "returns")
         columns = [torch.from_numpy(_flat(getattr(buffer, name))) for name in names]
         observations, actions, log_probs, advantages, returns = columns
-        features, advice = features_of(self.policy, observations), torch.from_numpy(_flat(self.advice))
-        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten(), advice)
+        if self.replay_buffer is not None and self.imitation_share:
+            self.replay_buffer.add(observations.numpy(), _flat(self.advice))
+        features = features_of(self.policy, observations)
+        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
+
+    def _advised(self, num: int) -> Advice | None:
+        """Return so many decisions to imitate; None where nothing is imitated."""
+        if self.replay_buffer is None or not self.imitation_share:
+            return None
+        observations, choices = self.replay_buffer.draw(num)
+        return Advice(features_of(self.policy, observations), choices)
 
     def _update(
-        self, batch: Batch, clip_range: float, parameters: list[nn.Parameter], critic_thread: Executor
+        self,
+        batch: Batch,
+        advised: Advice | None,
+        clip_range: float,
+        parameters: list[nn.Parameter],
+        critic_thread: Executor,
     ) -> Losses:
         """Take one step of the optimiser."""
         policy: Any = self.policy
         policy.optimizer.zero_grad()
         critic = critic_thread.submit(self._backward_critic, batch)
-        entropy_loss, policy_loss, imitation, log_ratio = self._backward_actor(batch, clip_range)
+        entropy_loss, policy_loss, imitation, log_ratio = self._backward_actor(batch, advised, clip_range)
         value_loss = critic.result()
         nn.utils.clip_grad_norm_(parameters, self.max_grad_norm)
         policy.optimizer.step()
         return Losses(entropy_loss, policy_loss, value_loss, imitation, log_ratio)
 
-    def _backward_actor(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, ...]:
+    def _backward_actor(self, batch: Batch, advised: Advice | None, clip_range: float) -> tuple[torch.Tensor, ...]:
         """Compute the actor's gradients; return `Losses` but the critic's."""
+        share = 0.0 if advised is None else self.imitation_share
+        imitation = torch.zeros(())
+        if advised is not None:
+            imitation = -action_distribution(self.policy, self.actor(advised.features)).log_prob(advised.choices).mean()
+            (share * imitation).backward()
+        with torch.set_grad_enabled(share < 1.0):
+            policy_loss, entropy_loss, log_ratio = self._actor_losses(batch, clip_range)
+        if share < 1.0:
+            ((1.0 - share) * policy_loss + self.ent_coef * entropy_loss).backward()  # type: ignore[no-untyped-call]
+        return entropy_loss.detach(), policy_loss.detach(), imitation.detach(), log_ratio.detach()
+
+    def _actor_losses(self, batch: Batch, clip_range: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return PPO's loss, the entropy's, and the logarithms of the ratios, (N,)."""
         distribution = action_distribution(self.policy, self.actor(batch.features))
         log_ratio = distribution.log_prob(batch.actions) - batch.log_probs
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1.0 - clip_range, 1.0 + clip_range)
         policy_loss = -torch.min(batch.advantages * ratio, batch.advantages * clipped).mean()
-        entropy_loss = -distribution.entropy().mean()
-        imitation, share = torch.zeros(()), self.imitation_share
-        if share:
-            imitation = -distribution.log_prob(batch.advice).mean()
-        loss = (1.0 - share) * policy_loss + share * imitation + self.ent_coef * entropy_loss
-        loss.backward()  # type: ignore[no-untyped-call]
-        return entropy_loss.detach(), policy_loss.detach(), imitation.detach(), log_ratio.detach()
+        return policy_loss, -distribution.entropy().mean(), log_ratio
 
     def _backward_critic(self, batch: Batch) -> torch.Tensor:
         """Compute the critic's gradients; return the mean square of its error."""

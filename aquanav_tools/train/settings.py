@@ -97,7 +97,7 @@ class TrainSettings(TaskOptions):
     memory: int = 64
     """Width of recurrent-ppo's LSTM."""
     replay: int = 300_000
-    """Decisions that sac and td3 remember; a lesson begins with none."""
+    """Decisions that sac, td3 and imitation remember; a lesson begins with none."""
     learning_starts: int = 0
     """Decisions at random before sac and td3 begin to learn. 0 takes a twentieth of the steps, 10000 at most."""
     update_ratio: float = 0.25

@@ -14,10 +14,11 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sim.contacts import default_backend
 from aquanav_tools.train import training
+from aquanav_tools.train.advice import AdviceMemory
 from aquanav_tools.train.batched import BatchedEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.mirror import MirroredEnvs
-from aquanav_tools.train.ppo import Batch, ParallelPPO
+from aquanav_tools.train.ppo import Advice, Batch, ParallelPPO
 from aquanav_tools.train.settings import RunSettings, TrainSettings
 from aquanav_tools.train.training import train
 from tests.evaluate.winding import winding_scenario
@@ -60,7 +61,8 @@ def test_the_actors_gradient_is_that_of_the_two_losses_by_their_shares(share: fl
     actions, advice = (torch.from_numpy(rng.integers(3, size=(num, 3))) for _ in range(2))
     advantages = torch.from_numpy(rng.normal(size=num).astype(np.float32))
     old = torch.from_numpy(rng.normal(-3.3, 0.2, num).astype(np.float32))
-    learner._backward_actor(Batch(features, actions, old, advantages, advantages, advice), 0.2)
+    advised = Advice(features.flip(0), advice) if share else None  # other decisions than the rollout's
+    learner._backward_actor(Batch(features, actions, old, advantages, advantages), advised, 0.2)
     actor = list(learner.policy.action_net.parameters())  # type: ignore[union-attr]
     found = [parameter.grad.clone() for parameter in actor]
     learner.policy.zero_grad()
@@ -68,7 +70,7 @@ def test_the_actors_gradient_is_that_of_the_two_losses_by_their_shares(share: fl
     log_probs = torch.log_softmax(logits, dim=2).gather(2, actions[..., None]).sum(dim=(1, 2))
     ratio = (log_probs - old).exp()
     surrogate = -torch.minimum(ratio * advantages, ratio.clamp(0.8, 1.2) * advantages).mean()
-    entropy = torch.nn.functional.cross_entropy(logits.reshape(-1, 3), advice.reshape(-1)) * 3.0
+    entropy = torch.nn.functional.cross_entropy(logits.flip(0).reshape(-1, 3), advice.reshape(-1)) * 3.0
     ((1.0 - share) * surrogate + share * entropy).backward()
     for parameter, gradient in zip(actor, found, strict=True):
         torch.testing.assert_close(gradient, parameter.grad, atol=1e-6, rtol=1e-4)
@@ -119,7 +121,23 @@ def test_a_stopped_run_ends_as_one_that_never_stopped(tmp_path: Path, monkeypatc
 def test_a_policy_keeps_nothing_of_what_it_was_taught(tmp_path: Path) -> None:
     """The advice of the last rollout is no part of a zip."""
     learner = learner_of(TAUGHT, BatchedEnvs([winding_scenario()] * 4, TAUGHT))
-    assert {"advice", "teacher", "_imitation"} <= set(learner._excluded_save_params())
+    assert {"advice", "teacher", "replay_buffer", "_imitation"} <= set(learner._excluded_save_params())
+
+
+def test_the_memory_holds_the_last_decisions_it_has_room_for(rng: np.random.Generator) -> None:
+    memory = AdviceMemory(10, 2)
+    seen = rng.uniform(-1, 1, (27, 2)).astype(np.float32)
+    advice = np.arange(27)[:, None] % 3 * np.ones(3, dtype=np.int64)
+    for first, last, known in ((0, 4, 4), (4, 8, 8), (8, 12, 10), (12, 27, 10)):  # the last are more than it holds
+        memory.add(seen[first:last], advice[first:last])
+        assert len(memory) == known
+        kept = {tuple(row) for row in memory.observations[: len(memory)].tolist()}
+        assert kept == {tuple(row) for row in seen[last - known : last].astype(np.float16).tolist()}
+    observations, choices = memory.draw(200)
+    for row, choice in zip(observations.numpy(), choices.numpy(), strict=True):
+        number = int(np.abs(seen - row).sum(axis=1).argmin())
+        assert number >= 17
+        assert (choice == number % 3).all()
 
 
 @pytest.mark.parametrize(

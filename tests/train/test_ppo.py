@@ -122,7 +122,7 @@ def test_bfloat16_rounds_gradients_and_keeps_weights_in_float32(action: str) -> 
     for precision in ("float32", "bfloat16"):
         model.precision = precision
         model.policy.optimizer.zero_grad()
-        model._backward_actor(batch, 0.2)
+        model._backward_actor(batch, None, 0.2)
         model._backward_critic(batch)
         gradients[precision] = {name: value.grad.clone() for name, value in model.policy.named_parameters()}
     for name, exact in gradients["float32"].items():
