@@ -91,16 +91,20 @@ class ParallelPPO(PPO):
             memory: Decisions that imitation learns from at most.
             kwargs: SB3's.
         """
-        self.precision, self._imitation = precision, imitation
-        super().__init__(*args, **kwargs)
-        is_taught = any(imitation)
-        self.advice = np.zeros((self.n_steps, self.n_envs, 3 if is_taught else 0), dtype=np.int64)
-        """The oracle's choices in the rollout."""
-        width = spaces.flatdim(self.observation_space) if is_taught else 0
-        self.replay_buffer = AdviceMemory(memory, width) if is_taught else None
-        """What imitation learns from, under the name by which checkpoints know what a learner remembers."""
+        self.precision, self._imitation, self._memory = precision, imitation, memory
         self.teacher: Callable[[], np.ndarray] | None = None
         """Returns the (N, 3) choices of now; given where the share is not 0."""
+        self.replay_buffer: AdviceMemory | None = None
+        """What imitation learns from, under the name by which checkpoints know what a learner remembers."""
+        self.advice = np.zeros((0, 0, 3), dtype=np.int64)
+        """(T, N, 3) the oracle's choices in the rollout, where it is asked."""
+        super().__init__(*args, **kwargs)
+
+    def _setup_model(self) -> None:
+        super()._setup_model()
+        if any(self._imitation):
+            self.advice = np.zeros((self.n_steps, self.n_envs, 3), dtype=np.int64)
+            self.replay_buffer = AdviceMemory(self._memory, spaces.flatdim(self.observation_space))
 
     @property
     def imitation_share(self) -> float:
@@ -109,7 +113,7 @@ class ParallelPPO(PPO):
         return last + (first - last) * max(self._current_progress_remaining, 0.0)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "advice", "teacher", "replay_buffer", "_imitation"]
+        return [*super()._excluded_save_params(), "advice", "teacher", "replay_buffer", "_imitation", "_memory"]
 
     def actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return logits, or the means of levels, (N, K), for (N, F) features."""

@@ -208,6 +208,7 @@ def _learn_all(
         done = checkpoint.learner["num_timesteps"] if checkpoint is not None and number == first else 0
         drawn = run.drawn[number]
         about = "" if drawn is None else f" {start_sentence(drawn)}"
+        about += " The oracle finds its ways first, in about a second for each cave." if lesson.is_taught else ""
         tell(f"{_titled(number, lessons)} from {described(lesson, done)}{about}")
         total += decisions_of(lesson, done) - done
     # disable=None: no bar where stderr is no terminal
