@@ -43,8 +43,6 @@ if TYPE_CHECKING:
 
 RAY_SOURCES = ("field", "mesh")
 CaveSpec = str | Path | Scenario
-
-
 CURRENT, ORACLE = "places/current", "oracle/"
 """Name of the array of the caves of now in `state`, and beginning of the names of what the oracle remembers."""
 
@@ -274,6 +272,12 @@ class CaveBatch(ExtendedBatch):
             MeshError: there is no way for a vehicle in its cave.
         """
         return self._make_oracle()()
+
+    def close(self) -> None:
+        """End the threads, and let go of the physics. Closing twice does nothing."""
+        if self._oracle is not None:
+            self._oracle.close()
+        super().close()
 
     def _make_oracle(self) -> BatchOracle:
         if self._oracle is None:

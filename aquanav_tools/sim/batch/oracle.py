@@ -282,6 +282,10 @@ class BatchOracle:
         run_slices(self._launches, self._threads)
         return self._advice
 
+    def close(self) -> None:
+        """End the threads. Closing twice does nothing."""
+        self._threads.shutdown()
+
     def state(self) -> dict[str, npt.NDArray[Any]]:
         """Return copies of what it remembers."""
         return {name: np.array(getattr(self._memory, name).numpy()) for name in STATE}
