@@ -60,6 +60,8 @@ class _Room:
 class CaveBatch(ExtendedBatch):
     """N vehicles in one cave or several, with the options and definitions of `CaveEnv`."""
 
+    _oracle: BatchOracle | None = None
+
     def __init__(
         self,
         scenarios: CaveSpec | Sequence[CaveSpec],
@@ -119,7 +121,6 @@ class CaveBatch(ExtendedBatch):
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
         self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
-        self._oracle: BatchOracle | None = None
         pairs = [prepared(scenario, vehicle) for scenario in several]
         self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""

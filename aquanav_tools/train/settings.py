@@ -134,15 +134,7 @@ class TrainSettings(TaskOptions):
         _check(
             0.1 <= low <= high <= 10.0, f"cave_scales must rise and lie between 0.1 and 10, and they are {low}, {high}."
         )
-        _check(
-            all(0.0 <= share <= 1.0 for share in self.imitation),
-            f"imitation must be two shares from 0 to 1, and it is {self.imitation}.",
-        )
-        _check(
-            not self.is_taught or (self.algorithm == "ppo" and self.action == "multidiscrete"),
-            f"imitation is for ppo with multidiscrete actions, and here {self.algorithm} acts by {self.action} ones. "
-            "Leave it out.",
-        )
+        self._check_imitation()
         _check(
             len(self.scenarios) < self.num_envs,
             f"The lesson has {len(self.all_scenarios)} scenarios for {self.num_envs} environments. Take more "
@@ -176,6 +168,17 @@ class TrainSettings(TaskOptions):
         _check(
             self.algorithm not in OFF_POLICY or self.action == "continuous",
             f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",
+        )
+
+    def _check_imitation(self) -> None:
+        _check(
+            all(0.0 <= share <= 1.0 for share in self.imitation),
+            f"imitation must be two shares from 0 to 1, and it is {self.imitation}.",
+        )
+        _check(
+            not self.is_taught or (self.algorithm == "ppo" and self.action == "multidiscrete"),
+            f"imitation is for ppo with multidiscrete actions, and here {self.algorithm} acts by {self.action} ones. "
+            "Leave it out.",
         )
 
 
