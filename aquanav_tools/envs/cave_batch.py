@@ -323,8 +323,7 @@ class CaveBatch(ExtendedBatch):
         if self._is_replaceable:
             self.current_caves[:] = state[CURRENT]
         self.world.restore({name: values for name, values in state.items() if "/" not in name})
-        advised = {name.removeprefix(ORACLE): kept for name, kept in state.items() if name.startswith(ORACLE)}
-        if advised:
+        if advised := {name.removeprefix(ORACLE): kept for name, kept in state.items() if name.startswith(ORACLE)}:
             self._make_oracle().restore(advised)
         self._own.restore(state)
         if self._parts is not None:
