@@ -12,7 +12,8 @@ from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.oracle import OraclePolicy
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import LimitSettings, Scenario
+from tests.caves import tube_scenario
 from tests.evaluate.winding import winding_scenario
 
 NUM = 12
@@ -77,6 +78,19 @@ def test_asking_changes_nothing_and_every_vehicle_is_advised_for_itself() -> Non
         few.set_commands(few.advice())
         few.step()
     np.testing.assert_array_equal(few.copy_of("positions"), asked.copy_of("positions")[:3])
+
+
+def test_it_knows_the_way_in_a_cave_that_takes_the_place_of_another() -> None:
+    short = tube_scenario(limits=LimitSettings(decisions=5))
+    batch = CaveBatch([short, winding_scenario()], 2 * NUM, next_step=False, replaceable=True, on_collision="end")
+    batch.reset(list(range(2 * NUM)))
+    batch.advice()
+    assert batch.replace(0, winding_scenario())
+    for _ in range(5):  # until all episodes of the first have ended
+        batch.set_commands(batch.advice())
+        batch.step()
+    assert set(batch.cave_of[:NUM].tolist()) == {2}
+    assert (outcomes_of(batch)[:NUM] == 1).all()
 
 
 def test_it_advises_alike_after_coming_back() -> None:
