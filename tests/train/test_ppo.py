@@ -143,3 +143,17 @@ def test_saved_policy_is_read_by_stable_baselines(tmp_path: Any) -> None:
     assert np.array_equal(again.predict(looks, deterministic=True)[0], model.predict(looks, deterministic=True)[0])
     again.set_env(model.get_env())  # type: ignore[arg-type]
     again.learn(64)
+
+
+def test_the_critics_thread_starts_no_threads_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = []
+    backward = ParallelPPO._backward_critic
+
+    def counted(model: ParallelPPO, batch: Any) -> torch.Tensor:
+        found.append(torch.get_num_threads())
+        return backward(model, batch)
+
+    monkeypatch.setattr(ParallelPPO, "_backward_critic", counted)
+    torch.set_num_threads(2)
+    model_of(ParallelPPO, "multidiscrete").learn(256)
+    assert set(found) == {1}
