@@ -28,7 +28,16 @@ from aquanav_tools.envs.action import choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
-from aquanav_tools.sim.batch.pursuit import HORIZON, MARGIN, PACES, Pursuit
+from aquanav_tools.sim.batch.pursuit import (
+    HORIZON,
+    MARGIN,
+    MAX_HALVINGS,
+    PACES,
+    PATIENCE,
+    SHARE,
+    STRIDE,
+    Pursuit,
+)  # fmt: skip
 from aquanav_tools.sim.command import IDLE, Command
 from aquanav_tools.types import Array
 
@@ -37,11 +46,6 @@ NUM_NODES = (60_000, 300_000)
 cave so few may miss the middle of a narrow place; then as many as the build seeks its route on."""
 SMOOTHING = 5
 """Samples of the way that are averaged: it turns by 45 degrees on the lattice."""
-SHARE = 0.5
-"""Where the way has less room than MARGIN, it asks for so much of the least within STRETCH."""
-STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
-"""Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
-that is narrower would hold it up for ever."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -93,7 +93,7 @@ class ParallelPPO(PPO):
         """
         self.precision, self._imitation, self._memory = precision, imitation, memory
         self.teacher: Callable[[], np.ndarray] | None = None
-        """Returns the (N, 3) choices of now; given where the share is not 0."""
+        """Returns the (N, 3) choices of now; given where the share is not 0 throughout."""
         self.replay_buffer: AdviceMemory | None = None
         """What imitation learns from, under the name by which checkpoints know what a learner remembers."""
         self.advice = np.zeros((0, 0, 3), dtype=np.int64)
@@ -163,7 +163,7 @@ class ParallelPPO(PPO):
         names = ("observations", "actions", "log_probs", "advantages", "returns")
         columns = [torch.from_numpy(_flat(getattr(buffer, name))) for name in names]
         observations, actions, log_probs, advantages, returns = columns
-        if self.replay_buffer is not None and self.imitation_share:
+        if self.replay_buffer is not None:
             self.replay_buffer.add(observations.numpy(), _flat(self.advice))
         features = features_of(self.policy, observations)
         return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())

@@ -50,7 +50,7 @@ def collect_rollouts(
     callback.on_rollout_start()
     for step in range(num_steps):
         observations = learner._last_obs
-        if learner.imitation_share:
+        if learner.replay_buffer is not None:  # whatever the share is now: it is another at the update
             learner.advice[step] = learner.teacher()
         with torch.no_grad():
             distribution = action_distribution(policy, infer(learner.actor, observations))

@@ -102,6 +102,15 @@ def _agreement(learner: ParallelPPO, envs: BatchedEnvs) -> float:
     return float(np.mean(alike))
 
 
+def test_what_a_share_that_rises_from_nothing_learns_of_first_was_asked() -> None:
+    settings = dataclasses.replace(TAUGHT, imitation=(0.0, 1.0), steps=512)
+    learner = learner_of(settings, BatchedEnvs([winding_scenario()] * 4, settings))
+    learner.teacher = lambda: np.full((4, 3), 2)
+    learner.learn(settings.rollout_size)
+    assert learner.replay_buffer is not None and len(learner.replay_buffer) == settings.rollout_size
+    assert (learner.replay_buffer.advice[: settings.rollout_size] == 2).all()
+
+
 def test_a_mirrored_vehicle_is_taught_in_its_mirror(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = dataclasses.replace(TAUGHT, num_envs=2, batch=2, n_steps=1, mirrored=True)
     envs = MirroredEnvs(BatchedEnvs([winding_scenario()] * 2, settings), settings)

@@ -26,7 +26,17 @@ from aquanav_tools.sim.batch.caves import Cave, shared
 from aquanav_tools.sim.batch.contact import axis_clearance
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.motion import State, read_motion, swim
-from aquanav_tools.sim.batch.pursuit import HORIZON, MARGIN, PACES, SLOWEST, command_towards
+from aquanav_tools.sim.batch.pursuit import (
+    HORIZON,
+    MARGIN,
+    MAX_HALVINGS,
+    PACES,
+    PATIENCE,
+    SHARE,
+    SLOWEST,
+    STRIDE,
+    command_towards,
+)  # fmt: skip
 from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel, run_slices
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.batch.table import StructTable
@@ -38,16 +48,9 @@ from aquanav_tools.sim.vehicle_base import Vehicle
 wp.set_module_options(OPTIONS)
 
 f64 = wp.float64
-NUM_AHEAD = wp.constant(HORIZON)
-SLOW = wp.constant(wp.float64(SLOWEST))
-ROOM = wp.constant(wp.float64(MARGIN))
-SHARE = wp.constant(wp.float64(0.5))
-"""Where the way has less room than MARGIN, it asks for so much of that."""
-STRIDE = wp.constant(wp.float64(0.5))
-PATIENCE = wp.constant(50)
-MAX_HALVINGS = wp.constant(3)
-"""Where it comes nearer to the goal by less than the first, m, in so many decisions, it asks for half the room, and so
-on."""
+NUM_AHEAD, MOST_HALVINGS, WAIT = wp.constant(HORIZON), wp.constant(MAX_HALVINGS), wp.constant(PATIENCE)
+SLOW, ROOM, PART, STEP = (wp.constant(wp.float64(value)) for value in (SLOWEST, MARGIN, SHARE, STRIDE))
+"""As `pursuit` has them."""
 BITS = wp.constant(3)
 MASK = wp.constant(water_ways.BLOCK - 1)
 VOLUME = wp.constant(water_ways.BLOCK**3)
@@ -166,11 +169,11 @@ def led(
 def asked_room(i: int, remaining: f64, room: f64, memory: Memory):
     """Return the clearance that is asked for, m, and note how near to the goal vehicle `i` has come."""
     memory.waited[i] = memory.waited[i] + 1
-    if remaining < memory.nearest[i] - STRIDE:
+    if remaining < memory.nearest[i] - STEP:
         memory.nearest[i] = remaining
         memory.waited[i] = 0
-    halvings = wp.min(memory.waited[i] / PATIENCE, MAX_HALVINGS)
-    return wp.min(ROOM, SHARE * wp.max(room, f64(0.0))) * wp.pow(f64(0.5), f64(halvings))
+    halvings = wp.min(memory.waited[i] / WAIT, MOST_HALVINGS)
+    return wp.min(ROOM, PART * wp.max(room, f64(0.0))) * wp.pow(f64(0.5), f64(halvings))
 
 
 @wp.kernel

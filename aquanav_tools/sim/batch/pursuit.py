@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
+from aquanav_tools.cave.water.roomy_ways import ENOUGH
 from aquanav_tools.cave.water.roomy_ways import REACH as AHEAD
 from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, trim_of
 from aquanav_tools.sim.batch.contact import axis_clearance
@@ -33,8 +34,11 @@ HORIZON = 18
 """Decisions that the oracle runs ahead: longer than it takes to stop. With 12 it sees too late, at its faster paces,
 that flood water will carry it into a wall: in a cave 1.44 vehicle widths wide one dive of 5 touched, with 18 none of
 10."""
-MARGIN = 0.15
-"""Clearance of the hull that it asks for there, m."""
+MARGIN, SHARE = ENOUGH, 0.5
+"""Clearance of the hull that it asks for there, m; where the way has less room, so much of that."""
+STRIDE, PATIENCE, MAX_HALVINGS = 0.5, 50, 3
+"""Where it makes less way than the first, m, in so many decisions, it asks for half the clearance, and so on: a place
+that is narrower would hold it up for ever."""
 SLOWEST = 0.3
 PACES = (0.8, 0.6, 0.45, SLOWEST)
 """Speeds over ground that it tries beside walls, m/s: the first that keeps enough room is taken."""
