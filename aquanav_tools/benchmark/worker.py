@@ -17,7 +17,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import LoadedPolicy, PrivilegedPolicy, check_named, policy_loader
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_batched, check_named, policy_loader
 from aquanav_tools.evaluate.protocol import plan_condition
 from aquanav_tools.evaluate.results import scenario_row
 from aquanav_tools.evaluate.rollout import CallTimeout
@@ -63,11 +63,8 @@ def policy_of(options: BenchmarkOptions, benchmark: Benchmark) -> LoadedPolicy:
             f"The policy {policy.name} was made for the {policy.task} task; the caves of {benchmark.name} are dived "
             "by underwater vehicles. Choose one that was trained in caves."
         )
-    if options.backend == "batch" and isinstance(policy.policy, PrivilegedPolicy):
-        raise InputError(
-            f"{policy.name} looks at its own vehicle or at the map, which it cannot in a batch. "
-            f"Add --backend {default_backend()}."
-        )
+    if options.backend == "batch":
+        check_batched(policy, is_diving=True, otherwise=f"Add --backend {default_backend()}.")
     return policy
 
 

@@ -21,24 +21,17 @@ from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Batch, row_of
 from aquanav_tools.envs.episode import OUTCOMES
 from aquanav_tools.envs.factory import AnyScenario, make_batch
-from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.env_cache import EpisodeSpec, reference_of, task_of
 from aquanav_tools.evaluate.episode_pool import Runner, Tasks
 from aquanav_tools.evaluate.episode_worker import EpisodeWriter, EvaluationSpec, Plan, Row, Task
 from aquanav_tools.evaluate.metrics import EpisodeMetrics, measure
 from aquanav_tools.evaluate.options import ProtocolOptions
-from aquanav_tools.evaluate.policies import (
-    Adapting,
-    LoadedPolicy,
-    Policy,
-    PrivilegedPolicy,
-    Vectorised,
-    check_size,
-    observed_by,
-)
+from aquanav_tools.evaluate.policies import LoadedPolicy, check_batched, check_size, observed_by
+from aquanav_tools.evaluate.policy_kinds import Adapting, BatchPrivileged, Policy, Vectorised
 from aquanav_tools.evaluate.protocol import Condition, EpisodePlan
 from aquanav_tools.evaluate.rollout import CallTimeout, begin_episode, choose
 from aquanav_tools.report.trajectory import FAILED, Trajectory
+from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.task import TaskOptions
 
 BATCH_SIZE = 256
@@ -54,13 +47,10 @@ def check_plan(plan: Plan) -> None:
     """Refuse what runs one by one only, before anything is run.
 
     Raises:
-        InputError: the policy looks at its environment.
+        InputError: the policy looks at its environment, and not at a batch of these.
     """
-    if isinstance(plan.policy.policy, PrivilegedPolicy):
-        raise InputError(
-            f"{plan.policy.name} looks at its own vehicle or at the map, which it cannot in a batch. Leave out "
-            "--backend batch."
-        )
+    is_diving = all(isinstance(episode.scenario, Scenario) for episode in plan.episodes)
+    check_batched(plan.policy, is_diving=is_diving, otherwise="Leave out --backend batch.")
 
 
 @contextmanager
@@ -100,14 +90,14 @@ def task_batches(plan: Plan, tasks: Iterable[Task]) -> Iterator[tuple[Task, ...]
 
 def num_policies(loaded: LoadedPolicy, size: int) -> int:
     """Return how many policies a batch of so many episodes takes."""
-    return 1 if isinstance(loaded.policy, Vectorised) else size
+    return 1 if isinstance(loaded.policy, Vectorised | BatchPrivileged) else size
 
 
 class BatchRunner:
     """Runs batches of episodes.
 
-    A vectorised policy computes the logits of all vehicles at once; otherwise each vehicle has a policy of its own, as
-    that may remember what it saw.
+    A vectorised policy computes the logits of all vehicles at once, and one that knows the maps chooses for all of
+    them; otherwise each vehicle has a policy of its own, as that may remember what it saw.
     """
 
     def __init__(
@@ -130,10 +120,8 @@ class BatchRunner:
         plans = [episode.plan for episode in batch]
         task.reset([plan.seed for plan in plans], [plan.start_index for plan in plans])
         path_lengths, route_lengths, starts = task.path_lengths, task.route_lengths, task.copy_of("start_indices")
-        slots = [
-            EpisodeSlot(loaded.policy, plan)
-            for loaded, plan in zip(itertools.cycle(self._policies), plans, strict=False)
-        ]
+        policies = [_within(loaded.policy, task) for loaded in self._policies]
+        slots = [EpisodeSlot(policy, plan) for policy, plan in zip(itertools.cycle(policies), plans, strict=False)]
         for name, values in task.dynamics.items():
             for slot, value in zip(slots, values.tolist(), strict=True):
                 slot.dynamics[name] = float(value)
@@ -241,6 +229,11 @@ class EpisodeSlot:
     """Why it failed; empty unless it did."""
     dynamics: dict[str, float] = field(default_factory=dict)
     """What the episode drew of its vehicle's, by name."""
+
+
+def _within(policy: Policy, task: Batch) -> Policy:
+    """Return the policy, or what chooses in its place for the vehicles of a batch that it looks at."""
+    return policy.within(task) if isinstance(policy, BatchPrivileged) else policy
 
 
 def _unfailed(task: Batch, slots: Sequence[EpisodeSlot], places: Sequence[int]) -> list[int]:

@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
+from aquanav_tools.envs.action import choices_of as choices_of_commands
 from aquanav_tools.envs.surface_env import SurfaceEnv
 from aquanav_tools.errors import InputError, did_you_mean
 from aquanav_tools.evaluate.boat_oracle import BoatOracle
@@ -21,6 +22,7 @@ from aquanav_tools.evaluate.observed import ADVICE, NOTHING, check_parts, parts_
 from aquanav_tools.evaluate.options import ProtocolOptions
 from aquanav_tools.evaluate.oracle import OraclePolicy
 from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
+from aquanav_tools.evaluate.policy_kinds import BatchPrivileged, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_form, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
 from aquanav_tools.evaluate.shield import ShieldedPolicy
@@ -43,46 +45,6 @@ SHIELD = "shield:"
 
 
 FilePolicy = MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy
-
-
-class Policy(Protocol):
-    """Chooses actions from observations."""
-
-    def reset(self, seed: int) -> None:
-        """Forget the last episode; draw random numbers, if any, from `seed`."""
-
-    def act(self, observation: Any) -> Any:
-        """Return the action for one observation: (O,), or a dictionary of arrays."""
-
-
-@runtime_checkable
-class PrivilegedPolicy(Protocol):
-    """A policy that knows more than it observes: its vehicle, or the whole map."""
-
-    def bind(self, env: Any) -> None:
-        """Look at the environment in which an episode has been reset and is about to begin."""
-
-
-@runtime_checkable
-class Adapting(Protocol):
-    """A policy for either task."""
-
-    def adapt(self, space: spaces.Space[Any]) -> None:
-        """Act in this space from now on."""
-
-
-@runtime_checkable
-class Vectorised(Policy, Protocol):
-    """A policy that can compute logits for many vehicles at once."""
-
-    def logits(self, observations: Any, slots: IntArray) -> npt.NDArray[np.float32]:
-        """Return a row of anything for each of (N, O) observations, or a dictionary of them, of vehicles in (N,) slots.
-
-        What is remembered of a vehicle belongs to its slot. A call that raises an error remembers nothing.
-        """
-
-    def decide(self, logits: npt.NDArray[np.float32]) -> Any:
-        """Return the action that such a row stands for."""
 
 
 @dataclass(frozen=True)
@@ -168,6 +130,32 @@ class MapPolicy:
         """Return the choices of whoever knows this kind of map."""
         return self._active.act(observation)
 
+    def within(self, batch: Any) -> BatchMapPolicy:
+        """Return what chooses for the vehicles of a batch of caves."""
+        return BatchMapPolicy(batch)
+
+
+class BatchMapPolicy:
+    """Knows the maps of a batch, whose own oracle it asks (`CaveBatch.advice`)."""
+
+    def __init__(self, batch: Any) -> None:
+        self._batch = batch
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode: the batch knows when one does."""
+
+    def act(self, observation: Any) -> Any:
+        """Refuse: what one vehicle observes tells nothing of the map."""
+        raise TypeError("it chooses for all vehicles of its batch at once")
+
+    def logits(self, observations: Any, slots: IntArray) -> npt.NDArray[Any]:
+        """Return the (N, 3) choices for vehicles in (N,) slots."""
+        return choices_of_commands(self._batch.advice())[slots]
+
+    def decide(self, logits: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Return the choices, which are those of a row."""
+        return logits
+
 
 BASELINES: dict[str, type[ReactivePolicy] | type[RandomPolicy] | type[MapPolicy]] = {
     "reactive": ReactivePolicy,
@@ -180,6 +168,22 @@ def policy_loader(options: ProtocolOptions, *, is_trusted: bool) -> Callable[[st
     """Return what loads policies for an evaluation; it travels to other processes."""
     observation, sensors, history = options.observation, tuple(options.sensors), tuple(options.history)
     return partial(load_policy, is_trusted=is_trusted, observation=observation, sensors=sensors, history=history)
+
+
+def check_batched(policy: LoadedPolicy, *, is_diving: bool, otherwise: str) -> None:
+    """Check that a policy can run in a batch.
+
+    Args:
+        policy: The policy.
+        is_diving: Whether all vehicles of the batch are in caves.
+        otherwise: What to do where it cannot: a sentence.
+
+    Raises:
+        InputError: it looks at its environment, and not at a batch of these.
+    """
+    if isinstance(policy.policy, PrivilegedPolicy) and not (is_diving and isinstance(policy.policy, BatchPrivileged)):
+        seen = "its own vehicle or at the map" if is_diving else "the map of a bay"
+        raise InputError(f"{policy.name} looks at {seen}, which it cannot in a batch. {otherwise}")
 
 
 def code_of(spec: str) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.factory import TaskEnv
 from aquanav_tools.errors import OwnCodeError
-from aquanav_tools.evaluate.policies import Adapting, Policy, PrivilegedPolicy
+from aquanav_tools.evaluate.policy_kinds import Adapting, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.protocol import EpisodePlan
 from aquanav_tools.registry import error_text
 from aquanav_tools.report.trajectory import FAILED, Trajectory

@@ -94,6 +94,24 @@ def test_episode_of_a_batch_repeats_to_the_bit(run: Run, tmp_path: Path, monkeyp
     assert len(list((tmp_path / "eval").glob("episode-*.rrd"))) == 4
 
 
+def test_oracle_of_a_batch_comes_through_whatever_runs_beside(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    options = {"episodes": 5, "current": (0.2, 0.0, 0.1), "randomisation": "late", "on_collision": "end"}
+    together = run("baseline:oracle", tmp_path / "together", **options)
+    assert [(episode["outcome"], episode["collisions"]) for episode in together["episodes"]] == [("success", 0)] * 5
+    monkeypatch.setattr(batch_runner, "BATCH_SIZE", 2)
+    run("baseline:oracle", tmp_path / "apart", **options)
+    files = [(tmp_path / name / "results.json").read_bytes() for name in ("together", "apart")]
+    assert files[0] == files[1]
+
+
+def test_oracle_of_boats_runs_alone(tmp_path: Path) -> None:
+    options = EvaluateOptions(("baseline:oracle",), (Path("bay-calm"),), tmp_path / "eval", backend="batch")
+    with pytest.raises(InputError, match=r"looks at the map of a bay, .* Leave out --backend batch\."):
+        evaluate(options, lambda done, total: None)
+
+
 @pytest.mark.parametrize("size", [1, 3, 5])
 def test_episodes_are_the_same_whatever_runs_beside_them(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: int
@@ -228,7 +246,7 @@ def test_network_that_fails_costs_those_episodes_only(
 @pytest.mark.parametrize(
     ("policy", "options", "message"),
     [
-        ("baseline:oracle", {}, "looks at its own vehicle or at the map"),
+        ("shield:baseline:reactive", {}, "looks at its own vehicle or at the map"),
         ("baseline:random", {"workers": 2}, "Leave out --workers"),
     ],
 )
