@@ -28,8 +28,8 @@ class BenchmarkOptions:
     """What the policy observes, where its file does not tell."""
     backend: Backend = "batch"
     """batch runs the episodes of a cave side by side, with our own contacts and rays through the distance field;
-    pybullet one by one, with Bullet's contacts and rays to the mesh: for policies that look at the map, such as
-    baseline:oracle; own does so with our own contacts, where PyBullet is not installed."""
+    pybullet one by one, with Bullet's contacts and rays to the mesh, also policies behind the shield; own does so with
+    our own contacts, where PyBullet is not installed."""
     workers: int | None = None
     """Processes, each at one cave at a time; the results do not depend on it. As many as there are cores without it."""
     trust: bool = False

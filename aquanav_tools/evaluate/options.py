@@ -129,7 +129,7 @@ class EvaluateOptions(ProtocolOptions):
     """pybullet runs each episode by itself, with PyBullet's contacts in caves; own does, with our own contacts, and is
     the default where PyBullet is not installed. batch runs up to 256 side by side, several times as fast; an episode is
     the same whatever runs beside it. In caves its contacts are our own and its rays go through the distance field. It
-    takes no policies that look at the map."""
+    takes no shield, and the oracle in caves only: that of the batch, which plans anew at every decision."""
     workers: int | None = None
     """Processes that run episodes; the results do not depend on it. Without it as many as there are cores, but one for
     every 10 episodes at most, and with 1 this process runs."""

@@ -16,7 +16,7 @@ import numpy as np
 
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
-from aquanav_tools.envs.factory import with_vehicle
+from aquanav_tools.envs.vehicles import dived_by
 from aquanav_tools.errors import InputError, ResourceError, ScenarioError
 from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.folder import read_scenario
@@ -221,12 +221,12 @@ class CaveSupply:
         try:
             if built.folder is None:
                 raise InputError(built.fault)
-            scenario = with_vehicle(_read_whole(task, built.folder), self.sequence.vehicle)
-            assert isinstance(scenario, Scenario)
+            scenario, vehicle = _read_whole(task, built.folder), self.sequence.vehicle
             if scenario.flow is None:
                 raise InputError(f"No water flows through {name}.")
-            is_as_built = self.sequence.scales == (1.0, 1.0)
-            return scenario if is_as_built else scaled_to_fit(scenario, self.sequence.scale(task.number))
+            if self.sequence.scales == (1.0, 1.0):
+                return dived_by(scenario, vehicle) if vehicle else scenario
+            return scaled_to_fit(scenario, self.sequence.scale(task.number), vehicle)
         except InputError as error:
             if task.attempt + 1 == MAX_ATTEMPTS:
                 raise InputError(

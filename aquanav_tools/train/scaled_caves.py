@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.envs.vehicles import vehicle_of, ways_to_goal
+from aquanav_tools.envs.vehicles import dived_by, vehicle_of, ways_to_goal
 from aquanav_tools.scenario.scaling import scaled
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
@@ -29,19 +29,31 @@ MAX_TRIES = 5
 """Factors that are tried, each half as far from 1, in the logarithm, as the one before."""
 
 
-def scaled_to_fit(scenario: Scenario, factor: float) -> Scenario:
+def scaled_to_fit(scenario: Scenario, factor: float, vehicle: str | None = None) -> Scenario:
     """Return a cave made larger or smaller by a factor, or by one nearer to 1 where its vehicle would not fit through.
 
     Starts that it does not fit at any more are left out. A cave that fits by no factor stays as it is.
+
+    Args:
+        scenario: The cave.
+        factor: By which its lengths are multiplied.
+        vehicle: What dives there, by name or path; None for the cave's own.
+
+    Raises:
+        InputError: the vehicle fits through by no factor.
     """
-    capsule = vehicle_of(scenario).capsule
+    capsule = vehicle_of(scenario, vehicle).capsule
     for _ in range(MAX_TRIES):
         other = scaled(scenario, factor)
         starts = _usable(other, capsule)
         if len(starts) >= MIN_STARTS:
-            return replace(other, starts=starts)
+            return _dived(replace(other, starts=starts), vehicle)
         factor = float(np.sqrt(factor))
-    return scenario
+    return _dived(scenario, vehicle)
+
+
+def _dived(scenario: Scenario, vehicle: str | None) -> Scenario:
+    return dived_by(scenario, vehicle) if vehicle else scenario
 
 
 def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:

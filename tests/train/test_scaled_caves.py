@@ -9,6 +9,9 @@ import pytest
 
 from aquanav_tools.envs.cave_batch import CaveBatch
 from aquanav_tools.envs.vehicles import vehicle_of
+from aquanav_tools.errors import InputError
+from aquanav_tools.scenario.scaling import scaled
+from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.train.cave_supply import CaveSequence
 from aquanav_tools.train.scaled_caves import NARROWEST, scaled_to_fit
 from tests.caves import TUBE_RADIUS, tube_scenario
@@ -39,6 +42,17 @@ def test_starts_at_which_the_hull_would_touch_are_left_out() -> None:
     assert len(half.starts) == len(tube.starts) - 1
     batch = CaveBatch(half, 1, next_step=False, current="still")
     batch.close()
+
+
+def test_a_cave_that_is_too_tight_for_another_vehicle_is_dived_by_it_once_it_is_larger() -> None:
+    tight = scaled(tube_scenario(), 0.12)
+    hull = load_vehicle("original-auv").capsule
+    assert 0.12 * TUBE_RADIUS < hull.radius < 0.48 * TUBE_RADIUS
+    roomy = scaled_to_fit(tight, 4.0, "original-auv")
+    assert vehicle_of(roomy).capsule == hull
+    assert len(roomy.starts) == len(tight.starts)
+    with pytest.raises(InputError, match="original-auv"):
+        scaled_to_fit(tight, 1.1, "original-auv")
 
 
 def test_factors_are_drawn_from_the_range_and_depend_on_seed_and_number_alone() -> None:
