@@ -196,13 +196,13 @@ class ParallelPPO(PPO):
     def _backward_actor(self, batch: Batch, advised: Advice | None, clip_range: float) -> tuple[torch.Tensor, ...]:
         """Compute the actor's gradients; return `Losses` but the critic's."""
         share = 0.0 if advised is None else self.imitation_share
-        imitation = torch.zeros(())
+        policy_loss = entropy_loss = imitation = torch.zeros(())
+        log_ratio = torch.zeros_like(batch.advantages)
         if advised is not None:
             imitation = -action_distribution(self.policy, self.actor(advised.features)).log_prob(advised.choices).mean()
             (share * imitation).backward()
-        with torch.set_grad_enabled(share < 1.0):
-            policy_loss, entropy_loss, log_ratio = self._actor_losses(batch, clip_range)
         if share < 1.0:
+            policy_loss, entropy_loss, log_ratio = self._actor_losses(batch, clip_range)
             ((1.0 - share) * policy_loss + self.ent_coef * entropy_loss).backward()  # type: ignore[no-untyped-call]
         return entropy_loss.detach(), policy_loss.detach(), imitation.detach(), log_ratio.detach()
 
