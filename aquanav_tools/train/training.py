@@ -46,6 +46,7 @@ from aquanav_tools.train.journal import RunJournal
 from aquanav_tools.train.learners import inherit, make_learner, parameters_of
 from aquanav_tools.train.mirror import MirroredEnvs, check_mirror_images
 from aquanav_tools.train.pipeline import Pipeline
+from aquanav_tools.train.products import fast_products
 from aquanav_tools.train.record import EVENTS_DIR, RunRecord
 from aquanav_tools.train.reporting import REPORT_FILE, write_artifacts
 from aquanav_tools.train.settings import RunSettings, TrainSettings
@@ -134,7 +135,8 @@ def train(
             was_finished = checkpoint is not None and record.is_finished(checkpoint)
             if not was_finished:
                 run = _Run(record.pipeline, seed, record, journal, validation, initial, drawn, show_progress)
-                _learn_all(run, scenarios, checkpoint, tell)
+                with fast_products():
+                    _learn_all(run, scenarios, checkpoint, tell)
             if not (was_finished and (output_dir / REPORT_FILE).is_file()):
                 write_artifacts(output_dir, record.pipeline, journal)
         return Trained(journal.curve.points[-1], journal.best, journal.final, was_finished)
