@@ -6,9 +6,9 @@ Settings are those of the paper's curriculum (31 values, 3 x 128 swish, twice; r
 or with --settings reference those of that pipeline (44 values, rollouts of 24576, batch 2048). Collecting: "here" are
 PyBullet's environments in the process that learns, "workers" in two further processes (aquanav-train --workers 2),
 "subproc" SB3's SubprocVecEnv with a process each, "batchN" the Warp batch with N vehicles (aquanav-train --backend
-batch). Learning, from one rollout: "sb3" is Stable-Baselines3's own update, "ours" that of train/ppo.py, "ours-bf16"
-the same with the precision bfloat16, "sb3-4096" and "ours-4096" with minibatches of 4096, "sbx" the update of sbx (JAX;
-pip install sbx-rl), without scaling of observations, where that is installed.
+batch). Learning, from one rollout: "sb3" is Stable-Baselines3's own update, "ours" that of train/ppo.py, "ours-plain"
+the same without `fast_products`, "ours-bf16" with the precision bfloat16, "sb3-4096" and "ours-4096" with minibatches
+of 4096, "sbx" the update of sbx (JAX; pip install sbx-rl), without scaling of observations, where that is installed.
 
 All take turns, round by round, so that a busy machine is as busy for each of them; the first round, in which functions
 are compiled, does not count. CPU time is that of this process, its threads and its children, and the fair measure where
@@ -22,6 +22,7 @@ import dataclasses
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,7 @@ from aquanav_tools.train.environment_group import training_env
 from aquanav_tools.train.environments import TrainingEnvs
 from aquanav_tools.train.learners import make_learner
 from aquanav_tools.train.ppo import ParallelPPO
+from aquanav_tools.train.products import fast_products
 from aquanav_tools.train.settings import TrainSettings
 from eval.pages import RESULTS, Record
 from eval.smoke import parser_of
@@ -49,7 +51,7 @@ from tests.caves import tube_scenario
 
 Action = Callable[[], None]
 PLACES = ("here", "workers", "subproc", "batch256", "batch512", "batch2048")
-LEARNERS = ("sb3", "ours", "ours-bf16", "sb3-4096", "ours-4096", "sbx")
+LEARNERS = ("sb3", "ours", "ours-plain", "ours-bf16", "sb3-4096", "ours-4096", "sbx")
 PAPER = TrainSettings(observation="paper", reward="dense", current="still", num_envs=16, n_steps=1280, batch=1024)
 REFERENCE = dataclasses.replace(PAPER, observation="full", reward="careful", n_steps=1536, batch=2048)
 SETTINGS = {"paper": PAPER, "reference": REFERENCE}
@@ -101,7 +103,8 @@ def learning(name: str, full: Any) -> Action:
     def learn() -> None:
         torch.set_num_threads(1)
         learner.rollout_buffer = copy.deepcopy(full.rollout_buffer)  # SB3's update turns the arrays around
-        learner.train()
+        with fast_products() if name in ("ours", "ours-4096") else nullcontext():
+            learner.train()
 
     return learn
 
