@@ -181,7 +181,8 @@ def check_batched(policy: LoadedPolicy, *, is_diving: bool, otherwise: str) -> N
     Raises:
         InputError: it looks at its environment, and not at a batch of these.
     """
-    if isinstance(policy.policy, PrivilegedPolicy) and not (is_diving and isinstance(policy.policy, BatchPrivileged)):
+    knows_batch = is_diving and isinstance(policy.policy, BatchPrivileged)
+    if isinstance(policy.policy, PrivilegedPolicy) and not knows_batch:
         seen = "its own vehicle or at the map" if is_diving else "the map of a bay"
         raise InputError(f"{policy.name} looks at {seen}, which it cannot in a batch. {otherwise}")
 

@@ -52,8 +52,8 @@ class Vectorised(Policy, Protocol):
 
 
 @runtime_checkable
-class BatchPrivileged(PrivilegedPolicy, Protocol):
-    """A policy that also knows more than it observes of all vehicles of a batch."""
+class BatchPrivileged(Protocol):
+    """A policy that knows more than it observes of all vehicles of a batch."""
 
     def within(self, batch: Any) -> Vectorised:
         """Return what chooses for the vehicles of a batch of caves."""

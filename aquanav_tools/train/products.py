@@ -24,7 +24,7 @@ MAX_ERROR = 2e-3
 def fast_products() -> Iterator[bool]:
     """Let oneDNN multiply in float32 within the context; yield whether it does."""
     matmul: Any = getattr(torch.backends.mkldnn, "matmul", None)  # torch before 2.9 has none
-    if matmul is None or not torch.backends.mkldnn.is_available():
+    if matmul is None or not torch.backends.mkldnn.is_available():  # type: ignore[no-untyped-call]
         yield False
         return
     before = matmul.fp32_precision
