@@ -196,10 +196,15 @@ def test_what_nobody_could_check_is_not_submitted(changes: dict[str, str], messa
         check_can_submit(BenchmarkOptions(**options))  # type: ignore[arg-type]
 
 
-def test_the_oracle_needs_bullet(tmp_path: Path) -> None:
+def test_the_oracle_knows_the_map_one_by_one_and_in_a_batch(tmp_path: Path) -> None:
+    for backend in ("batch", default_backend()):
+        folder = tmp_path / backend
+        assert run(folder, policy="baseline:oracle", backend=backend).score.tiers[0].mean.mean == 1.0
+
+
+def test_a_shield_does_not_run_in_a_batch(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"--backend {default_backend()}"):
-        run(tmp_path, policy="baseline:oracle")
-    assert run(tmp_path, policy="baseline:oracle", backend=default_backend()).score.tiers[0].mean.mean == 1.0
+        run(tmp_path, policy="shield:baseline:reactive")
 
 
 def test_policies_for_boats_do_not_dive(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from aquanav_tools.task import TaskOptions
 from tests.conftest import REPOSITORY
 
 POLICIES = sorted((REPOSITORY / "eval" / "policies").glob("*.zip"))
-MAX_BYTES = 2_500_000
+MAX_BYTES = 3_000_000
 """Of a file in the repository."""
 
 
