@@ -52,12 +52,14 @@ def vehicle_of(scenario: Scenario, vehicle: str | Path | Vehicle | None = None) 
     return load_vehicle(scenario.settings.vehicle if vehicle is None else vehicle)
 
 
-def dived_by(scenario: Scenario, vehicle: str | Path) -> Scenario:
-    """Return a scenario with a vehicle by name or path in place of its own; itself where that is the same.
+def dived_by(scenario: Scenario, vehicle: str | Path | None) -> Scenario:
+    """Return a scenario with a vehicle by name or path in place of its own; itself where that is the same, or None.
 
     Raises:
         InputError: there is no such vehicle, or its hull does not fit, as in `with_room_for`.
     """
+    if vehicle is None:
+        return scenario
     path = vehicle_path(vehicle)
     craft = load_vehicle(path)
     if craft == vehicle_of(scenario):

@@ -225,7 +225,7 @@ class CaveSupply:
             if scenario.flow is None:
                 raise InputError(f"No water flows through {name}.")
             if self.sequence.scales == (1.0, 1.0):
-                return dived_by(scenario, vehicle) if vehicle else scenario
+                return dived_by(scenario, vehicle)
             return scaled_to_fit(scenario, self.sequence.scale(task.number), vehicle)
         except InputError as error:
             if task.attempt + 1 == MAX_ATTEMPTS:

@@ -59,7 +59,7 @@ class Advice(NamedTuple):
 
 
 class Losses(NamedTuple):
-    """Of a minibatch."""
+    """Of a minibatch; all of PPO's own are 0 where the actor learns by imitation alone."""
 
     entropy: torch.Tensor
     """Its mean, with the other sign."""

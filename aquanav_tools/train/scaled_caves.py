@@ -47,13 +47,9 @@ def scaled_to_fit(scenario: Scenario, factor: float, vehicle: str | None = None)
         other = scaled(scenario, factor)
         starts = _usable(other, capsule)
         if len(starts) >= MIN_STARTS:
-            return _dived(replace(other, starts=starts), vehicle)
+            return dived_by(replace(other, starts=starts), vehicle)
         factor = float(np.sqrt(factor))
-    return _dived(scenario, vehicle)
-
-
-def _dived(scenario: Scenario, vehicle: str | None) -> Scenario:
-    return dived_by(scenario, vehicle) if vehicle else scenario
+    return dived_by(scenario, vehicle)
 
 
 def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:

@@ -8,6 +8,10 @@ import torch
 from aquanav_tools.train import products
 from aquanav_tools.train.products import fast_products
 
+pytestmark = pytest.mark.skipif(
+    not hasattr(torch.backends.mkldnn, "matmul"), reason="torch before 2.9 cannot be told which library multiplies"
+)
+
 
 def setting() -> str:
     return str(torch.backends.mkldnn.matmul.fp32_precision)
