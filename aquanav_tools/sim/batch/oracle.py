@@ -270,8 +270,8 @@ class BatchOracle:
         if not isinstance(vehicle, FossenVehicle) or vehicle.thrusters:
             raise InputError(
                 "The oracle of a batch knows vehicles with a thrust ahead and a moment of steer, and this one is of "
-                "another model. Choose one such as bluerov2; in aquanav-eval leave out --backend batch: the oracle of one "
-                "vehicle knows more of them."
+                "another model. Choose one such as bluerov2; in aquanav-eval leave out --backend batch: the oracle of "
+                "one vehicle knows more of them."
             )
         goal, radius = np.array(scenario.settings.goal.position, dtype=np.float64), vehicle.capsule.radius
         key = ("ways", goal.tolist(), radius)
