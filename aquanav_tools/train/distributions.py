@@ -25,6 +25,11 @@ class Choices:
         drawn = [torch.multinomial(probs.t(), 1, replacement=True) for probs in self._log_probs.exp()]
         return torch.cat(drawn, dim=1)
 
+    @property
+    def mode(self) -> torch.Tensor:
+        """(N, num_choices) likeliest options."""
+        return self._log_probs.argmax(dim=1).t()
+
     def log_prob(self, actions: torch.Tensor) -> torch.Tensor:
         """Return (N,) log-probabilities of (N, num_choices) options, which may be whole floats."""
         chosen = actions.long().t().unsqueeze(1)

@@ -84,7 +84,12 @@ def _make_on_policy(envs: VecEnv, settings: TrainSettings, seed: int, rate: Line
     name, network = _policy_of(settings)
     ours: dict[str, Any] = {}
     if settings.algorithm == "ppo":
-        ours = {"precision": settings.precision, "imitation": settings.imitation, "memory": settings.replay}
+        ours = {
+            "precision": settings.precision,
+            "imitation": settings.imitation,
+            "memory": settings.replay,
+            "greedy": settings.greedy,
+        }
     return class_of(settings.algorithm)(
         name,
         envs,

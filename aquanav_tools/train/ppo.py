@@ -30,6 +30,7 @@ from aquanav_tools.train.advice import AdviceMemory
 from aquanav_tools.train.distributions import action_distribution
 from aquanav_tools.train.rollout import collect_rollouts, features_of
 
+GOLDEN = (5.0**0.5 - 1.0) / 2.0
 EPSILON = 1e-8
 """Added to the standard deviation of advantages, as in SB3."""
 
@@ -80,6 +81,7 @@ class ParallelPPO(PPO):
         precision: str = "float32",
         imitation: tuple[float, float] = (0.0, 0.0),
         memory: int = 0,
+        greedy: float = 0.0,
         **kwargs: Any,
     ) -> None:
         """Take SB3's arguments.
@@ -89,19 +91,24 @@ class ParallelPPO(PPO):
             precision: Of the products in the networks: float32, or bfloat16 (weights and losses stay float32).
             imitation: Share of the actor's loss that is imitation of the oracle, at the beginning and at the end.
             memory: Decisions that imitation learns from at most.
+            greedy: Share of the environments that take the likeliest action, from which PPO itself does not learn.
             kwargs: SB3's.
         """
-        self.precision, self._imitation, self._memory = precision, imitation, memory
+        self.precision, self._imitation, self._memory, self._greedy = precision, imitation, memory, greedy
         self.teacher: Callable[[], np.ndarray] | None = None
         """Returns the (N, 3) choices of now; given where the share is not 0 throughout."""
         self.replay_buffer: AdviceMemory | None = None
         """What imitation learns from, under the name by which checkpoints know what a learner remembers."""
         self.advice = np.zeros((0, 0, 3), dtype=np.int64)
         """(T, N, 3) the oracle's choices in the rollout, where it is asked."""
+        self.greedy = torch.zeros(0, dtype=torch.bool)
+        """(N,) environments that take the likeliest action."""
         super().__init__(*args, **kwargs)
 
     def _setup_model(self) -> None:
         super()._setup_model()
+        # Evenly among caves and mirrors, whatever the share: multiples of the golden ratio.
+        self.greedy = torch.from_numpy(np.arange(self.n_envs) * GOLDEN % 1.0 < self._greedy)
         if any(self._imitation):
             self.advice = np.zeros((self.n_steps, self.n_envs, 3), dtype=np.int64)
             self.replay_buffer = AdviceMemory(self._memory, spaces.flatdim(self.observation_space))
@@ -113,7 +120,8 @@ class ParallelPPO(PPO):
         return last + (first - last) * max(self._current_progress_remaining, 0.0)
 
     def _excluded_save_params(self) -> list[str]:
-        return [*super()._excluded_save_params(), "advice", "teacher", "replay_buffer", "_imitation", "_memory"]
+        ours = ("advice", "teacher", "replay_buffer", "greedy", "_imitation", "_memory", "_greedy")
+        return [*super()._excluded_save_params(), *ours]
 
     def actor(self, features: torch.Tensor) -> torch.Tensor:
         """Return logits, or the means of levels, (N, K), for (N, F) features."""
@@ -158,7 +166,7 @@ class ParallelPPO(PPO):
         self._log(_statistics(losses, clip_range), clip_range)
 
     def _rollout(self) -> Batch:
-        """Return all decisions of the rollout."""
+        """Return the decisions of the rollout to learn from; where all is imitation, they teach the critic alone."""
         buffer = self.rollout_buffer
         names = ("observations", "actions", "log_probs", "advantages", "returns")
         columns = [torch.from_numpy(_flat(getattr(buffer, name))) for name in names]
@@ -166,7 +174,11 @@ class ParallelPPO(PPO):
         if self.replay_buffer is not None:
             self.replay_buffer.add(observations.numpy(), _flat(self.advice))
         features = features_of(self.policy, observations)
-        return Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
+        batch = Batch(features, actions, log_probs.flatten(), advantages.flatten(), returns.flatten())
+        if not self.greedy.any() or self.imitation_share == 1.0:
+            return batch
+        by_chance = ~self.greedy.repeat_interleave(self.n_steps)
+        return Batch(*(column[by_chance] for column in batch))
 
     def _advised(self, num: int) -> Advice | None:
         """Return so many decisions to imitate; None where nothing is imitated."""

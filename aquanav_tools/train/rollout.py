@@ -55,6 +55,7 @@ def collect_rollouts(
         with torch.no_grad():
             distribution = action_distribution(policy, infer(learner.actor, observations))
             drawn = distribution.sample()
+            drawn[learner.greedy] = distribution.mode[learner.greedy]
             log_probs = distribution.log_prob(drawn)
         actions = drawn.numpy()
         new_observations, rewards, dones, infos = learner.env.step(_allowed(actions, learner.action_space))

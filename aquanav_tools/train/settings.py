@@ -94,6 +94,9 @@ class TrainSettings(TaskOptions):
     """Share of ppo's loss that is imitation, at the lesson's beginning and at its end, in a straight line: of what the
     oracle, which knows map and water, would choose where the policy comes (DAgger). The rest is ppo's own loss. Caves,
     the batch and multidiscrete actions only."""
+    greedy: float = 0.0
+    """Share of the environments in which the likeliest action is taken instead of one that is drawn, as the finished
+    policy does: what that meets, such as circles that chance would break, is learned by imitation, and only so."""
     memory: int = 64
     """Width of recurrent-ppo's LSTM."""
     replay: int = 300_000
@@ -179,6 +182,12 @@ class TrainSettings(TaskOptions):
             not self.is_taught or (self.algorithm == "ppo" and self.action == "multidiscrete"),
             f"imitation is for ppo with multidiscrete actions, and here {self.algorithm} acts by {self.action} ones. "
             "Leave it out.",
+        )
+        _check(0.0 <= self.greedy < 1.0, f"greedy must be a share from 0 to below 1, and it is {self.greedy}.")
+        _check(
+            self.is_taught or not self.greedy,
+            f"What {self.greedy:.0%} greedy environments meet is learned by imitation, and there is none. Set imitation "
+            "or leave greedy out.",
         )
 
 

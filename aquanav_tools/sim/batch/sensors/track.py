@@ -80,6 +80,14 @@ class TrackMemory:
     """(N,) points remembered in this episode, among them those that others have taken the place of."""
     points: wp.array2d(dtype=wp.vec3)
     """(N, P) the last P of them, point n in column n modulo P."""
+    bows: wp.array(dtype=wp.vec3)
+    """(N,) where the bow pointed at first: unit vectors."""
+
+
+@wp.func
+def bow_of(orientation: wp.vec4d) -> wp.vec3d:
+    """Return the direction in which the bow points."""
+    return rotation_of(orientation) * wp.vec3d(f64(1.0), f64(0.0), f64(0.0))
 
 
 @wp.func
@@ -94,6 +102,7 @@ def remember(i: int, memory: TrackMemory, state: BatchState, off: f64, scale: f6
         memory.ways[i] = f64(0.0)
         memory.counts[i] = 1
         memory.points[i, 0] = wp.vec3()
+        memory.bows[i] = wp.vec3(bow_of(state.orientations[i]))
     elif memory.decisions[i] != decision:
         moved = position - memory.positions[i]
         c, s = wp.cos(off), wp.sin(off)
@@ -128,12 +137,17 @@ def measure_track(
     device = normals(state.seeds[i], stream, ONCE)
     off = errors.drift * f64(device[1]) * f64(state.decisions[i])
     remember(i, memory, state, off, f64(1.0) + errors.scale_error * f64(device[0]))
-    ahead = rotation_of(state.orientations[i]) * wp.vec3d(f64(1.0), f64(0.0), f64(0.0))
+    ahead = bow_of(state.orientations[i])
     heading = float(wp.atan2(ahead[1], ahead[0]) + off)
     c, s = wp.cos(heading), wp.sin(heading)
     for k in range(steps.shape[0]):
-        n = wp.max(memory.counts[i] - 1 - steps[k], 0)
-        back = memory.points[i, n % memory.points.shape[1]] - wp.vec3(memory.reckoned[i])
+        n = memory.counts[i] - 1 - steps[k]
+        begun = float(f64(memory.counts[i] - 1) * SPACING + memory.ways[i])
+        # Before the episode: straight astern of where it began.
+        point = wp.min(begun - float(f64(steps[k]) * SPACING), 0.0) * memory.bows[i]
+        if n >= 0:
+            point = memory.points[i, n % memory.points.shape[1]]
+        back = point - wp.vec3(memory.reckoned[i])
         out[i, 3 * k] = wp.clamp(c * back[0] + s * back[1], -limits[k], limits[k])
         out[i, 3 * k + 1] = wp.clamp(c * back[1] - s * back[0], -limits[k], limits[k])
         out[i, 3 * k + 2] = wp.clamp(back[2], -limits[k], limits[k])
@@ -143,8 +157,9 @@ class Track(KernelSensor):
     """Where the vehicle was some distances of its way ago: (N, 3 D), m, each ahead, left and up of it.
 
     A vehicle that dives knows its track from its Doppler log and gyroscope, to some percent of the way. Axes are level,
-    by the heading, so that a tilt does not change them. Before the track is as long as a distance, its beginning is
-    told: where the episode began. It wants to be measured once after every decision.
+    by the heading, so that a tilt does not change them. An episode begins as if the vehicle had come straight from
+    astern, so that only one that stays where it is finds all its past close by. It wants to be measured once after every
+    decision.
     """
 
     def __init__(self, sheet: TrackSheet | Mapping[str, Any] | str | Path = "a50") -> None:

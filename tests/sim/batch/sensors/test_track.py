@@ -41,19 +41,31 @@ def test_a_straight_way_lies_behind() -> None:
     assert (read[0, :, 0] <= -PERFECT["distances"][0]).all()
 
 
-def test_a_track_shorter_than_the_distance_tells_where_it_began() -> None:
+def test_before_it_began_the_track_lies_straight_astern() -> None:
     read = swim(Track(PERFECT), room_batch(positions=np.zeros((1, 3))), line([0.6, 0.0, -0.8], 2.0))
-    assert np.allclose(read[0, 1], [-1.2, 0.0, 1.6], atol=1e-5)
+    # Of 4 m, 2 were swum, and 2 lie behind where the bow pointed along x.
+    assert np.allclose(read[0, 1], [-1.2 - 2.0, 0.0, 1.6], atol=1e-5)
+
+
+def test_who_stays_where_it_is_differs_from_who_begins() -> None:
+    read = swim(Track(PERFECT), room_batch(positions=np.zeros((1, 3))), np.zeros((1, 1, 3)))
+    assert np.allclose(read[0], [[-1.0, 0.0, 0.0], [-4.0, 0.0, 0.0]], atol=1e-6)
+    angles = np.linspace(0.0, 8.0 * np.pi, 161)
+    path = 0.15 * np.stack([np.cos(angles), np.sin(angles), np.zeros(161)], axis=1)[:, None]
+    staying = swim(Track({"distances": [1.0, 2.0]}), room_batch(positions=path[0]), path)
+    assert (np.linalg.norm(staying[0], axis=1) < 0.5).all()
 
 
 def test_axes_are_level_and_by_the_heading() -> None:
     path = line([1.0, 0.0, 0.0], 2.0)
     headings = np.full((len(path), 1), 0.5 * np.pi)  # it looks to the left of where it moves
     read = swim(Track(PERFECT), room_batch(positions=np.zeros((1, 3))), path, headings)
-    assert np.allclose(read[0, 1], [0.0, 2.0, 0.0], atol=1e-5)
+    # In 2 m it came along x, which is to its right; before that from where it looked, which is astern.
+    assert np.allclose(read[0, 1], [-2.0, 2.0, 0.0], atol=1e-5)
     nose_down = [np.cos(0.5), 0.0, np.sin(0.5), 0.0]  # turned by 1 rad about the left
     track, batch = Track(PERFECT), room_batch(positions=np.zeros((1, 3)), orientations=[nose_down])
-    assert np.allclose(swim(track, batch, path)[0, 1], [-2.0, 0.0, 0.0], atol=1e-5)
+    before = 2.0 * np.array([-np.cos(1.0), 0.0, np.sin(1.0)])
+    assert np.allclose(swim(track, batch, path)[0, 1], before - [2.0, 0.0, 0.0], atol=1e-5)
 
 
 def test_a_circle_leads_back_to_where_it_was() -> None:
@@ -71,7 +83,8 @@ def test_measuring_twice_changes_nothing_and_an_episodes_beginning_forgets() -> 
     path = line([1.0, 0.0, 0.0], 3.0).repeat(2, axis=1)
     read = swim(track, batch, path)
     assert np.array_equal(track.measure(batch).reshape(read.shape), read)
-    assert not track.measure(at(batch, 0, positions=np.ones((2, 3)))).any()
+    begun = track.measure(at(batch, 0, positions=np.ones((2, 3))))
+    assert np.allclose(begun.reshape(2, -1, 3)[..., 1:], 0.0)
     assert np.array_equal(swim(track, batch, path), read)
 
 
@@ -88,14 +101,14 @@ def test_what_it_remembers_can_be_kept_and_restored() -> None:
 def test_errors_have_the_sheets_sizes() -> None:
     num, length, turned = 4000, 10.0, np.radians(3.0)
     seconds = round(length / STEP) * SECONDS
-    path = line([1.0, 0.0, 0.0], length).repeat(num, axis=1)
+    path = line([0.0, 1.0, 0.0], length).repeat(num, axis=1)  # to the left: what lies before it, astern, is exact
     batch = room_batch(positions=path[0], seeds=np.arange(num))
     by_scale = swim(Track({"distances": [20.0], "scale_error": 0.02}), batch, path)[:, 0]
-    assert by_scale[:, 0].std() == pytest.approx(0.02 * length, rel=5 / np.sqrt(2 * num))
+    assert by_scale[:, 1].std() == pytest.approx(0.02 * length, rel=5 / np.sqrt(2 * num))
     drift = float(np.degrees(turned) / (seconds / 60.0))
     drifting = swim(Track({"distances": [20.0], "heading_drift_deg_per_min": drift}), batch, path)[:, 0]
-    # The heading is off by `turned` in the end and by half of it on the mean; so the way seems to come from the side.
-    assert drifting[:, 1].std() == pytest.approx(0.5 * turned * length, rel=0.06)
+    # The heading is off by `turned` in the end and by half of it on the mean; so the way seems to come from elsewhere.
+    assert drifting[:, 0].std() == pytest.approx(0.5 * turned * length, rel=0.06)
 
 
 def test_a_senseless_sheet_is_refused() -> None:
