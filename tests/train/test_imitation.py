@@ -111,6 +111,35 @@ def test_what_a_share_that_rises_from_nothing_learns_of_first_was_asked() -> Non
     assert (learner.replay_buffer.advice[: settings.rollout_size] == 2).all()
 
 
+def test_greedy_vehicles_take_the_likeliest_choice_and_only_the_others_teach_the_reward() -> None:
+    settings = dataclasses.replace(TAUGHT, num_envs=20, n_steps=8, batch=20, imitation=(0.5, 0.5), greedy=0.4)
+    learner = learner_of(settings, BatchedEnvs([winding_scenario()] * 20, settings))
+    learner.teacher = lambda: np.zeros((20, 3), dtype=np.int64)
+    greedy = learner.greedy.numpy()
+    assert greedy.sum() == 8
+    assert greedy[::2].any() and greedy[1::2].any()  # on both sides of a mirror
+    learner.learn(settings.rollout_size)
+    buffer, memory = learner.rollout_buffer, learner.replay_buffer
+    assert memory is not None and len(memory) == settings.rollout_size  # all of them are asked about
+    learned_from = learner._rollout()
+    assert len(learned_from.actions) == 8 * 12
+    by_chance = buffer.actions.swapaxes(0, 1)[~greedy]  # each environment's decisions in turn
+    assert np.array_equal(learned_from.actions.numpy(), by_chance.reshape(-1, 3))
+
+
+def test_what_greedy_vehicles_choose_is_what_the_policy_predicts() -> None:
+    settings = dataclasses.replace(TAUGHT, num_envs=20, batch=20, n_steps=1, greedy=0.5)
+    learner = learner_of(settings, BatchedEnvs([winding_scenario()] * 20, settings))
+    learner.teacher = lambda: np.zeros((20, 3), dtype=np.int64)
+    _, callback = learner._setup_learn(20, None)
+    likeliest, _ = learner.predict(learner._last_obs, deterministic=True)
+    learner.collect_rollouts(learner.env, callback, learner.rollout_buffer, 1)
+    chosen = learner.rollout_buffer.actions[0]
+    greedy = learner.greedy.numpy()
+    assert np.array_equal(chosen[greedy], likeliest[greedy])
+    assert not np.array_equal(chosen[~greedy], likeliest[~greedy])
+
+
 def test_a_mirrored_vehicle_is_taught_in_its_mirror(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = dataclasses.replace(TAUGHT, num_envs=2, batch=2, n_steps=1, mirrored=True)
     envs = MirroredEnvs(BatchedEnvs([winding_scenario()] * 2, settings), settings)
@@ -155,6 +184,8 @@ def test_the_memory_holds_the_last_decisions_it_has_room_for(rng: np.random.Gene
         ({"imitation": (1.2, 0.0)}, "two shares from 0 to 1"),
         ({"imitation": (1.0, 0.0), "action": "continuous", "algorithm": "sac"}, "here sac acts by continuous ones"),
         ({"imitation": (0.0, 0.5), "action": "discrete"}, "here ppo acts by discrete ones"),
+        ({"imitation": (0.5, 0.5), "greedy": 1.0}, "greedy must be a share from 0 to below 1"),
+        ({"greedy": 0.3}, "What 30% greedy environments meet is learned by imitation, and there is none"),
     ],
 )
 def test_what_cannot_be_taught_is_refused(changes: dict[str, Any], message: str) -> None:
