@@ -51,7 +51,8 @@ comes in after every --new-cave-every decisions: which and when follows from --s
 the bar shows how much of the time the learner waits for them. A fifth of all seeds is kept for tests, and refused here.
 
 A run that was killed goes on from its last checkpoint when the same command is run again, to the same policy. With
-more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length."""
+more --steps it goes on from where it ended, and the learning rate rises to where it is in a run of that length; with
+more lessons at the end of its pipeline, to the same policy as if they had been there at first."""
 
 
 @dataclass(frozen=True)

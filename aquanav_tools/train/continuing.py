@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +27,12 @@ def as_begun(lesson: TrainSettings, table: dict[str, Any]) -> dict[str, Any]:
 
 
 def continued(asked: Pipeline, tables: Tables) -> Pipeline:
-    """Return the pipeline with what each lesson leaves open as the run chose it; chosen anew where steps differ."""
+    """Return the pipeline with what each lesson leaves open as the run chose it; chosen anew in others."""
     lessons = tuple(
         fitted(lesson)
-        if lesson.steps != table["steps"]
+        if table is None or lesson.steps != table["steps"]
         else dataclasses.replace(lesson, **{name: table[name] for name in OPEN})
-        for lesson, table in zip(asked.lessons, tables, strict=True)
+        for lesson, table in zip_longest(asked.lessons, tables)
     )
     return Pipeline(lessons, asked.run)
 
@@ -42,7 +43,7 @@ def check_steps(asked: Pipeline, tables: Tables, checkpoint: Checkpoint, folder:
     Raises:
         InputError: one has.
     """
-    for number, (lesson, table) in enumerate(zip(asked.lessons, tables, strict=True)):
+    for number, (lesson, table) in enumerate(zip(asked.lessons, tables, strict=False)):
         before = table["steps"]
         if lesson.steps < before:
             raise InputError(
@@ -77,6 +78,8 @@ def continuation_text(pipeline: Pipeline, tables: Tables, checkpoint: Checkpoint
             f"learning rate, which falls over all of them, rises here from {was:.2g} to {now:.2g}. The policy will not "
             f"be that of one run of {lesson.steps:,} steps."
         )
+    if len(pipeline.lessons) > len(tables):
+        text += f" It was begun with {len(tables)} of its {len(pipeline.lessons)} lessons; the others come after them."
     return text
 
 

@@ -88,15 +88,18 @@ class RunRecord:
 
     def is_finished(self, checkpoint: Checkpoint) -> bool:
         """Return whether nothing is left to learn."""
-        last = self.pipeline.lessons[-1]
-        return bool(checkpoint.journal["is_finished"]) and is_lesson_over(last, checkpoint)
+        lessons = self.pipeline.lessons
+        is_last = checkpoint.lesson == len(lessons) - 1
+        return bool(checkpoint.journal["is_finished"]) and is_last and is_lesson_over(lessons[-1], checkpoint)
 
     def _as_begun(self, begun: dict[str, Any]) -> dict[str, Any]:
         """Return what this run is, but for what may differ from how it was begun."""
-        if len(begun["lessons"]) != len(self._asked.lessons):
+        num_lessons, num_scenarios = len(begun["lessons"]), len(begun["scenarios"])
+        if num_lessons > len(self._asked.lessons):
             return self._identity
-        lessons = map(as_begun, self._asked.lessons, begun["lessons"])
-        return {**self._identity, "lessons": _plain(list(lessons))}
+        lessons = map(as_begun, self._asked.lessons[:num_lessons], begun["lessons"])
+        scenarios = self._identity["scenarios"][:num_scenarios]  # those of lessons that came later are the last
+        return {**self._identity, "lessons": _plain(list(lessons)), "scenarios": scenarios}
 
     def clear(self) -> None:
         """Remove the files of an earlier run."""

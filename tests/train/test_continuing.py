@@ -107,6 +107,24 @@ def test_only_the_last_lesson_can_be_made_longer(tube: Path, tmp_path: Path) -> 
     assert (trained.point.lesson, trained.point.steps) == (2, 384)
 
 
+def test_lessons_added_to_a_run_that_has_ended_end_as_if_they_had_been_there_at_first(
+    tube: Path, tmp_path: Path
+) -> None:
+    said: list[str] = []
+    whole = tiny_pipeline(tube, 3, steps=128, run=RunSettings(checkpoint_every=128, final_episodes=2))
+    train(whole, 3, tmp_path / "whole")
+    for number in (1, 3):
+        begun = Pipeline(whole.lessons[:number], whole.run)
+        trained = train(begun, 3, tmp_path / "added", tell=said.append)
+        assert (trained.point.lesson, trained.point.steps, trained.was_finished) == (number, 128 * number, False)
+        assert train(begun, 3, tmp_path / "added").was_finished
+    assert learned(tmp_path / "added") == learned(tmp_path / "whole")
+    assert rows_of(tmp_path / "added") == rows_of(tmp_path / "whole")
+    assert any("begun with 1 of its 3 lessons" in sentence for sentence in said)
+    with pytest.raises(InputError, match=r"holds another training run, with lessons"):
+        train(Pipeline(whole.lessons[:2], whole.run), 3, tmp_path / "added")
+
+
 def test_more_steps_beside_another_difference_are_refused(tube: Path, tmp_path: Path) -> None:
     train(tiny_pipeline(tube, steps=128), 3, tmp_path)
     with pytest.raises(InputError, match=r"another training run, with lessons 1.clip 0.2 instead of 0.3. Nothing"):
