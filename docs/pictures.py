@@ -24,7 +24,6 @@ import trimesh
 from cut_open import PAPER, cut_open, from_outside, view_of
 from PIL import Image, ImageDraw, ImageFont
 
-from aquanav_tools.cave.styles.names import STYLE_NAMES
 from aquanav_tools.envs.factory import read_any_scenario
 from aquanav_tools.envs.pictures.film import film
 from aquanav_tools.envs.surface_env import SurfaceEnv
@@ -38,6 +37,7 @@ from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.sea_chart import draw_chart
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sea.generate import MapSettings, generate_map
+from aquanav_tools.synthetic.styles.names import STYLE_NAMES
 from aquanav_tools.types import Mesh
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -37,7 +37,6 @@ from tqdm import tqdm
 from aquanav_tools.benchmark.definition import TierRules
 from aquanav_tools.benchmark.worker import mesh_hash
 from aquanav_tools.build.generated import generate
-from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.errors import MeshError
 from aquanav_tools.evaluate.env_cache import EnvCache, EpisodeSpec
 from aquanav_tools.evaluate.options import ProtocolOptions
@@ -48,6 +47,7 @@ from aquanav_tools.provenance import code_digest, digest
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import GENERATOR, drawn_from
 from aquanav_tools.scenario.split import names_for_tests
+from aquanav_tools.synthetic.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
 from aquanav_tools.workers.worker import WorkerSpec

@@ -19,11 +19,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # eval is no part of the pac
 
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.cave.measure.sections import cross_sections
-from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
-from aquanav_tools.cave.styles.names import STYLE_NAMES
 from aquanav_tools.errors import AquanavError
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.synthetic.styles.catalogue import VEHICLE_WIDTH
+from aquanav_tools.synthetic.styles.names import STYLE_NAMES
 from aquanav_tools.types import Array
 from eval.smoke import parser_of
 

@@ -11,7 +11,7 @@ import trimesh
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.field import DistanceField, field_from_dense
+from aquanav_tools.geometry.volume.field import DistanceField, field_from_dense
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.types import Mesh, Pose, yaw_quaternion

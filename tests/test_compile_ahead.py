@@ -17,9 +17,9 @@ import pytest
 from numba import types
 
 from aquanav_tools import compile_ahead
-from aquanav_tools.cave.mesh.box_tree import BoxTree
 from aquanav_tools.compile_ahead import compiling_on_second_core, named, read_signatures, type_of
 from aquanav_tools.first_compilation import on_first_compilation
+from aquanav_tools.geometry.mesh.box_tree import BoxTree
 from tests.conftest import REPOSITORY
 
 LENGTHS = itertools.count(20)
@@ -62,7 +62,7 @@ def test_all_that_is_listed_is_compiled_and_kept_and_takes_as_many_arguments() -
         (["tuple", "int64", "int64"], types.UniTuple(types.int64, 2)),
         (["omitted", 0.5], types.Omitted(0.5)),
         (
-            ["named", "aquanav_tools.cave.mesh.box_tree:BoxTree", *[["array", "float64", 2, "C", False]] * 2],
+            ["named", "aquanav_tools.geometry.mesh.box_tree:BoxTree", *[["array", "float64", 2, "C", False]] * 2],
             types.NamedUniTuple(types.Array(types.float64, 2, "C"), 2, BoxTree),
         ),
     ],

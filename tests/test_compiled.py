@@ -17,7 +17,7 @@ import aquanav_tools
 from aquanav_tools.libraries import LibraryError
 
 SAMPLE = "[float(fractal(0.37 * n, -0.11 * n, 5.0, 7.0, 6, 0.88, 1e9, 3)).hex() for n in range(200)]"
-FRACTAL = "from aquanav_tools.cave.synthetic.noise import fractal"
+FRACTAL = "from aquanav_tools.synthetic.noise import fractal"
 PHOTOS = "from aquanav_tools.photograph.rock import _rock_colour; _rock_colour(0.1, 0.2, 0.3, 1e9, 1.0, 0)"
 
 
@@ -61,7 +61,7 @@ def test_rock_has_the_same_noise_whatever_was_compiled_first(first: str, tmp_pat
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     program = f"{first}\n{FRACTAL}\nprint({SAMPLE})"
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True, env=environment)
-    from aquanav_tools.cave.synthetic.noise import fractal
+    from aquanav_tools.synthetic.noise import fractal
 
     exact = [float(fractal.py_func(0.37 * n, -0.11 * n, 5.0, 7.0, 6, 0.88, 1e9, 3)) for n in range(200)]
     assert [float.fromhex(text.strip(" '[]\n")) for text in run.stdout.split(",")] == exact

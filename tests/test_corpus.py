@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
-from aquanav_tools.cave.synthetic import caves as synthetic
-from aquanav_tools.cave.synthetic import damage
-from aquanav_tools.cave.synthetic.damage import Truth
+from aquanav_tools.synthetic import caves as synthetic
+from aquanav_tools.synthetic import damage
+from aquanav_tools.synthetic.damage import Truth
 from aquanav_tools.types import Mesh
 from eval.child import run_child
 from eval.corpus.bad_inputs import bad_inputs

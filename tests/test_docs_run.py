@@ -15,12 +15,12 @@ import pytest
 
 import aquanav
 from aquanav_tools.benchmark.definition import read_benchmark
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sim.batch.sensors.fan import RangeFan
 from aquanav_tools.sim.batch.sensors.inertial import InertialUnit
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.synthetic.caves import tube
 from tests.build.test_survey_build import survey_of_a_tube
 from tests.commands import run_here
 from tests.conftest import REPOSITORY

@@ -17,27 +17,41 @@ from tests.project import command_modules
 PACKAGE = "aquanav_tools"
 
 ROOMS_BELOW = {
-    "cave": set(),
-    "photograph": {"cave"},
-    "reconstruct": {"cave"},
-    "scenario": {"cave", "sea"},
+    "geometry": set(),
+    "cave": {"geometry"},
+    "survey": {"geometry", "cave"},
+    "synthetic": {"geometry", "cave"},
+    "photograph": {"synthetic"},
+    "reconstruct": {"cave", "survey"},
+    "scenario": {"geometry", "cave", "synthetic", "sea"},
     "sea": set(),
-    "sim": {"cave", "scenario", "sea"},
-    "envs": {"cave", "photograph", "scenario", "sea", "sim", "report"},
+    "sim": {"geometry", "cave", "scenario", "sea"},
+    "envs": {"geometry", "cave", "photograph", "scenario", "sea", "sim", "report"},
     "policy": set(),
-    "report": {"cave", "scenario", "sea"},
+    "report": {"geometry", "cave", "survey", "scenario", "sea"},
     "deploy": {"sim", "policy"},
     "workers": set(),
     "train": {"build", "cave", "scenario", "sim", "envs", "policy", "report", "evaluate", "workers"},
     "export": {"cave", "photograph", "report", "scenario", "sim"},
-    "evaluate": {"cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
-    "build": {"cave", "reconstruct", "scenario", "sim", "report", "workers"},
+    "evaluate": {"geometry", "cave", "scenario", "sea", "sim", "envs", "policy", "report", "workers"},
+    "build": {
+        "geometry",
+        "cave",
+        "survey",
+        "synthetic",
+        "reconstruct",
+        "scenario",
+        "sim",
+        "report",
+        "workers",
+    },
     "benchmark": {"scenario", "sim", "envs", "evaluate", "policy", "report", "workers", "build"},
     "api": {"envs", "evaluate", "train", "build"},
     "cli": {
         "api",
         "benchmark",
         "cave",
+        "synthetic",
         "photograph",
         "reconstruct",
         "scenario",
@@ -54,6 +68,17 @@ ROOMS_BELOW = {
     },
 }
 """Which other rooms a room may import. Every room may import the modules at the package's root; they import no room."""
+
+CAVE_BELOW = {
+    "scan": set(),
+    "closing": {"scan"},
+    "water": set(),
+    "route": {"water"},
+    "centreline": {"route", "water"},
+    "measure": {"route", "water"},
+    "api": {"scan", "closing", "water", "route", "centreline", "measure"},
+}
+"""The same for what is in the room `cave`; all may import its other modules, which import none of these."""
 
 IMPORTERS = {
     "onnx": {"evaluate/onnx_file.py", "evaluate/onnx_run.py", "train/export.py"},
@@ -151,8 +176,24 @@ def test_every_folder_with_code_is_a_known_room() -> None:
     assert rooms == set(ROOMS_BELOW)
 
 
-def test_the_arrows_have_no_circle() -> None:
-    below = {room: set(rooms) for room, rooms in ROOMS_BELOW.items()}
+def test_packages_of_the_cave_follow_their_arrows() -> None:
+    root, faults = REPOSITORY / PACKAGE / "cave", []
+    for file in sorted(root.rglob("*.py")):
+        path = file.relative_to(root)
+        inner = path.parts[0].removesuffix(".py")
+        allowed = {*CAVE_BELOW.get(inner, set()), inner, *({"api"} if path.name == FRONT else set())}
+        for item in imports_of(file.read_text(), ".".join([PACKAGE, "cave", *path.parts[:-1]])):
+            parts = item.module.split(".")
+            if parts[:2] == [PACKAGE, "cave"] and parts[2] in set(CAVE_BELOW) - allowed:
+                faults.append(f"cave/{path}:{item.line} imports {item.module}, which {inner} may not")
+    packages = {folder.parent.name for folder in root.glob("*/__init__.py")}
+    assert packages | {"api"} == set(CAVE_BELOW)
+    assert not faults, "\n".join(faults)
+
+
+@pytest.mark.parametrize("table", [ROOMS_BELOW, CAVE_BELOW], ids=["rooms", "cave"])
+def test_the_arrows_have_no_circle(table: dict[str, set[str]]) -> None:
+    below = {room: set(rooms) for room, rooms in table.items()}
     while below:
         ground = {room for room, rooms in below.items() if not rooms}
         assert ground, f"each of these rests on another of them: {sorted(below)}"
@@ -162,14 +203,15 @@ def test_the_arrows_have_no_circle() -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("cave/water/field.py", "import aquanav_tools.scenario.schema"),
-        ("cave/water/field.py", "from aquanav_tools import sim"),
+        ("geometry/volume/field.py", "import aquanav_tools.scenario.schema"),
+        ("geometry/mesh/welding.py", "from aquanav_tools.cave.cavity import Cavity"),
+        ("cave/water/flow.py", "from aquanav_tools import sim"),
         ("scenario/folder.py", "def read():\n    from aquanav_tools.build.recipe import run"),
         ("sim/bullet.py", "from ..envs import task"),
         ("evaluate/rollout.py", "from aquanav_tools.cli.command import run_command"),
-        ("types.py", "from aquanav_tools.cave.water.field import DistanceField"),
+        ("types.py", "from aquanav_tools.geometry.volume.field import DistanceField"),
         ("envs/cave_env.py", "import pybullet as p"),
-        ("cave/mesh.py", "def read():\n    import open3d.io"),
+        ("geometry/mesh.py", "def read():\n    import open3d.io"),
         ("build/photos.py", "from pycolmap import Reconstruction"),
         ("report/html.py", "import rerun"),
         ("evaluate/options.py", "import tyro"),
@@ -184,7 +226,7 @@ def test_the_check_catches_a_forbidden_import(path: str, source: str) -> None:
 @pytest.mark.parametrize(
     ("path", "source"),
     [
-        ("cave/water/field.py", "import numpy\nfrom aquanav_tools.errors import MeshError\nfrom . import guide"),
+        ("geometry/volume/field.py", "import numpy\nfrom aquanav_tools.errors import MeshError\nfrom . import guide"),
         ("build/recipe.py", "from aquanav_tools.reconstruct.images import read_photos"),
         ("reconstruct/mapping.py", "import pycolmap"),
         ("sim/bullet.py", "import pybullet\nimport pybullet_data"),

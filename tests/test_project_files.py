@@ -9,7 +9,7 @@ import sys
 import pytest
 
 import aquanav_tools
-from aquanav_tools.cave.styles.names import STYLE_NAMES
+from aquanav_tools.synthetic.styles.names import STYLE_NAMES
 from tests.conftest import REPOSITORY
 from tests.project import pyproject
 

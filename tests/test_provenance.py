@@ -17,9 +17,9 @@ from aquanav_tools.build.cave_stages import _close, build_scenario
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.output_folder import PHOTO_CODE
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.provenance import code_digest, used_code
 from aquanav_tools.scenario.shipped import BUILDER, GENERATOR
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import silent
 
 PACKAGE = Path(provenance.__file__).parent
@@ -65,8 +65,8 @@ def test_a_changed_start_placement_recloses_nothing(monkeypatch: pytest.MonkeyPa
 
 def test_what_a_stage_uses_changes_its_key(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {"closed", "cave", "photos"} == stages_changed_by(monkeypatch, "cave/closing/portals.py")
-    assert stages_changed_by(monkeypatch, "cave/styles/drawing.py") == {"drawn"}
-    assert stages_changed_by(monkeypatch, "cave/synthetic/galleries.py") == {"shipped"}
+    assert stages_changed_by(monkeypatch, "synthetic/styles/drawing.py") == {"drawn"}
+    assert stages_changed_by(monkeypatch, "synthetic/galleries.py") == {"shipped"}
     assert stages_changed_by(monkeypatch, "reconstruct/fusion.py") == {"photos"}
     assert stages_changed_by(monkeypatch, "scenario/folder.py") == {"drawn", "shipped", "photos"}
 

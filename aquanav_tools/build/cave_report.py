@@ -16,8 +16,6 @@ from aquanav_tools.build.outputs import footer, notices
 from aquanav_tools.build.source_words import words_for
 from aquanav_tools.cave.measure.sections import cross_sections, station_spacing
 from aquanav_tools.cave.route.passability import Narrow, Passability
-from aquanav_tools.cave.survey.legs import SurveyLegs
-from aquanav_tools.cave.survey.write import write_svx
 from aquanav_tools.report.cave_map import CaveMap, Mark
 from aquanav_tools.report.html import Fact, Figure, Model, Page, Section
 from aquanav_tools.report.scene_model import scene_caption, write_scene
@@ -27,6 +25,8 @@ from aquanav_tools.report.views import draw_ends, draw_views
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.appearance import vehicle_mesh
 from aquanav_tools.sim.vehicle import parse_vehicle
+from aquanav_tools.survey.legs import SurveyLegs
+from aquanav_tools.survey.write import write_svx
 from aquanav_tools.types import Array
 
 VIEW = "view.glb"

@@ -23,7 +23,6 @@ from aquanav_tools.cave.closing.portals import Cut
 from aquanav_tools.cave.closing.reconstruct import ClosedScan, ReconstructionOptions, close_scan
 from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.measure.statistics import CaveStatistics, ScanFit, measure_cave, measure_fit
-from aquanav_tools.cave.mesh.handles import Handle, find_handles
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.passability import Passability, measure_passability
@@ -31,11 +30,12 @@ from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import Start, draw_starts
 from aquanav_tools.cave.scan.resolution import Resolution, choose_resolution
 from aquanav_tools.cave.scan.surface import Surface
-from aquanav_tools.cave.water.distance import choose_spacing, distance_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.geometry.mesh.handles import Handle, find_handles
+from aquanav_tools.geometry.volume.distance import choose_spacing, distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import StageStore
@@ -138,7 +138,7 @@ def scenario_in(closing: Closing, options: BuildOptions, journal: Journal, kind:
     rng = np.random.default_rng(options.seed)
     resolution, surface, closed, cavity = closing.resolution, closing.surface, closing.closed, closing.cavity
     with journal.stage("Measuring distances"):
-        field = distance_field(cavity, choose_spacing(cavity, vehicle.capsule.radius))
+        field = distance_field(cavity.mesh, choose_spacing(cavity.mesh, vehicle.capsule.radius))
         accept = noting_guesswork(journal) if kind == "photos" else accepting(options.closing, journal)
         share = median_occlusion(surface.mesh, _roomy_places(field, rng), accept)
     way = _find_way(cavity, field, vehicle.capsule, options, journal, rng)

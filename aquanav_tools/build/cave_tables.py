@@ -8,8 +8,8 @@ import numpy as np
 
 from aquanav_tools.build.cave_stages import BuiltCave
 from aquanav_tools.build.source_words import words_for
-from aquanav_tools.cave.measure.sections import arc_lengths
 from aquanav_tools.cave.route.passability import NARROW_SHARE, Passability
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.html import Table
 from aquanav_tools.scenario.schema import Scenario

@@ -23,14 +23,11 @@ from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import Route, find_route
 from aquanav_tools.cave.route.starts import draw_starts
-from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH, DrawnCave, draw_cave
-from aquanav_tools.cave.styles.surface import water_surface
-from aquanav_tools.cave.synthetic.made_up import made_up_cavity
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow, find_flow
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, LimitSettings, Scenario, ScenarioSettings
 from aquanav_tools.scenario.shipped import (
@@ -43,6 +40,9 @@ from aquanav_tools.scenario.shipped import (
 )
 from aquanav_tools.sim.vehicle import load_vehicle, vehicle_path
 from aquanav_tools.store import locked
+from aquanav_tools.synthetic.made_up import made_up_cavity
+from aquanav_tools.synthetic.styles.catalogue import VEHICLE_WIDTH, DrawnCave, draw_cave
+from aquanav_tools.synthetic.styles.surface import water_surface
 from aquanav_tools.text_files import read_text
 from aquanav_tools.types import Capsule
 
@@ -116,7 +116,7 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     """
     capsule = load_vehicle(VEHICLE).capsule
     cavity = made_up_cavity(water_surface(drawn.plan, drawn.voxel, drawn.noise_seed), MERGED_VOXELS * drawn.voxel)
-    field = distance_field(cavity, max(SPACING_RADII * capsule.radius, SPACING_VOXELS * drawn.voxel))
+    field = distance_field(cavity.mesh, max(SPACING_RADII * capsule.radius, SPACING_VOXELS * drawn.voxel))
     graph = WaterGraph(field, capsule.radius, MAX_NODES)
     entrance, goal = (portal.centre for portal in cavity.portals)
     if drawn.end is not None:

@@ -37,9 +37,6 @@ from aquanav_tools.build.scenario_folder import Source, write_folder
 from aquanav_tools.build.survey_stages import hold_against, model_walls, survey_free_space
 from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.read import read_scan
-from aquanav_tools.cave.survey.caves import choose_cave
-from aquanav_tools.cave.survey.legs import SurveyLegs, survey_legs
-from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.errors import AquanavError, InputError, MeshError, ReconstructionError, ResourceError
 from aquanav_tools.libraries import check_installed, require
 from aquanav_tools.provenance import file_hash
@@ -49,6 +46,9 @@ from aquanav_tools.report.html import Figure, Section, write_page
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
 from aquanav_tools.store import StageStore, check_room, told_when_full
+from aquanav_tools.survey.caves import choose_cave
+from aquanav_tools.survey.legs import SurveyLegs, survey_legs
+from aquanav_tools.survey.read import read_survey
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Mesh, PointCloud, Stages, silent
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.build.options import BuildOptions
-from aquanav_tools.cave.measure.sections import arc_lengths, point_at
 from aquanav_tools.errors import InputError
+from aquanav_tools.geometry.polyline import arc_lengths, point_at
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.replacing import read_record
 from aquanav_tools.scenario.shipped import SETTINGS_FILE

@@ -16,7 +16,6 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.options import BuildOptions
 from aquanav_tools.build.photo_report import PhotoWork, photo_section
 from aquanav_tools.build.water_stage import current_section
-from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.report.html import Figure, Section, write_page
 from aquanav_tools.report.picture import draw_cave
 from aquanav_tools.report.recording.cave import CaveModel, record_cave
@@ -24,6 +23,7 @@ from aquanav_tools.report.recording.stream import NO_RECORDING, lack_of_recorder
 from aquanav_tools.report.viewer_model import transfer_colours, write_glb
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.survey.legs import SurveyLegs
 from aquanav_tools.types import Mesh, PointCloud
 
 

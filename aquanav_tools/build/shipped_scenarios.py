@@ -21,8 +21,6 @@ from aquanav_tools.cave.options import PanelOptions, StartOptions, WaterOptions
 from aquanav_tools.cave.route.passability import route_clearance
 from aquanav_tools.cave.scan.resolution import Resolution
 from aquanav_tools.cave.scan.surface import Surface
-from aquanav_tools.cave.synthetic.galleries import GalleryOptions, gallery_cave
-from aquanav_tools.cave.synthetic.made_up import made_up_cavity
 from aquanav_tools.errors import InputError, near_names
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.schema import Scenario
@@ -30,6 +28,8 @@ from aquanav_tools.scenario.shipped import CONTENT, SETTINGS_FILE, WORK_SUFFIX, 
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.sim.vehicle import parse_vehicle
 from aquanav_tools.store import locked
+from aquanav_tools.synthetic.galleries import GalleryOptions, gallery_cave
+from aquanav_tools.synthetic.made_up import made_up_cavity
 from aquanav_tools.tables import from_table, read_toml
 from aquanav_tools.types import Stages, silent
 

@@ -10,11 +10,11 @@ import numpy as np
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.cave.closing.free_space import FreeSpace
 from aquanav_tools.cave.scan.read import FAR_FROM_ORIGIN
-from aquanav_tools.cave.survey.drift import DriftReport, check_drift
-from aquanav_tools.cave.survey.model import Survey
-from aquanav_tools.cave.survey.passage_graph import passage_graph
-from aquanav_tools.cave.survey.solid import SurveyCave, survey_solid
-from aquanav_tools.cave.survey.walls import wall_points
+from aquanav_tools.survey.drift import DriftReport, check_drift
+from aquanav_tools.survey.model import Survey
+from aquanav_tools.survey.passage_graph import passage_graph
+from aquanav_tools.survey.solid import SurveyCave, survey_solid
+from aquanav_tools.survey.walls import wall_points
 from aquanav_tools.types import Array, Mesh, Sim3
 
 MAX_SCALE_ERROR = 0.01

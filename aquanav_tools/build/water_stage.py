@@ -9,8 +9,8 @@ from aquanav_tools.build.journal import Journal
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.options import WaterOptions
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow, find_flow
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.flow_map import draw_flow
 from aquanav_tools.report.html import Figure, Section, Table

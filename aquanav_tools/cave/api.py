@@ -25,9 +25,9 @@ from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.read import Scan
 from aquanav_tools.cave.scan.resolution import choose_resolution
 from aquanav_tools.cave.scan.surface import surface_from_mesh
-from aquanav_tools.cave.water.distance import choose_spacing, distance_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
+from aquanav_tools.geometry.volume.distance import choose_spacing, distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.store import write_whole
 from aquanav_tools.types import Array, Mesh, PointCloud
 
@@ -202,7 +202,7 @@ def write(water: Cavity | Mesh, path: str | Path) -> Path:
 
 
 def _field(water: Cavity, narrowest: float) -> DistanceField:
-    return distance_field(water, choose_spacing(water, 0.5 * _positive(narrowest, "narrowest")))
+    return distance_field(water.mesh, choose_spacing(water.mesh, 0.5 * _positive(narrowest, "narrowest")))
 
 
 def _surface(points: Floats, faces: npt.ArrayLike | None, normals: Floats | None) -> Mesh | PointCloud:

@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.contact import Surface
-from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.contact import Surface
+from aquanav_tools.geometry.mesh.intersections import self_intersections
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 WALL = 0

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from aquanav_tools.cave.styles.names import MIXED
 from aquanav_tools.cli.command import stage_bar
 from aquanav_tools.errors import InputError
+from aquanav_tools.synthetic.styles.names import MIXED
 from aquanav_tools.workers.ray_cluster import ADDRESS
 
 
@@ -44,8 +44,8 @@ def run_generate(options: Generate) -> None:
         ResourceError: workers end again and again, the cluster does not answer, or the cache cannot be written to.
     """
     from aquanav_tools.build.generated_set import CaveTask, build_set
-    from aquanav_tools.cave.styles.names import style_of
     from aquanav_tools.errors import MeshError
+    from aquanav_tools.synthetic.styles.names import style_of
 
     _check(options)
     tasks = [CaveTask(options.style, options.seed + n) for n in range(options.count)]

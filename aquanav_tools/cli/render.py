@@ -61,7 +61,7 @@ def run_render(options: Render) -> None:
     """Photograph or film the cave and say what to do with the result."""
     from tqdm import tqdm
 
-    from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
+    from aquanav_tools.synthetic.caves import CaveOptions, demo_cave
 
     require("aquanav render", "cv2")
     from aquanav_tools.photograph.dive import film, photograph

@@ -12,8 +12,8 @@ import numpy as np
 from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.passability import measure_passability
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.geodesic import MAX_NODES, WaterGraph
 from aquanav_tools.errors import InputError, MeshError, ScenarioError
+from aquanav_tools.geometry.volume.geodesic import MAX_NODES, WaterGraph
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import OtherVehicle, Scenario

@@ -21,13 +21,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.cave.water.roomy_ways import CENTRINGS, STRETCH, towards_middle
 from aquanav_tools.envs.action import choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.sim.batch.pursuit import (
     HORIZON,
     MARGIN,

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.photograph import files
 from aquanav_tools.photograph.lens import Lens, make_lens
 from aquanav_tools.photograph.options import DiveOptions
@@ -15,6 +14,7 @@ from aquanav_tools.photograph.sensor import blur_by_motion, develop, image_motio
 from aquanav_tools.photograph.trajectory import Shot, plan_capture
 from aquanav_tools.photograph.video import VideoFile
 from aquanav_tools.photograph.water import FloatImage, blur_ahead, transmission, veil_image
+from aquanav_tools.synthetic.caves import SyntheticCave
 from aquanav_tools.types import Array, Mesh, Progress, ignore_progress
 
 

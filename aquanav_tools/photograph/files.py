@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 from PIL import ExifTags, Image
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions
 from aquanav_tools.photograph.trajectory import Shot
 from aquanav_tools.photograph.water import FloatImage
+from aquanav_tools.synthetic.caves import SyntheticCave
 from aquanav_tools.text_files import read_json
 from aquanav_tools.types import Array
 

@@ -8,7 +8,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.synthetic.noise import fade, fractal, lattice_value, noise
+from aquanav_tools.synthetic.noise import fade, fractal, lattice_value, noise
 from aquanav_tools.types import Array
 
 _FAST_MATH = {"contract", "reassoc", "arcp", "afn"}

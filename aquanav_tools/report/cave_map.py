@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, to_manifold
-from aquanav_tools.cave.measure.sections import Section, arc_lengths
-from aquanav_tools.cave.survey.legs import SurveyLegs
+from aquanav_tools.cave.measure.sections import Section
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.report.relief import View
+from aquanav_tools.survey.legs import SurveyLegs
 from aquanav_tools.types import Array
 
 SPECK = 1e-4

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.report.cave_map import CaveMap, bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import INK, PORTAL, draw_scale_bar, new_figure, save_drawing
 from aquanav_tools.report.relief import PLAN, View

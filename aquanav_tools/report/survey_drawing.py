@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.measure.sections import arc_lengths, floor_and_ceiling
-from aquanav_tools.cave.route.route import resample
+from aquanav_tools.cave.measure.sections import floor_and_ceiling
+from aquanav_tools.geometry.polyline import arc_lengths, resample
 from aquanav_tools.report.cave_map import CaveMap, bounds, lid_rings, silhouette
 from aquanav_tools.report.figures import (
     BAD,

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.survey.legs import SurveyLegs
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.labels import Labels
+from aquanav_tools.survey.legs import SurveyLegs
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 LEG: dict[str, Any] = {"color": "#8a4b2a", "linewidth": 0.7}

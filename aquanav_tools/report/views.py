@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
-from aquanav_tools.cave.measure.sections import arc_lengths, point_at
-from aquanav_tools.cave.plane import plane_axes
+from aquanav_tools.geometry.plane import plane_axes
+from aquanav_tools.geometry.polyline import arc_lengths, point_at
 from aquanav_tools.report.camera import SUPERSAMPLING, Camera, Scene, Shot, is_visible, pixel_of, shrink
 from aquanav_tools.report.cave_map import CaveMap
 from aquanav_tools.report.figures import BAD, INK, MUTED, PAPER, PORTAL, draw_scale_bar, new_figure, save_figure

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import BRICK
 from aquanav_tools.cave.water.flow import Flow, flow_from_bricks
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.geometry.volume.field import BRICK
 from aquanav_tools.scenario.geometry import read_member
 
 

@@ -15,8 +15,8 @@ from aquanav_tools.cave.cavity import Cavity, Portal
 from aquanav_tools.cave.centreline.graph import NO_NETWORK, CentrelineGraph
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.field import BRICK, DistanceField, field_from_bricks
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.geometry.volume.field import BRICK, DistanceField, field_from_bricks
 from aquanav_tools.scenario.centreline_table import graph_from_table, graph_to_table
 from aquanav_tools.text_files import NOT_A_TABLE, read_json, read_text
 from aquanav_tools.types import Array, Mesh, Pose

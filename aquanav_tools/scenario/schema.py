@@ -13,9 +13,9 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.centreline.graph import NO_NETWORK, CentrelineGraph
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow
 from aquanav_tools.errors import did_you_mean
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.scenario.limits import MAX_DECISIONS, ORIGINAL_DECISIONS
 from aquanav_tools.types import Mesh
 

@@ -16,12 +16,12 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from aquanav_tools.cave.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.machine import CACHE_VARIABLE, cache_folder, num_cores
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
+from aquanav_tools.synthetic.styles.names import MAX_SEED, MIXED, STYLE_NAMES, style_of
 
 CONTENT, BAYS = "scenarios", "scenarios/bays"
 """Folders of the caves, and of the bays for boats, which need no building."""

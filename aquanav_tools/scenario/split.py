@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from aquanav_tools.cave.styles.names import MAX_SEED, STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.shipped import GENERATED, drawn_from, generated_name
+from aquanav_tools.synthetic.styles.names import MAX_SEED, STYLE_NAMES, style_of
 
 if TYPE_CHECKING:
     from aquanav_tools.scenario.schema import Scenario

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from aquanav_tools.cave.water.field import interpolate
+from aquanav_tools.geometry.volume.field import interpolate
 
 
 @numba.njit(cache=True)

@@ -186,8 +186,8 @@ class TrainSettings(TaskOptions):
         _check(0.0 <= self.greedy < 1.0, f"greedy must be a share from 0 to below 1, and it is {self.greedy}.")
         _check(
             self.is_taught or not self.greedy,
-            f"What {self.greedy:.0%} greedy environments meet is learned by imitation, and there is none. Set imitation "
-            "or leave greedy out.",
+            f"What {self.greedy:.0%} greedy environments meet is learned by imitation, and there is none. Set "
+            "imitation, or leave greedy out.",
         )
 
 

@@ -45,8 +45,8 @@ SMOKE_TRIANGLES = 15_000
 
 def make_scan(num_triangles: int, folder: Path) -> None:
     """Write a rough cave of about `num_triangles` with 60 holes, 3 mm of noise and torn ends, and its truth."""
-    from aquanav_tools.cave.synthetic import caves as synthetic
-    from aquanav_tools.cave.synthetic import damage
+    from aquanav_tools.synthetic import caves as synthetic
+    from aquanav_tools.synthetic import damage
     from eval.corpus.files import write_case
 
     voxel = float(np.sqrt(LENGTH * FACES_PER_METRE / num_triangles))
@@ -102,8 +102,8 @@ def judge(method: str, folder: Path) -> dict[str, Any]:
 
 def _compare(mesh: Any, truth: Any, path: Any) -> dict[str, Any]:
     from aquanav_tools.cave.cavity import to_manifold
-    from aquanav_tools.cave.route.route import resample
     from aquanav_tools.errors import MeshError
+    from aquanav_tools.geometry.polyline import resample
     from aquanav_tools.types import Mesh
     from eval.corpus.judge import depth_below, num_blocked
 

@@ -25,7 +25,6 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
 
-from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.photograph.files import DEPTH_DIR
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
@@ -34,6 +33,7 @@ from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.dense.engine import cuda_obstacle
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, load_depth, undistort
 from aquanav_tools.reconstruct.mapping import SparseModel
+from aquanav_tools.synthetic.caves import CaveOptions, demo_cave
 from aquanav_tools.types import Array, Mesh
 from eval.photos.score import is_seen, read_true_cameras, read_wall
 from eval.smoke import parser_of

@@ -21,11 +21,10 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the package
 
-from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.synthetic.caves import _tube_faces, bend
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import BAND, BRICK, ROCK, DistanceField
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import BAND, BRICK, ROCK, DistanceField
 from aquanav_tools.scenario import geometry
+from aquanav_tools.synthetic.caves import _tube_faces, bend
 from aquanav_tools.types import Array, Mesh
 from eval.smoke import parser_of
 
@@ -51,11 +50,6 @@ def winding_passage(length: float) -> Mesh:
     wall = middle[:, None] + radius[..., None] * around
     faces, _ = _tube_faces(len(along), SECTIONS)
     return Mesh(np.concatenate([wall.reshape(-1, 3), middle[[0, -1]]]), faces)
-
-
-def bare(mesh: Mesh) -> Cavity:
-    walls = np.zeros(len(mesh.faces), dtype=np.int64)
-    return Cavity(mesh, walls, walls == 0, ())
 
 
 def truth_at(mesh: Mesh, points: Array, spacing: float) -> Array:
@@ -88,10 +82,10 @@ def errors(mesh: Mesh, field: DistanceField) -> dict[str, float]:
 
 
 def measure_ours(mesh: Mesh, spacing: float) -> dict[str, object]:
-    distance_field(bare(bend(sections=8, rings=9).truth), 0.5)  # compiled before the clock starts
+    distance_field(bend(sections=8, rings=9).truth, 0.5)  # compiled before the clock starts
     base = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     start, cpu = time.perf_counter(), time.process_time()
-    field = distance_field(bare(mesh), spacing)
+    field = distance_field(mesh, spacing)
     result = used(start, cpu, base)
     stored = field.samples.nbytes + field.bricks.nbytes
     water = len(field.water()[0])

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh, PointCloud
 from eval.corpus.files import ply_bytes
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from aquanav_tools.cave.synthetic import caves as synthetic
-from aquanav_tools.cave.synthetic.damage import (
+from aquanav_tools.synthetic import caves as synthetic
+from aquanav_tools.synthetic.damage import (
     DamagedScan,
     add_debris,
     add_fins,
@@ -29,7 +29,7 @@ from aquanav_tools.cave.synthetic.damage import (
     tear_ends,
     unweld,
 )
-from aquanav_tools.cave.synthetic.rock import embed_in_rock
+from aquanav_tools.synthetic.rock import embed_in_rock
 
 Make = Callable[[], DamagedScan]
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth
+from aquanav_tools.synthetic.damage import DamagedScan, Truth
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 

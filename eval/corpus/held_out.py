@@ -14,11 +14,11 @@ import numpy as np
 import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.styles.catalogue import DrawnCave, draw_cave
-from aquanav_tools.cave.styles.surface import water_surface
-from aquanav_tools.cave.synthetic import damage, passes
-from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth
-from aquanav_tools.cave.synthetic.made_up import made_up_cavity
+from aquanav_tools.synthetic import damage, passes
+from aquanav_tools.synthetic.damage import DamagedScan, Truth
+from aquanav_tools.synthetic.made_up import made_up_cavity
+from aquanav_tools.synthetic.styles.catalogue import DrawnCave, draw_cave
+from aquanav_tools.synthetic.styles.surface import water_surface
 from aquanav_tools.types import Mesh
 from eval.corpus.cases import Case
 

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal, from_manifold, to_manifold
-from aquanav_tools.cave.mesh.intersections import self_intersections
-from aquanav_tools.cave.plane import plane_axes
-from aquanav_tools.cave.route.route import resample
-from aquanav_tools.cave.synthetic.damage import Truth
+from aquanav_tools.geometry.mesh.intersections import self_intersections
+from aquanav_tools.geometry.plane import plane_axes
+from aquanav_tools.geometry.polyline import resample
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.synthetic.damage import Truth
 from aquanav_tools.types import Array, Mesh
 
 SLAB = 0.002

@@ -6,10 +6,10 @@ import dataclasses
 from collections.abc import Callable
 from functools import partial
 
-from aquanav_tools.cave.synthetic import damage
-from aquanav_tools.cave.synthetic import networks as synthetic_networks
-from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth
-from aquanav_tools.cave.synthetic.networks import Network
+from aquanav_tools.synthetic import damage
+from aquanav_tools.synthetic import networks as synthetic_networks
+from aquanav_tools.synthetic.damage import DamagedScan, Truth
+from aquanav_tools.synthetic.networks import Network
 from eval.corpus.cases import Case
 
 ROUGHNESS = 0.12

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from aquanav_tools.cave.scan.surface import clean_mesh
-from aquanav_tools.cave.synthetic import damage
-from aquanav_tools.cave.synthetic.damage import DamagedScan, Truth, border_edges
+from aquanav_tools.synthetic import damage
+from aquanav_tools.synthetic.damage import DamagedScan, Truth, border_edges
 from aquanav_tools.types import Array, Mesh
 from eval.corpus.cases import Case
 

@@ -24,10 +24,10 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # the study is no part of th
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.shipped_scenarios import ShippedScenario, build_gallery, read_shipped
-from aquanav_tools.cave.synthetic.galleries import GalleryOptions
 from aquanav_tools.errors import AquanavError
 from aquanav_tools.evaluate.statistics import wilson
 from aquanav_tools.shipped import shipped_names
+from aquanav_tools.synthetic.galleries import GalleryOptions
 from aquanav_tools.types import silent
 from eval.study.commands import aquanav
 

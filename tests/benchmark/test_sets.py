@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from aquanav_tools.benchmark.definition import SETS, TierRules, read_benchmark
-from aquanav_tools.cave.styles.catalogue import STYLES
-from aquanav_tools.cave.styles.names import number_of
 from aquanav_tools.evaluate.protocol import task_under
 from aquanav_tools.scenario.shipped import drawn_from
 from aquanav_tools.scenario.split import is_test_cave, training_seed
 from aquanav_tools.shipped import shipped_names
+from aquanav_tools.synthetic.styles.catalogue import STYLES
+from aquanav_tools.synthetic.styles.names import number_of
 from aquanav_tools.task import TaskOptions
 from eval.benchmark_set import RULES, basis_of, is_valid, tier_of
 

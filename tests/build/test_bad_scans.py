@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import trimesh
 
-from aquanav_tools.cave.synthetic.caves import tube
+from aquanav_tools.synthetic.caves import tube
 from tests.build.test_scan_build import run
 from tests.cave.open_caves import wavy_sheet
 from tests.lighter import lighten_builds

@@ -18,11 +18,11 @@ from aquanav_tools.build.outputs import draw_failure, failure_page
 from aquanav_tools.cave.cavity import Portal
 from aquanav_tools.cave.measure.statistics import ScanFit, measure_cave
 from aquanav_tools.cave.route.passability import Narrow, Passability, RouteClearance
-from aquanav_tools.cave.survey.svx import read_svx
 from aquanav_tools.errors import MeshError
 from aquanav_tools.report.faults import MAX_GRAINS, grains
 from aquanav_tools.report.html import Page, write_page
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.survey.svx import read_svx
 from aquanav_tools.types import PointCloud, silent
 from tests.caves import TUBE_RADIUS, tube_scenario
 

@@ -10,8 +10,8 @@ import pytest
 
 from aquanav_tools.build.coverage import MOST_OBLIQUE, count_photos
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.reconstruct.record import DenseView
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import Array, Sim3
 
 RADIUS = 2.0

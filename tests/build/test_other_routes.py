@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic.networks import Network, fork, straight
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.synthetic.networks import Network, fork, straight
 from tests.commands import run_here
 from tests.lighter import lighten_builds
 

@@ -30,7 +30,6 @@ from aquanav_tools.cave.closing.ambient_occlusion import MIN_FACING, seen_height
 from aquanav_tools.cave.closing.solid import refuse
 from aquanav_tools.cave.options import ClosingOptions
 from aquanav_tools.cave.scan.sight import Sight, make_sight
-from aquanav_tools.cave.synthetic.caves import demo_cave, tube
 from aquanav_tools.errors import MeshError, ReconstructionError, UnseenWallsError
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.photograph.trajectory import look
@@ -38,6 +37,7 @@ from aquanav_tools.reconstruct.diagnosis import Caution
 from aquanav_tools.reconstruct.features import extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
+from aquanav_tools.synthetic.caves import demo_cave, tube
 from aquanav_tools.types import Mesh, PointCloud, Sim3, silent
 from tests.build.test_scan_build import run
 from tests.disks import fill, small_disk

@@ -18,12 +18,12 @@ import trimesh
 from PIL import Image
 
 from aquanav_tools.build import scenario_folder
-from aquanav_tools.cave.synthetic.caves import tube
-from aquanav_tools.cave.synthetic.damage import add_noise, intact
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.cli.info import main as aquanav_command
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.synthetic.caves import tube
+from aquanav_tools.synthetic.damage import add_noise, intact
 from aquanav_tools.values import kept_value
 from tests.commands import run_here
 from tests.conftest import REPOSITORY

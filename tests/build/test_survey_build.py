@@ -14,10 +14,10 @@ from aquanav_tools.build.options import SURVEY_SUFFIXES, BuildOptions
 from aquanav_tools.build.recipe import BuildResult, build_cave
 from aquanav_tools.build.survey_stages import hold_against, model_walls
 from aquanav_tools.cave.options import StartOptions
-from aquanav_tools.cave.survey import read
-from aquanav_tools.cave.survey.read import read_survey
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import InputError
+from aquanav_tools.survey import read
+from aquanav_tools.survey.read import read_survey
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import silent
 from tests.lighter import lighten_builds
 

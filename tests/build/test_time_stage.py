@@ -11,11 +11,11 @@ import pytest
 
 from aquanav_tools.build.journal import Journal
 from aquanav_tools.build.time_stage import note_time, time_facts
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings
 from aquanav_tools.sim.vehicle import VEHICLE_DIR
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import silent
 from tests import caves
 from tests.caves import tube_scenario

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.build import recipe, scenario_folder
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.cli.build_cave import main
 from aquanav_tools.reconstruct.reconstruction import Reconstruction
 from aquanav_tools.report.html import Section
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import PointCloud
 
 

@@ -7,10 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, from_manifold, to_manifold
-from aquanav_tools.cave.route.route import Route, resample
-from aquanav_tools.cave.synthetic import caves as synthetic
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.cave.route.route import Route
+from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh
 
 SECTIONS = 64
@@ -54,7 +55,7 @@ def joined(*caves: Cavity) -> Cavity:
 
 def field_of(cavity: Cavity, spacing: float = 0.15) -> DistanceField:
     """The cavity's clearance."""
-    return distance_field(cavity, spacing)
+    return distance_field(cavity.mesh, spacing)
 
 
 def route_along(points: np.ndarray, field: DistanceField, step: float = 0.1) -> Route:

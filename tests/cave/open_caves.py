@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh
 
 RADIUS = 1.0

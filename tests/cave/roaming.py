@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array
 from tests.sim.batch.guides import Tracker
 

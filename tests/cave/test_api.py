@@ -16,8 +16,8 @@ import trimesh
 import aquanav_tools.cave as cave
 from aquanav_tools.cave import centreline, close, largest_vehicle, read_scan, sections, write
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import AquanavError, InputError, MeshError
+from aquanav_tools.synthetic.caves import tube
 from tests.test_imports import HEAVY
 
 RADIUS, LENGTH, CORNERS = 1.0, 8.0, 48

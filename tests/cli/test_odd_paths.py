@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario.folder import read_scenario
+from aquanav_tools.synthetic.caves import tube
 
 ODD = "Höhle 洞 2"
 

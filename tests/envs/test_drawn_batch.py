@@ -9,7 +9,6 @@ import gymnasium
 import pytest
 
 from aquanav_tools.api.environments import make_env, make_vec_env
-from aquanav_tools.cave.styles.names import style_of
 from aquanav_tools.envs import factory
 from aquanav_tools.envs.factory import make_batch, with_drawn
 from aquanav_tools.errors import InputError, ScenarioError
@@ -17,6 +16,7 @@ from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.scenario.split import fixed_draw, is_test_cave
+from aquanav_tools.synthetic.styles.names import style_of
 from tests.caves import tube_scenario
 
 

@@ -8,9 +8,9 @@ from scipy.spatial import cKDTree
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
 from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.cave.synthetic.caves import sweep
-from aquanav_tools.cave.water.field import DistanceField, field_from_dense
+from aquanav_tools.geometry.volume.field import DistanceField, field_from_dense
 from aquanav_tools.scenario.schema import BuiltBy, GoalSettings, Scenario, ScenarioSettings
+from aquanav_tools.synthetic.caves import sweep
 from aquanav_tools.types import Pose, yaw_quaternion
 
 RADIUS = 1.1

@@ -15,7 +15,6 @@ import trimesh.exchange.load  # noqa: F401
 from aquanav_tools.build.original.rewarder import read_rewarders
 from aquanav_tools.cave.scan.fbx import read_fbx
 from aquanav_tools.cave.scan.files import read_surface
-from aquanav_tools.cave.survey.read import read_survey
 from aquanav_tools.evaluate import network, onnx_file  # noqa: F401
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.protocol import read_protocol
@@ -28,6 +27,7 @@ from aquanav_tools.sea.original import read_original_map
 from aquanav_tools.sea.sea_map import read_map
 from aquanav_tools.sim.boat import load_boat
 from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.survey.read import read_survey
 from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.pipeline import read_pipeline
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import field_from_dense
 from aquanav_tools.evaluate.options import Grid
 from aquanav_tools.evaluate.results import Provenance, results_table, write_results
 from aquanav_tools.evaluate.summary import group, summarise
+from aquanav_tools.geometry.volume.field import field_from_dense
 from aquanav_tools.report.viewer_model import write_glb
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sea.generate import generate_map
@@ -24,13 +24,13 @@ from aquanav_tools.train.checkpoint import Checkpoint, write_checkpoint
 from aquanav_tools.types import Mesh
 from tests.build.original.files import prefab_of, write_fbx
 from tests.cave.scan import written
-from tests.cave.survey.example import LOOPS
-from tests.cave.survey.test_image import version_3, version_8
 from tests.caves import tube_scenario
 from tests.conftest import REPOSITORY
 from tests.evaluate import onnx_files
 from tests.evaluate.test_metrics import episode
 from tests.sea.test_original_map import write_scene
+from tests.survey.example import LOOPS
+from tests.survey.test_image import version_3, version_8
 
 Writer = Callable[[Path], object]
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.photograph import files
 from aquanav_tools.photograph.conditions import CONDITIONS, ConditionName
 from aquanav_tools.photograph.dive import Photographer, film, photograph
@@ -18,6 +17,7 @@ from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions, LensName
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.photograph.trajectory import plan_capture
+from aquanav_tools.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.types import rotation_matrix
 
 SMALL = CameraOptions(width=96, height=72)

@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic.noise import fractal
 from aquanav_tools.photograph.rock import AMBIENT, MUD, _relief_slope, beam, shade
+from aquanav_tools.synthetic.noise import fractal
 
 
 def bare_light(distance: float, angle: float = 0.0) -> float:

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
 from aquanav_tools.photograph.scene import RayScene
 from aquanav_tools.photograph.trajectory import look
+from aquanav_tools.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.types import Mesh, Sim3, rotation_matrix
 from eval.photos.score import (
     CloudScore,

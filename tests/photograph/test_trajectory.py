@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.photograph.options import CaptureOptions, PathName
 from aquanav_tools.photograph.trajectory import HOVER_SPEED, SURFACE_TIME, look, plan_capture
+from aquanav_tools.synthetic.caves import tube
 
 CENTRELINE = tube(2.0, 10.0).centreline
 STEADY = {"unsteady_m": 0.0, "unsteady_deg": 0.0}

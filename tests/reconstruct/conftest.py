@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.reconstruct.depth import DepthOptions
 from aquanav_tools.reconstruct.features import FeatureOptions
@@ -13,6 +12,7 @@ from aquanav_tools.reconstruct.georeference.options import ScaleSources
 from aquanav_tools.reconstruct.georeference.sources import read_world
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.reconstruction import Reconstruction, ReconstructOptions, reconstruct
+from aquanav_tools.synthetic.caves import SyntheticCave
 from tests.reconstruct.scenes import SMALL_DIVE, small_cave
 
 SMALL_OPTIONS = ReconstructOptions(features=FeatureOptions(max_features=2000), depth=DepthOptions(width=240, sources=5))

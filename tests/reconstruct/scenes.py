@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic.caves import CaveOptions, SyntheticCave, demo_cave
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
+from aquanav_tools.synthetic.caves import CaveOptions, SyntheticCave, demo_cave
 from aquanav_tools.types import Array
 from eval.photos.score import distances_to, read_true_cameras, score_cloud, seen_wall
 

@@ -11,7 +11,6 @@ import trimesh
 from aquanav_tools.cave.closing.free_space import FreeSpace, contradictions
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
-from aquanav_tools.cave.synthetic.caves import SyntheticCave, demo_cave
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CaptureOptions
 from aquanav_tools.photograph.scene import RayScene
@@ -19,6 +18,7 @@ from aquanav_tools.photograph.trajectory import Shot, plan_capture
 from aquanav_tools.reconstruct.depth_maps import DepthMaps
 from aquanav_tools.reconstruct.fusion import FusedDepth, FusionOptions, fuse_maps
 from aquanav_tools.reconstruct.views import View
+from aquanav_tools.synthetic.caves import SyntheticCave, demo_cave
 from aquanav_tools.types import Mesh
 from eval.photos.score import TrueCameras, score_cloud, seen_wall
 

@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic.caves import SyntheticCave
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.features import FeatureOptions, extract_features
 from aquanav_tools.reconstruct.images import PhotoSet, read_photos
 from aquanav_tools.reconstruct.mapping import MappingOptions, SparseModel, map_photos
 from aquanav_tools.reconstruct.matching import MatchOptions, match_features, verified_matches
+from aquanav_tools.synthetic.caves import SyntheticCave
 from eval.photos.score import PoseScore, read_true_cameras, score_poses
 from tests.reconstruct.scenes import SMALL_DIVE, small_cave
 

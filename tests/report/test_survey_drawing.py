@@ -15,8 +15,6 @@ from PIL import Image
 
 from aquanav_tools.cave.cavity import Cavity, to_manifold
 from aquanav_tools.cave.measure.sections import cross_sections
-from aquanav_tools.cave.survey.legs import SurveyLegs
-from aquanav_tools.cave.synthetic.caves import bend
 from aquanav_tools.report.cave_map import CaveMap, Mark, lid_rings, signed_area, silhouette
 from aquanav_tools.report.figures import WATER, round_length
 from aquanav_tools.report.relief import View, plan_and_section
@@ -24,6 +22,8 @@ from aquanav_tools.report.section_sheet import draw_rose, draw_sections, draw_si
 from aquanav_tools.report.survey_drawing import DPI, MARGIN_IN, draw_elevation, draw_long_section, draw_plan, profile
 from aquanav_tools.report.survey_overlay import in_profile
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.survey.legs import SurveyLegs
+from aquanav_tools.synthetic.caves import bend
 from aquanav_tools.types import Mesh
 from tests.cave.solids import closed
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS

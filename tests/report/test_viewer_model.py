@@ -8,8 +8,8 @@ import pytest
 import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.report.viewer_model import PORTAL_COLOUR, WALL_COLOUR, transfer_colours, write_glb
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import Mesh
 
 LENGTH = 6.0

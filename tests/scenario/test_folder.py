@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.water.field import BRICK
 from aquanav_tools.cave.water.flow import flow_from_bricks
 from aquanav_tools.errors import ScenarioError
+from aquanav_tools.geometry.volume.field import BRICK
 from aquanav_tools.scenario import geometry
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings, Scenario, WaterSettings, WaveSettings

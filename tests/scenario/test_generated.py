@@ -10,12 +10,12 @@ import trimesh
 from scipy.spatial import cKDTree
 
 from aquanav_tools.build.generated import MAX_WIDTHS, MIN_WIDTHS, _limits, build_generated
-from aquanav_tools.cave.styles.catalogue import VEHICLE_WIDTH
 from aquanav_tools.errors import ScenarioError
 from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario import shipped
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.shipped import named_folder, scenario_folder
+from aquanav_tools.synthetic.styles.catalogue import VEHICLE_WIDTH
 
 NAME = "generated/phreatic-tube/1"
 

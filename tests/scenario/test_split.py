@@ -8,7 +8,6 @@ import hashlib
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.styles.names import STYLE_NAMES, style_of
 from aquanav_tools.errors import InputError, ScenarioError
 from aquanav_tools.scenario.schema import BuiltBy
 from aquanav_tools.scenario.split import (
@@ -19,6 +18,7 @@ from aquanav_tools.scenario.split import (
     names_for_tests,
     training_seed,
 )
+from aquanav_tools.synthetic.styles.names import STYLE_NAMES, style_of
 from tests.caves import tube_scenario
 
 

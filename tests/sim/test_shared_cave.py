@@ -12,10 +12,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.vehicle import load_vehicle
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Array, Mesh, yaw_quaternion
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_scenario
 from tests.sim.batch.worlds import Dive

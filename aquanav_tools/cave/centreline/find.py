@@ -19,8 +19,8 @@ from aquanav_tools.cave.centreline.graph import Branch, CentrelineGraph, Node
 from aquanav_tools.cave.centreline.lattice import Lattice, sample_water
 from aquanav_tools.cave.centreline.skeleton import DEAD_END, JUNCTION, PORTAL, Link, Skeleton, merge_junctions, trace
 from aquanav_tools.cave.centreline.thinning import thin
-from aquanav_tools.cave.route.route import resample
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 MAX_SAMPLES = 3_000_000

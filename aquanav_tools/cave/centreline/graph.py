@@ -9,7 +9,7 @@ import numpy as np
 
 from aquanav_tools.cave.centreline.skeleton import DEAD_END, JUNCTION, KINDS
 from aquanav_tools.cave.route.route import Route
-from aquanav_tools.cave.water.geodesic import WALL_AVERSION
+from aquanav_tools.geometry.volume.geodesic import WALL_AVERSION
 from aquanav_tools.types import Array, IntArray
 
 

@@ -8,8 +8,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, IntArray
 
 OFFSETS: IntArray = np.delete(np.stack(np.unravel_index(np.arange(27), (3, 3, 3)), axis=1) - 1, 13, axis=0)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, prove_closed
-from aquanav_tools.cave.mesh.contact import Surface
-from aquanav_tools.cave.mesh.decimation import faces_near, merge_faces
-from aquanav_tools.cave.mesh.deviation import Deviation, measure_deviation
-from aquanav_tools.cave.mesh.intersections import self_intersections
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.contact import Surface
+from aquanav_tools.geometry.mesh.decimation import faces_near, merge_faces
+from aquanav_tools.geometry.mesh.deviation import Deviation, measure_deviation
+from aquanav_tools.geometry.mesh.intersections import self_intersections
 from aquanav_tools.types import BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.plane import plane_axes
+from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MAX_DEPTH = 2.0

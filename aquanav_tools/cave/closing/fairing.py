@@ -11,8 +11,8 @@ import logging
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.hole_filling import bending
-from aquanav_tools.cave.mesh.intersections import self_intersections
+from aquanav_tools.geometry.mesh.hole_filling import bending
+from aquanav_tools.geometry.mesh.intersections import self_intersections
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)

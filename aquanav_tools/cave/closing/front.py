@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.rasterise import band_distances
+from aquanav_tools.geometry.mesh.rasterise import band_distances
 from aquanav_tools.types import Array, BoolArray
 
 CELLS = 14

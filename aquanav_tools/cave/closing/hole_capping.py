@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import prove_watertight
-from aquanav_tools.cave.mesh.hole_filling import fill_hole
-from aquanav_tools.cave.mesh.intersections import crossing_share, self_intersections
-from aquanav_tools.cave.mesh.patches import boundary_loops, crowded_faces, find_patches, split_touching
 from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.hole_filling import fill_hole
+from aquanav_tools.geometry.mesh.intersections import crossing_share, self_intersections
+from aquanav_tools.geometry.mesh.patches import boundary_loops, crowded_faces, find_patches, split_touching
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)

@@ -15,8 +15,8 @@ import numpy as np
 
 from aquanav_tools.cave.closing.front import Front, front_behind
 from aquanav_tools.cave.closing.solid import ClosedSurface
-from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
+from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MAX_REACH = 1.4

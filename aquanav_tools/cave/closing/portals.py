@@ -15,11 +15,11 @@ import numpy as np
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight, to_manifold
 from aquanav_tools.cave.closing.ends import End
 from aquanav_tools.cave.closing.solid import ClosedSurface, faces_within, refuse
-from aquanav_tools.cave.mesh.handles import genus
-from aquanav_tools.cave.mesh.intersections import self_intersections
-from aquanav_tools.cave.mesh.proximity import SurfaceTree, surface_tree
-from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.errors import MeshError, UnseenWallsError
+from aquanav_tools.geometry.mesh.handles import genus
+from aquanav_tools.geometry.mesh.intersections import self_intersections
+from aquanav_tools.geometry.mesh.proximity import SurfaceTree, surface_tree
+from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.types import Array, Mesh
 
 logger = logging.getLogger(__name__)

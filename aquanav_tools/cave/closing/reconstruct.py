@@ -24,12 +24,12 @@ from aquanav_tools.cave.closing.openings import find_openings, holes_in_wall
 from aquanav_tools.cave.closing.portals import MAX_ACCEPTED_CUT_SHARE, MAX_CUT_SHARE, Cut, cut_portals
 from aquanav_tools.cave.closing.solid import SCAN_VOXELS, ClosedSurface, faces_within, main_water
 from aquanav_tools.cave.closing.tiles import ImplicitField, TileCache, implicit_field, water_surface
-from aquanav_tools.cave.mesh.decimation import merge_faces, simplify
-from aquanav_tools.cave.mesh.handles import Handle, find_handles
-from aquanav_tools.cave.mesh.proximity import SurfaceTree, are_within, surface_tree
 from aquanav_tools.cave.scan.sight import believed
 from aquanav_tools.cave.scan.surface import Surface, without_gaps
 from aquanav_tools.errors import MeshError, UnseenWallsError
+from aquanav_tools.geometry.mesh.decimation import merge_faces, simplify
+from aquanav_tools.geometry.mesh.handles import Handle, find_handles
+from aquanav_tools.geometry.mesh.proximity import SurfaceTree, are_within, surface_tree
 from aquanav_tools.types import Array, Mesh, Progress, ignore_progress
 
 logger = logging.getLogger(__name__)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.closing.ambient_occlusion import MIN_OCCLUSION, ambient_occlusion, check_occlusion
-from aquanav_tools.cave.mesh.components import component, component_ids, component_volumes
-from aquanav_tools.cave.mesh.proximity import SurfaceTree, are_within
 from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.errors import MeshError, UnseenWallsError
+from aquanav_tools.geometry.mesh.components import component, component_ids, component_volumes
+from aquanav_tools.geometry.mesh.proximity import SurfaceTree, are_within
 from aquanav_tools.types import Array, BoolArray, Mesh
 
 SCAN_VOXELS = 0.75

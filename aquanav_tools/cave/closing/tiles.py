@@ -29,10 +29,10 @@ from aquanav_tools.cave.closing.field_edits import (
 from aquanav_tools.cave.closing.packed_samples import PackedSamples, packed, unpacked
 from aquanav_tools.cave.closing.solid import no_space
 from aquanav_tools.cave.closing.winding import COARSE_STEP, WATER_LEVEL, WindingField, winding_field, winding_in_box
-from aquanav_tools.cave.mesh.box_tree import boxes_of
-from aquanav_tools.cave.mesh.marching_cubes import WITHIN_CELL, marching_cubes
-from aquanav_tools.cave.mesh.rasterise import band_distances
 from aquanav_tools.cave.scan.sight import Sight
+from aquanav_tools.geometry.mesh.box_tree import boxes_of
+from aquanav_tools.geometry.mesh.marching_cubes import WITHIN_CELL, marching_cubes
+from aquanav_tools.geometry.mesh.rasterise import band_distances
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, Progress, ignore_progress
 
 Float32Array = npt.NDArray[np.float32]

@@ -14,7 +14,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.mesh.piercings import signed_piercings
+from aquanav_tools.geometry.mesh.piercings import signed_piercings
 from aquanav_tools.types import Array, BoolArray, Mesh
 
 Float32Array = npt.NDArray[np.float32]

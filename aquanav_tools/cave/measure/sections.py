@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.mesh.slicing import slice_mesh
-from aquanav_tools.cave.plane import plane_axes
-from aquanav_tools.cave.route.route import resample
+from aquanav_tools.geometry.mesh.slicing import polygons_in_plane
+from aquanav_tools.geometry.plane import plane_axes
+from aquanav_tools.geometry.polyline import arc_lengths, point_at, resample
 from aquanav_tools.types import Array, Mesh
 
 TANGENT_LENGTH = 1.0
@@ -96,17 +96,6 @@ def cross_sections(cavity: Cavity, points: Array, spacing: float) -> tuple[Secti
     return tuple(section for section in found if section is not None)
 
 
-def arc_lengths(points: Array) -> Array:
-    """Return the (C,) distances of a (C, 3) polyline's points from its first, along it, m."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def point_at(points: Array, lengths: Array, stations: Array) -> Array:
-    """Return the (S, 3) points of a polyline at (S,) distances along it; `lengths` are its `arc_lengths`."""
-    return np.stack([np.interp(stations, lengths, points[:, axis]) for axis in range(3)], axis=1)
-
-
 def floor_and_ceiling(mesh: Mesh, points: Array) -> tuple[Array, Array]:
     """Return the (N,) heights (world z) of the floor straight below and the ceiling straight above (N, 3) points, m.
 
@@ -169,18 +158,4 @@ def water_around(mesh: Mesh, centre: Array, normal: Array) -> Any:
     import shapely
 
     origin = shapely.Point(0.0, 0.0)
-    return next((piece for piece in water_in_plane(mesh, centre, normal) if piece.contains(origin)), None)
-
-
-def water_in_plane(mesh: Mesh, centre: Array, normal: Array) -> list[Any]:
-    """Return the shapely polygons of all water in the plane of a station, in plane coordinates."""
-    import manifold3d
-    import shapely
-
-    cuts = slice_mesh(mesh, centre, np.vstack([plane_axes(normal), normal]))
-    polygons = []
-    for piece in manifold3d.CrossSection(cuts, manifold3d.FillRule.EvenOdd).decompose():
-        rings = sorted((shapely.Polygon(ring) for ring in piece.to_polygons()), key=lambda ring: -ring.area)
-        polygon = shapely.Polygon(rings[0].exterior.coords, [ring.exterior.coords for ring in rings[1:]])
-        polygons.append(shapely.geometry.polygon.orient(polygon))
-    return polygons
+    return next((piece for piece in polygons_in_plane(mesh, centre, normal) if piece.contains(origin)), None)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.measure.sections import arc_lengths, cross_sections
+from aquanav_tools.cave.measure.sections import cross_sections
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.route.route import resample
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.polyline import arc_lengths, resample
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, Mesh
 
 NUM_MEAN_SECTIONS = 60

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, IntArray
 
 MIN_AREA = 0.05

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from aquanav_tools.cave.plane import plane_axes
 from aquanav_tools.cave.route.guide import Panel
+from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.types import Array
 
 TOLERANCE = 1e-6

@@ -10,8 +10,8 @@ from functools import cached_property
 
 import numpy as np
 
-from aquanav_tools.cave.water.breadth_first import nearest_through_water
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.breadth_first import nearest_through_water
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, IntArray
 
 

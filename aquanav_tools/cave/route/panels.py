@@ -18,8 +18,8 @@ from aquanav_tools.cave.route.guide import Guide, Panel
 from aquanav_tools.cave.route.pillars import Pillars
 from aquanav_tools.cave.route.route import Route
 from aquanav_tools.cave.route.stations import MIN_PANELS, Line, Sight, choose_stations, direct
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array
 
 CHAIN_WINDOW = 30

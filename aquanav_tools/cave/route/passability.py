@@ -18,12 +18,12 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.mesh.contact import Surface
-from aquanav_tools.cave.plane import plane_axes
-from aquanav_tools.cave.route.route import resample
-from aquanav_tools.cave.water.bottleneck_path import BottleneckPath, bottleneck_path
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.contact import Surface
+from aquanav_tools.geometry.plane import plane_axes
+from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.volume.bottleneck_path import BottleneckPath, bottleneck_path
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 STEP = 0.1
@@ -218,9 +218,9 @@ def route_clearance(walls: Surface, line: Array) -> RouteClearance:
 def _bottleneck_path(cavity: Cavity, field: DistanceField, ends: Array, width: float) -> BottleneckPath:
     """Return the widest way between (2, 3) ends; most of the search is spared where it is no wider than the route."""
     enough = 0.5 * (1.0 + SAME_WIDTH) * width + field.spacing
-    way = bottleneck_path(cavity, field, ends[0], ends[1], enough)
+    way = bottleneck_path(cavity.wall_surface, field, ends[0], ends[1], enough)
     if way is not None and way.clearance.min() >= enough - field.spacing:
-        way = bottleneck_path(cavity, field, ends[0], ends[1])
+        way = bottleneck_path(cavity.wall_surface, field, ends[0], ends[1])
     if way is None:
         raise MeshError(f"No water joins the ends of the route, {ends[0].round(2)} m and {ends[1].round(2)} m.")
     return way

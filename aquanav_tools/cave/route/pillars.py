@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.measure.sections import water_in_plane
-from aquanav_tools.cave.plane import plane_axes
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.cave.water.geodesic import WaterGraph
+from aquanav_tools.geometry.mesh.slicing import polygons_in_plane
+from aquanav_tools.geometry.plane import plane_axes
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.types import Array, Mesh
 
 MAX_WIDTH = 1.0
@@ -39,7 +39,7 @@ class Pillars:
         """
         import shapely
 
-        others = water_in_plane(self._mesh, centre, normal)
+        others = polygons_in_plane(self._mesh, centre, normal)
         own = next((piece for piece in others if piece.contains(shapely.Point(0.0, 0.0))), None)
         if own is None:
             return None

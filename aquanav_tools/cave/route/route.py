@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
-from aquanav_tools.cave.water.bottleneck_path import bottleneck_path
-from aquanav_tools.cave.water.field import BAND, DistanceField
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import InputError, MeshError
+from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.volume.bottleneck_path import bottleneck_path
+from aquanav_tools.geometry.volume.field import BAND, DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.types import Array
 
 COARSE_NODES = 50_000
@@ -146,7 +147,7 @@ def _farthest(graph: WaterGraph, point: Array) -> Array:
 
 def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, vehicle_radius: float) -> MeshError:
     """Return the error that says where the widest way is too narrow, and which vehicle would fit."""
-    found = bottleneck_path(cavity, field, start, end)
+    found = bottleneck_path(cavity.wall_surface, field, start, end)
     if found is None:
         return MeshError(
             f"There is no way through the water from {start.round(2)} m to {end.round(2)} m. The wall closes the "
@@ -189,10 +190,3 @@ def _smooth(path: Array, field: DistanceField, vehicle_radius: float) -> Array:
         needed = np.minimum(field.clearance(points), 1.2 * vehicle_radius)
         points = np.where((field.clearance(moved) >= needed)[:, None], moved, points)
     return resample(points, step)
-
-
-def resample(path: Array, step: float) -> Array:
-    """Return a polyline's points at equal distances of about `step` along it, m, ends kept."""
-    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    stations = np.linspace(0.0, lengths[-1], max(2, round(lengths[-1] / step) + 1))
-    return np.stack([np.interp(stations, lengths, path[:, axis]) for axis in range(3)], axis=1)

@@ -12,9 +12,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import BAND, DistanceField, field_from_dense
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import BAND, DistanceField, field_from_dense
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.types import Array
 
 MAX_SAMPLES = 30_000

@@ -12,9 +12,9 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.guide import Guide
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.cave.water.geodesic import WaterGraph, Ways
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph, Ways
 from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
 
 logger = logging.getLogger(__name__)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.contact import Surface
 from aquanav_tools.cave.options import PanelOptions
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.contact import Surface
 from aquanav_tools.types import Array, IntArray
 
 MIN_PANELS = 6

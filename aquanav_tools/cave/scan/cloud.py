@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.patches import Patches
 from aquanav_tools.cave.scan.confirmed import is_supported, thickness, thin_confirmed
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import orient_outward
 from aquanav_tools.cave.scan.surface import NO_LAMPS, Surface, surface_facing_water, surface_from_mesh
 from aquanav_tools.errors import InputError, UnseenWallsError
+from aquanav_tools.geometry.mesh.patches import Patches
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, PointCloud
 

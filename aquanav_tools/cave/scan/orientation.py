@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from aquanav_tools.cave.mesh.patches import Patches
+from aquanav_tools.geometry.mesh.patches import Patches
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 NUM_RAYS = 24

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aquanav_tools.cave.mesh.patches import Patches, find_patches
-from aquanav_tools.cave.mesh.proximity import are_within, surface_tree
-from aquanav_tools.cave.mesh.welding import weld
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_areas, is_gap, orient_outward
 from aquanav_tools.errors import InputError
+from aquanav_tools.geometry.mesh.patches import Patches, find_patches
+from aquanav_tools.geometry.mesh.proximity import are_within, surface_tree
+from aquanav_tools.geometry.mesh.welding import weld
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 logger = logging.getLogger(__name__)

@@ -15,11 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import APRON, BRICK, ROCK, DistanceField, fill_aprons, number_bricks
 from aquanav_tools.cave.water.flow_cells import FlowCells, cut_cells, find_lids
 from aquanav_tools.cave.water.potential import narrowest_section, solve_potential
 from aquanav_tools.cave.water.velocity import cell_velocities
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.geometry.volume.field import APRON, BRICK, ROCK, DistanceField, fill_aprons, number_bricks
 from aquanav_tools.types import Array, BoolArray
 
 logger = logging.getLogger(__name__)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import BAND, BRICK, BRICK_BITS, ROCK, DistanceField, interpolate, number_bricks
+from aquanav_tools.geometry.volume.field import BAND, BRICK, BRICK_BITS, ROCK, DistanceField, interpolate, number_bricks
 from aquanav_tools.types import Array, IntArray
 
 DUCT_CELLS = 2.5

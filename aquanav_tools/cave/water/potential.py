@@ -19,9 +19,9 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, ROCK
 from aquanav_tools.cave.water.flow_cells import DUCT_CELLS, FlowCells, Lids, in_frame, inside_outline
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import BRICK, BRICK_BITS, ROCK
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 TOLERANCE = 1e-11

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from aquanav_tools.cave.water.field import DistanceField
-from aquanav_tools.cave.water.geodesic import WaterGraph
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.geometry.volume.geodesic import WaterGraph
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 REACH = 0.7

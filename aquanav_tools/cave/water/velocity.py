@@ -11,9 +11,9 @@ import numba
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.water.field import BRICK
 from aquanav_tools.cave.water.flow_cells import FlowCells
 from aquanav_tools.cave.water.potential import PotentialFlow, cell_number
+from aquanav_tools.geometry.volume.field import BRICK
 from aquanav_tools.types import Array, BoolArray
 
 REACH = 2

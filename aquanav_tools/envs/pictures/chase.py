@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array
 
 BEHIND, PER_LENGTH = 0.7, 1.5

@@ -161,6 +161,6 @@ def _listed_stations(path: Path) -> dict[str, Array]:
 
 
 def _survey_stations(path: Path) -> dict[str, Array]:
-    from aquanav_tools.cave.survey.read import read_survey
+    from aquanav_tools.survey.read import read_survey
 
     return {station.name: station.position for station in read_survey(path).stations if station.name}

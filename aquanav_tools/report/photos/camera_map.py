@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.measure.sections import arc_lengths, point_at
 from aquanav_tools.cave.measure.unseen import UnseenPatch
+from aquanav_tools.geometry.polyline import arc_lengths, point_at
 from aquanav_tools.report.cave_map import CaveMap, bounds, silhouette
 from aquanav_tools.report.figures import BAD, INK, MUTED, WATER, draw_scale_bar, new_figure, save_drawing
 from aquanav_tools.report.labels import Labels

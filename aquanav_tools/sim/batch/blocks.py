@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 import warp as wp
 
-from aquanav_tools.cave.water.field import BRICK
 from aquanav_tools.errors import ResourceError
+from aquanav_tools.geometry.volume.field import BRICK
 from aquanav_tools.sim.batch.runtime import OPTIONS
 
 wp.set_module_options(OPTIONS)

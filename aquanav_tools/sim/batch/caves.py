@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.bvh import Bvh, make_bvh
 from aquanav_tools.sim.batch.field import Grid, make_grid

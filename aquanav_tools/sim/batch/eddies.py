@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.sim.batch.blocks import cell_of, corner
 from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel

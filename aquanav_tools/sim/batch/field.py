@@ -9,7 +9,7 @@ from typing import Any
 
 import warp as wp
 
-from aquanav_tools.cave.water import field as water_field
+from aquanav_tools.geometry.volume import field as water_field
 from aquanav_tools.sim.batch.blocks import cell_of, interpolated, pack
 from aquanav_tools.sim.batch.runtime import OPTIONS
 

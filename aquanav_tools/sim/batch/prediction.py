@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.sim.batch.actuators import Controls, actuated, level_of, make_controls, trim_of
 from aquanav_tools.sim.batch.contact import axis_clearance
 from aquanav_tools.sim.batch.contact_points import Hull

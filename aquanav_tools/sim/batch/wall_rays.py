@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.water.cell_triangles import triangles_in_cells
-from aquanav_tools.cave.water.field import BRICK, BRICK_BITS, DistanceField
+from aquanav_tools.geometry.volume.cell_triangles import triangles_in_cells
+from aquanav_tools.geometry.volume.field import BRICK, BRICK_BITS, DistanceField
 from aquanav_tools.sim.batch.field import Grid
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.types import Array, Mesh

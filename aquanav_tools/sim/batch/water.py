@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from aquanav_tools.cave.water import field as water_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow as CaveFlow
+from aquanav_tools.geometry.volume import field as water_field
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.batch.eddies import draw_waves, eddies_at
 from aquanav_tools.sim.batch.field import Grid

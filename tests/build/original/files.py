@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from aquanav_tools.cave.synthetic.caves import sweep
+from aquanav_tools.synthetic.caves import sweep
 from aquanav_tools.types import Array, Mesh
 
 MAGIC = b"Kaydara FBX Binary  \x00\x1a\x00"

@@ -12,9 +12,9 @@ from aquanav_tools.build.original.import_project import ImportOptions, choose_ca
 from aquanav_tools.build.original.placement import turned
 from aquanav_tools.build.original.project import read_project
 from aquanav_tools.build.original.tube import tube_of
-from aquanav_tools.cave.synthetic.caves import sweep
 from aquanav_tools.cli import info
 from aquanav_tools.errors import InputError
+from aquanav_tools.synthetic.caves import sweep
 from aquanav_tools.types import Array
 from tests.build.original.files import prefab_of, winding_line, write_cave
 

@@ -11,12 +11,12 @@ from scipy.spatial.transform import Rotation
 
 from aquanav_tools.cave.centreline.find import CentrelineOptions, find_centreline
 from aquanav_tools.cave.centreline.graph import CentrelineGraph
-from aquanav_tools.cave.synthetic import networks as networks
-from aquanav_tools.cave.synthetic.networks import Network, Passage
-from aquanav_tools.cave.water.distance import distance_field
 from aquanav_tools.errors import MeshError, ScenarioError
+from aquanav_tools.geometry.volume.distance import distance_field
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.geometry import read_network, write_guide
+from aquanav_tools.synthetic import networks as networks
+from aquanav_tools.synthetic.networks import Network, Passage
 from tests.caves import tube_scenario
 
 SPACING = 0.2
@@ -37,7 +37,7 @@ CAVES = {
 @cache
 def centreline(network: Network, spacing: float = SPACING) -> CentrelineGraph:
     cavity = network.cavity()
-    return find_centreline(cavity, distance_field(cavity, spacing))
+    return find_centreline(cavity, distance_field(cavity.mesh, spacing))
 
 
 def axis_points(network: Network) -> np.ndarray:
@@ -168,7 +168,7 @@ def test_parts_behind_a_solid_wall_have_no_path() -> None:
 
 def test_water_too_narrow_for_the_samples_is_refused_with_both_numbers() -> None:
     cavity = CAVES["straight"].cavity()
-    field = distance_field(cavity, 0.3)
+    field = distance_field(cavity.mesh, 0.3)
     with pytest.raises(MeshError, match=r"roomiest place has \d\.\d\d m of clearance, the samples are 0\.30 m apart"):
         find_centreline(replace(cavity), replace(field, samples=np.minimum(field.samples, np.float32(0.1))))
     with pytest.raises(ValueError, match="max_samples = 10"):

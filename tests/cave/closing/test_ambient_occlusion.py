@@ -7,9 +7,9 @@ import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.closing.ambient_occlusion import check_is_hollow
-from aquanav_tools.cave.synthetic import caves, damage, networks
-from aquanav_tools.cave.synthetic.rock import embed_in_rock
 from aquanav_tools.errors import MeshError
+from aquanav_tools.synthetic import caves, damage, networks
+from aquanav_tools.synthetic.rock import embed_in_rock
 from aquanav_tools.types import Mesh
 
 RADIUS, LENGTH = 1.0, 8.0

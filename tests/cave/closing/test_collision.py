@@ -8,11 +8,11 @@ import trimesh
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, prove_watertight
 from aquanav_tools.cave.closing.collision import CollisionMesh, collision_mesh
-from aquanav_tools.cave.mesh.contact import Surface
-from aquanav_tools.cave.mesh.deviation import measure_deviation
-from aquanav_tools.cave.mesh.intersections import self_intersections
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.contact import Surface
+from aquanav_tools.geometry.mesh.deviation import measure_deviation
+from aquanav_tools.geometry.mesh.intersections import self_intersections
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import Mesh
 
 LENGTH = 6.0

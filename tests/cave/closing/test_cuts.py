@@ -13,8 +13,8 @@ from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_
 from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.measure.statistics import measure_fit
 from aquanav_tools.cave.scan.surface import NO_LAMPS, surface_from_mesh
-from aquanav_tools.cave.synthetic.caves import SyntheticCave, sweep, without
 from aquanav_tools.errors import MeshError
+from aquanav_tools.synthetic.caves import SyntheticCave, sweep, without
 from aquanav_tools.types import Array, Mesh
 
 VOXEL = 0.085

@@ -15,8 +15,8 @@ from aquanav_tools.cave.closing.openings import find_openings
 from aquanav_tools.cave.closing.portals import cut_portals
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan
 from aquanav_tools.cave.closing.solid import ClosedSurface
-from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.geometry.mesh.handles import genus
 from aquanav_tools.types import Array, Mesh
 from tests.cave.open_caves import RADIUS, straight, tube_volume
 from tests.cave.sights import sight_of

@@ -11,8 +11,8 @@ import pytest
 from aquanav_tools.cave.cavity import from_manifold, prove_watertight
 from aquanav_tools.cave.closing.fairing import fair_holes
 from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_scan, close_surface
-from aquanav_tools.cave.mesh.handles import genus
 from aquanav_tools.cave.scan.surface import surface_from_mesh
+from aquanav_tools.geometry.mesh.handles import genus
 from aquanav_tools.types import BoolArray, Mesh
 from tests.cave.open_caves import LENGTH, RADIUS, straight, tube_volume
 

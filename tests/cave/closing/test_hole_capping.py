@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.closing.hole_capping import cap_holes
-from aquanav_tools.cave.mesh.intersections import self_intersections
-from aquanav_tools.cave.synthetic import caves as synthetic
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.mesh.intersections import self_intersections
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import LENGTH, RADIUS, straight, tube_volume, without_faces_near
 

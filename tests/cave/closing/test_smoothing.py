@@ -9,7 +9,7 @@ import pytest
 
 from aquanav_tools.cave.closing import reconstruct
 from aquanav_tools.cave.closing.reconstruct import SMOOTHING_VOXELS, ReconstructionOptions, close_surface
-from aquanav_tools.cave.mesh.handles import Handle
+from aquanav_tools.geometry.mesh.handles import Handle
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import straight
 

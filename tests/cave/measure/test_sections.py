@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.measure.sections import Section, cross_sections, floor_and_ceiling, station_spacing
-from aquanav_tools.cave.synthetic.caves import bend, sweep
+from aquanav_tools.synthetic.caves import bend, sweep
 from aquanav_tools.types import Mesh
 from tests.cave.solids import APOTHEM, SHARE_OF_CIRCLE, SIDES, box_with, closed, helix
 

@@ -10,9 +10,9 @@ import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.measure.statistics import mean_section, measure_cave, measure_fit, rose_of, wall_area
-from aquanav_tools.cave.synthetic.caves import bend, sweep
 from aquanav_tools.errors import MeshError
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.synthetic.caves import bend, sweep
 from aquanav_tools.types import Mesh
 from tests.cave.solids import SHARE_OF_CIRCLE, SIDES, box_with, closed, helix
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS

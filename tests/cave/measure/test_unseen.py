@@ -7,8 +7,8 @@ import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity
 from aquanav_tools.cave.measure.unseen import PIECE_REACH, ROOM, TO_WALL, unseen_patches
-from aquanav_tools.cave.synthetic.caves import tube
-from aquanav_tools.cave.water.field import DistanceField
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import BoolArray, Mesh
 from tests.caves import TUBE_LENGTH, TUBE_RADIUS, tube_field
 

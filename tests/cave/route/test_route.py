@@ -23,9 +23,9 @@ from aquanav_tools.cave.route.panels import place_panels
 from aquanav_tools.cave.route.route import find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.scan.surface import surface_from_mesh
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.geodesic import WaterGraph, shortest_length
 from aquanav_tools.errors import InputError, MeshError, UnseenWallsError
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.geodesic import WaterGraph, shortest_length
 from aquanav_tools.types import Capsule, Mesh, Pose, yaw_quaternion
 from tests.cave.open_caves import LENGTH, RADIUS, bend, straight
 from tests.caves import tube_cavity, tube_field, tube_guide
@@ -47,7 +47,7 @@ def turn() -> Cavity:
 
 
 def test_the_route_through_a_bend_follows_its_axis(turn: Cavity) -> None:
-    field = distance_field(turn, 0.08)
+    field = distance_field(turn.mesh, 0.08)
     route = find_route(turn, field, CAPSULE.radius)
     radii = np.linalg.norm(route.points[:, :2] - [0.0, TURN_RADIUS], axis=1)
     inner = slice(8, -8)  # the ends begin in the roomiest place behind a portal
@@ -57,7 +57,7 @@ def test_the_route_through_a_bend_follows_its_axis(turn: Cavity) -> None:
 
 
 def test_progress_rises_along_the_centreline_and_panels_do_not_cross(turn: Cavity) -> None:
-    field = distance_field(turn, 0.08)
+    field = distance_field(turn.mesh, 0.08)
     route = find_route(turn, field, CAPSULE.radius)
     guide = place_panels(turn, field, route, 0.5, PanelOptions(spacing=0.5))
     progress = guide.length - swum(guide, guide.centreline)
@@ -69,7 +69,7 @@ def test_progress_rises_along_the_centreline_and_panels_do_not_cross(turn: Cavit
 
 
 def test_a_panel_is_the_passages_cross_section(turn: Cavity) -> None:
-    field = distance_field(turn, 0.08)
+    field = distance_field(turn.mesh, 0.08)
     guide = place_panels(turn, field, find_route(turn, field, CAPSULE.radius), 0.5, PanelOptions())
     panel = guide.panels[len(guide.panels) // 2]
     # A plane through the bend's axis meets the tube in its polygon of 48 sides.
@@ -87,7 +87,7 @@ def test_the_shortest_way_in_a_straight_tube_is_the_straight_line() -> None:
 
 def test_the_shortest_way_around_a_bend_hugs_its_inside(turn: Cavity) -> None:
     clearance = 0.3
-    ways = WaterGraph(distance_field(turn, 0.08), clearance).ways_from(np.array([0.5, 0.0, 0.0]))
+    ways = WaterGraph(distance_field(turn.mesh, 0.08), clearance).ways_from(np.array([0.5, 0.0, 0.0]))
     start, end = np.array([0.5, 0.0, 0.0]), np.array([TURN_RADIUS, TURN_RADIUS - 0.5, 0.0])
     # Two tangents to the inner circle of radius r and the arc between them.
     r, centre = TURN_RADIUS - RADIUS + clearance, np.array([0.0, TURN_RADIUS, 0.0])
@@ -99,7 +99,7 @@ def test_the_shortest_way_around_a_bend_hugs_its_inside(turn: Cavity) -> None:
 
 
 def test_a_passage_too_tight_for_the_vehicle_is_refused_with_both_numbers(turn: Cavity) -> None:
-    field = distance_field(turn, 0.08)
+    field = distance_field(turn.mesh, 0.08)
     with pytest.raises(MeshError, match=r"1\.20 m of clearance are needed, the widest place has 0\.9\d m"):
         find_route(turn, field, 1.2)
 
@@ -230,7 +230,7 @@ def test_a_passage_with_room_between_the_samples_alone_is_not_called_narrower_th
     squeeze = 1.0 - 0.77 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 4))
     cavity = cavity_of(Mesh(tube.vertices * np.hstack([np.ones_like(squeeze), squeeze, squeeze]), tube.faces))
     with pytest.raises(MeshError, match=r"0\.400 m wide, all but fits: .* 0\.4\d m are free, .* every 0\.20 m none"):
-        find_route(cavity, distance_field(cavity, 0.2), CAPSULE.radius)
+        find_route(cavity, distance_field(cavity.mesh, 0.2), CAPSULE.radius)
 
 
 def test_a_passage_that_is_too_tight_names_the_place_and_the_largest_vehicle() -> None:
@@ -238,7 +238,7 @@ def test_a_passage_that_is_too_tight_names_the_place_and_the_largest_vehicle() -
     squeeze = 1.0 - 0.85 * np.exp(-(((tube.vertices[:, :1] - 0.5 * LENGTH) / 0.8) ** 2))
     cavity = cavity_of(Mesh(tube.vertices * np.hstack([np.ones_like(squeeze), squeeze, squeeze]), tube.faces))
     with pytest.raises(MeshError, match=r"too tight .* narrower than the vehicle's 0\.400 m") as refusal:
-        find_route(cavity, distance_field(cavity, 0.05), CAPSULE.radius)
+        find_route(cavity, distance_field(cavity.mesh, 0.05), CAPSULE.radius)
     width = float(re.search(r"largest vehicle that fits is (.*) m wide", str(refusal.value))[1])
     assert width == pytest.approx(2 * 0.15 * RADIUS, abs=0.02)  # a prism of 48 sides, and two digits
     (place, what) = refusal.value.places[0]

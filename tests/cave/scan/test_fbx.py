@@ -11,8 +11,8 @@ import pytest
 from aquanav_tools.cave.options import ScanOptions
 from aquanav_tools.cave.scan.fbx import MAX_ARRAY_BYTES, read_fbx, triangulate
 from aquanav_tools.cave.scan.read import read_scan, world_from_file
-from aquanav_tools.cave.synthetic.caves import tube
 from aquanav_tools.errors import InputError
+from aquanav_tools.synthetic.caves import tube
 from aquanav_tools.types import Mesh
 from tests.build.original.files import MAGIC, write_fbx
 

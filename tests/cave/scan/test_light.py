@@ -8,8 +8,8 @@ from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.cave.scan.light import dark_faces
 from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.cave.scan.surface import surface_from_mesh
-from aquanav_tools.cave.synthetic import caves, damage, networks
-from aquanav_tools.cave.synthetic.rock import embed_in_rock
+from aquanav_tools.synthetic import caves, damage, networks
+from aquanav_tools.synthetic.rock import embed_in_rock
 from aquanav_tools.types import Mesh, PointCloud
 
 OFFSET = 0.01

@@ -3,9 +3,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquanav_tools.cave.mesh.patches import find_patches
 from aquanav_tools.cave.scan.orientation import FacingSurface, face_areas, is_gap, orient_outward
-from aquanav_tools.cave.synthetic import caves as synthetic
+from aquanav_tools.geometry.mesh.patches import find_patches
+from aquanav_tools.synthetic import caves as synthetic
 from aquanav_tools.types import Mesh
 from tests.cave.open_caves import RADIUS, straight
 

@@ -15,9 +15,9 @@ from aquanav_tools.cave.scan.plausibility import METRES_PER_UNIT, check_size, up
 from aquanav_tools.cave.scan.read import read_scan
 from aquanav_tools.cave.scan.resolution import choose_resolution
 from aquanav_tools.cave.scan.wall_samples import passage_widths, sample_wall
-from aquanav_tools.cave.synthetic.caves import sweep, tube
-from aquanav_tools.cave.synthetic.damage import duplicate_shell, intact
 from aquanav_tools.errors import InputError, ResourceError
+from aquanav_tools.synthetic.caves import sweep, tube
+from aquanav_tools.synthetic.damage import duplicate_shell, intact
 from aquanav_tools.types import Array, Mesh, PointCloud
 
 RADIUS, LENGTH = 1.5, 109.0

@@ -8,10 +8,10 @@ from functools import cache
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal
-from aquanav_tools.cave.synthetic import networks
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import Flow, find_flow
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
+from aquanav_tools.synthetic import networks
 
 AXIS = np.array([0.36, 0.48, 0.8])
 TURN = 0.9
@@ -48,11 +48,11 @@ BEND_RADIUS = 3.0
 def bend() -> tuple[Cavity, DistanceField, Flow]:
     """A quarter turn of a round tube, oblique to the grid."""
     cavity = networks.curved(1.0, BEND_RADIUS).turned(rotation()).cavity()
-    field = distance_field(cavity, 0.06)
+    field = distance_field(cavity.mesh, 0.06)
     return cavity, field, flow_in(cavity, field, 0.15)
 
 
 @cache
 def fork() -> tuple[Cavity, DistanceField]:
     cavity = networks.fork().cavity()
-    return cavity, distance_field(cavity, 0.1)
+    return cavity, distance_field(cavity.mesh, 0.1)

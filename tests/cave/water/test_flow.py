@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from aquanav_tools.cave.cavity import WALL, Cavity
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.cave.water.flow import MANY_CELLS, choose_spacing, find_flow
 from aquanav_tools.cave.water.flow_cells import cut_cells, find_lids
 from aquanav_tools.cave.water.potential import FREE, PotentialFlow, narrowest_section, solve_potential
 from aquanav_tools.errors import InputError
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.sim.batch.water import flow_velocities
 from aquanav_tools.types import Mesh
 from tests.cave.closed_caves import lathe
@@ -115,7 +115,7 @@ def test_the_narrowest_section_is_where_an_hourglass_is_narrowest() -> None:
         return 1.2 - 0.5 * np.exp(-(((x - 4.0) / 1.5) ** 2))
 
     cavity = with_ends(lathe(length, radius), length)
-    flow, cells = solved(distance_field(cavity, 0.07), cavity, [True, False])
+    flow, cells = solved(distance_field(cavity.mesh, 0.07), cavity, [True, False])
     area, middle = narrowest_section(flow, cells)  # type: ignore[arg-type]
     # Surfaces of equal potential bulge in the throat, so that theirs is a little larger than the flat section.
     assert np.pi * 0.7**2 * 0.97 < area < np.pi * 0.7**2 * 1.08
@@ -138,7 +138,7 @@ def test_a_symmetric_fork_parts_the_water_in_halves_and_a_closed_branch_stays_st
 def test_water_enters_at_the_goal_by_default_and_the_other_way_on_request() -> None:
     length = 6.0
     cavity = with_ends(lathe(length, np.ones_like), length)
-    field = distance_field(cavity, 0.1)
+    field = distance_field(cavity.mesh, 0.1)
     middle = np.array([[0.5 * length, 0.0, 0.0]])
     way = np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]])
     upstream = find_flow(cavity, field, way, 1.0, spacing=SPACING)
@@ -161,7 +161,7 @@ def walled(cavity: Cavity, *kept: int) -> Cavity:
 def test_water_flows_along_the_way_of_a_cave_that_lacks_portals(kept: tuple[int, ...]) -> None:
     length, spring = 12.0, 1.5
     cavity = walled(with_ends(lathe(length, np.ones_like), length), *kept)
-    field = distance_field(cavity, 0.1)
+    field = distance_field(cavity.mesh, 0.1)
     way = np.array([[spring, 0.0, 0.0], [length - spring, 0.0, 0.0]])
     flow = find_flow(cavity, field, way, 1.0, spacing=SPACING)
     assert flow is not None
@@ -181,7 +181,7 @@ def test_water_flows_along_the_way_of_a_cave_that_lacks_portals(kept: tuple[int,
 def test_springs_of_a_short_way_stay_apart() -> None:
     # A chamber in which balls of twice the clearance around both ends would be one.
     cavity = walled(with_ends(lathe(3.0, np.ones_like), 3.0))
-    field, way = distance_field(cavity, 0.1), np.array([[0.6, 0.0, 0.0], [2.4, 0.0, 0.0]])
+    field, way = distance_field(cavity.mesh, 0.1), np.array([[0.6, 0.0, 0.0], [2.4, 0.0, 0.0]])
     flow = find_flow(cavity, field, way, 1.0, spacing=0.1)
     assert flow is not None
     x = np.linspace(1.3, 1.7, 5)
@@ -195,7 +195,7 @@ def test_springs_of_a_short_way_stay_apart() -> None:
 def test_a_named_portal_decides_whether_water_wells_up_or_drains_at_the_other_end() -> None:
     length = 12.0
     cavity = walled(with_ends(lathe(length, np.ones_like), length), 2)
-    field, way = distance_field(cavity, 0.1), np.array([[1.5, 0.0, 0.0], [length, 0.0, 0.0]])
+    field, way = distance_field(cavity.mesh, 0.1), np.array([[1.5, 0.0, 0.0], [length, 0.0, 0.0]])
     middle = np.array([[0.5 * length, 0.0, 0.0]])
     for named, speed in (({"inlets": (2,)}, -1.0), ({"outlets": (2,)}, 1.0)):
         flow = find_flow(cavity, field, way, 1.0, spacing=SPACING, **named)  # type: ignore[arg-type]
@@ -213,7 +213,9 @@ def test_a_spring_does_not_reach_through_rock() -> None:
     )
     labels = np.full(len(both.faces), WALL, dtype=np.int64)
     cavity = Cavity(both, labels, labels == WALL, ())
-    flow = find_flow(cavity, distance_field(cavity, 0.1), np.array([[1.5, 0, 0], [6.5, 0, 0]]), 1.0, spacing=SPACING)
+    flow = find_flow(
+        cavity, distance_field(cavity.mesh, 0.1), np.array([[1.5, 0, 0], [6.5, 0, 0]]), 1.0, spacing=SPACING
+    )
     assert flow is not None
     places = np.array([[4.0, 0.0, 0.0], [4.0, 2.2, 0.0]])
     np.testing.assert_allclose(np.linalg.norm(flow_velocities(flow, places), axis=1), [1.0, 0.0], atol=0.03)

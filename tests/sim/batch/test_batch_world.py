@@ -8,8 +8,8 @@ import trimesh
 from trimesh.ray.ray_pyembree import RayMeshIntersector
 
 from aquanav_tools.cave.route.guide import Guide, Panel
-from aquanav_tools.cave.water.field import DistanceField
 from aquanav_tools.errors import InputError
+from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.prediction import Predictor
 from aquanav_tools.sim.batch.random import START, draw_many

@@ -10,15 +10,14 @@ import pytest
 import warp as wp
 from scipy.ndimage import map_coordinates
 
-from aquanav_tools.cave.cavity import Cavity
-from aquanav_tools.cave.synthetic.caves import CaveOptions, demo_cave
-from aquanav_tools.cave.water.cell_triangles import triangles_in_cells
-from aquanav_tools.cave.water.distance import distance_field
-from aquanav_tools.cave.water.field import BRICK, DistanceField
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.volume.cell_triangles import triangles_in_cells
+from aquanav_tools.geometry.volume.distance import distance_field
+from aquanav_tools.geometry.volume.field import BRICK, DistanceField
 from aquanav_tools.sim.batch.field import Grid, make_grid, on_grid, room_at
 from aquanav_tools.sim.batch.runtime import OPTIONS, find_device, sequence
 from aquanav_tools.sim.batch.wall_rays import Wall, face_normal, least_in_cells, make_wall, meet_wall
+from aquanav_tools.synthetic.caves import CaveOptions, demo_cave
 from aquanav_tools.types import Mesh
 
 wp.set_module_options(OPTIONS)
@@ -47,8 +46,7 @@ def cast(
 @functools.cache
 def rough_cave() -> tuple[Mesh, DistanceField]:
     mesh = demo_cave(CaveOptions(length=5.0, voxel=0.1)).truth
-    walls = np.zeros(len(mesh.faces), dtype=np.int64)
-    return mesh, distance_field(Cavity(mesh, walls, walls == 0, ()), 0.08)
+    return mesh, distance_field(mesh, 0.08)
 
 
 def cast_all(origins: np.ndarray, directions: np.ndarray, length: float = LENGTH) -> tuple[np.ndarray, np.ndarray]:

@@ -158,8 +158,8 @@ class Track(KernelSensor):
 
     A vehicle that dives knows its track from its Doppler log and gyroscope, to some percent of the way. Axes are level,
     by the heading, so that a tilt does not change them. An episode begins as if the vehicle had come straight from
-    astern, so that only one that stays where it is finds all its past close by. It wants to be measured once after every
-    decision.
+    astern, so that only one that stays where it is finds all its past close by. It wants to be measured once after
+    every decision.
     """
 
     def __init__(self, sheet: TrackSheet | Mapping[str, Any] | str | Path = "a50") -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import trimesh
 import warp as wp
 
-from aquanav_tools.cave.water.field import DistanceField, field_from_dense
+from aquanav_tools.geometry.volume.field import DistanceField, field_from_dense
 from aquanav_tools.sim.batch.caves import Cave, shared_wall
 from aquanav_tools.sim.batch.field import make_grid
 from aquanav_tools.sim.batch.runtime import find_device
