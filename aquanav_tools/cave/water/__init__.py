@@ -1,1 +1,1 @@
-"""The distance field of the water, and the ways through it."""
+"""The water that flows through a cave, and where the roomiest way leads from everywhere in it."""
