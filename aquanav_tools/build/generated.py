@@ -25,6 +25,7 @@ from aquanav_tools.cave.route.route import Route, find_route
 from aquanav_tools.cave.route.starts import draw_starts
 from aquanav_tools.cave.water.flow import Flow, find_flow
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.geometry.volume.distance import distance_field
 from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.geometry.volume.geodesic import WaterGraph
@@ -127,7 +128,7 @@ def scenario_of(drawn: DrawnCave) -> tuple[Scenario, float]:
     width = _narrowest(route, cavity, capsule)
     if not MIN_WIDTHS <= width / VEHICLE_WIDTH <= MAX_WIDTHS:
         raise MeshError(f"its narrowest place is {width:.2f} m, {width / VEHICLE_WIDTH:.1f} vehicle widths, wide")
-    length = float(np.linalg.norm(np.diff(route.points, axis=0), axis=1).sum())
+    length = length_of(route.points)
     if length < SHORTEST:
         raise MeshError(f"its way is {length:.1f} m long")
     guide = place_panels(cavity, field, route, capsule.length, PanelOptions(), capsule.radius)

@@ -13,6 +13,11 @@ def arc_lengths(points: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
+def length_of(points: Array) -> float:
+    """Return the length of a (C, 3) polyline, m."""
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+
+
 def point_at(points: Array, lengths: Array, stations: Array) -> Array:
     """Return the (S, 3) points of a polyline at (S,) distances along it; `lengths` are its `arc_lengths`."""
     return np.stack([np.interp(stations, lengths, points[:, axis]) for axis in range(3)], axis=1)

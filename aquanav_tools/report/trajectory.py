@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 FAILED = "failed"
@@ -82,4 +83,4 @@ class Trajectory(TrajectorySummary):
     @property
     def path_length(self) -> float:
         """Length of the way travelled, m."""
-        return float(np.linalg.norm(np.diff(self.positions, axis=0), axis=1).sum())
+        return length_of(self.positions)

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.synthetic.caves import SyntheticCave, closed_surface, one_water_body, without
 from aquanav_tools.synthetic.noise import fractal
 from aquanav_tools.types import Array
@@ -176,7 +177,7 @@ def _dead_end(main: Gallery, spot: float, options: GalleryOptions, rng: np.rando
 
 
 def _resampled(curve: Array) -> Array:
-    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(curve, axis=0), axis=1)))
+    ways = arc_lengths(curve)
     stations = np.arange(0.0, ways[-1], STEP)
     return np.stack([np.interp(stations, ways, column) for column in curve.T], axis=1)
 

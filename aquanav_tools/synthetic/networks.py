@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aquanav_tools.cave.cavity import WALL, Cavity, Portal, from_manifold, to_manifold
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.synthetic.caves import sweep
 from aquanav_tools.synthetic.noise import noise
 from aquanav_tools.types import Array, Mesh
@@ -37,7 +38,7 @@ class Passage:
     @property
     def length(self) -> float:
         """Metres along the axis."""
-        return float(np.linalg.norm(np.diff(self.axis, axis=0), axis=1).sum())
+        return length_of(self.axis)
 
 
 @dataclass(frozen=True, eq=False)

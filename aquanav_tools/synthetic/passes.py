@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 
-from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.polyline import arc_lengths, resample
 from aquanav_tools.synthetic.damage import DamagedScan
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh, PointCloud
 
@@ -44,7 +44,7 @@ def scan_from_stations(scan: DamagedScan, spacing: float, number: int, reach: fl
     """
     solid, rng = scan.mesh.to_trimesh(), np.random.default_rng(seed)
     path = scan.truth.paths[0]
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    along = arc_lengths(path)
     places = np.arange(0.5 * min(spacing, along[-1]), along[-1], spacing)
     points = []
     for station in np.stack([np.interp(places, along, path[:, axis]) for axis in range(3)], axis=1):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, BoolArray
 
@@ -77,7 +78,7 @@ def smooth(points: Array, clearance: Array, weights: Array) -> Array:
         clearance: (K,) m.
         weights: (K,) how much each point counts in the fits.
     """
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = arc_lengths(points)
     if len(points) < 2 * MIN_WINDOW:
         return points
     window = np.maximum(SMOOTHING * clearance, MIN_WINDOW * along[-1] / (len(points) - 1))

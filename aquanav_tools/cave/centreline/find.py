@@ -19,7 +19,7 @@ from aquanav_tools.cave.centreline.graph import Branch, CentrelineGraph, Node
 from aquanav_tools.cave.centreline.lattice import Lattice, sample_water
 from aquanav_tools.cave.centreline.skeleton import DEAD_END, JUNCTION, PORTAL, Link, Skeleton, merge_junctions, trace
 from aquanav_tools.cave.centreline.thinning import thin
-from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.polyline import arc_lengths, resample
 from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, BoolArray, IntArray
 
@@ -182,7 +182,7 @@ def _carried_on(points: Array, origin: Array, radius: float, target: Array) -> t
     """Return the point nearest to a target, and the direction there, on a parabola fitted to a link past the ball."""
     distances = np.linalg.norm(points - origin, axis=1)
     first = int(np.argmax(distances > radius)) if (distances > radius).any() else 0
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = arc_lengths(points)
     used = (np.arange(len(points)) >= first) & (along <= along[first] + BEND_REACH * radius)
     degree = min(2, int(used.sum()) - 1)
     if degree < 1:

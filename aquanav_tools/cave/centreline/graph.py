@@ -9,6 +9,7 @@ import numpy as np
 
 from aquanav_tools.cave.centreline.skeleton import DEAD_END, JUNCTION, KINDS
 from aquanav_tools.cave.route.route import Route
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.geometry.volume.geodesic import WALL_AVERSION
 from aquanav_tools.types import Array, IntArray
 
@@ -45,7 +46,7 @@ class Branch:
     @property
     def length(self) -> float:
         """Metres along it."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return length_of(self.points)
 
 
 @dataclass(frozen=True, eq=False)

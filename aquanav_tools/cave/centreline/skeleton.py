@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from aquanav_tools.cave.centreline.lattice import Lattice
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.types import Array, BoolArray, IntArray
 
 PORTAL = "portal"
@@ -29,7 +30,7 @@ class Link:
     @property
     def length(self) -> float:
         """Metres along it."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return length_of(self.points)
 
 
 @dataclass(frozen=True, eq=False)

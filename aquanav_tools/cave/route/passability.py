@@ -21,7 +21,7 @@ from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.errors import MeshError
 from aquanav_tools.geometry.mesh.contact import Surface
 from aquanav_tools.geometry.plane import plane_axes
-from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.polyline import length_of, resample
 from aquanav_tools.geometry.volume.bottleneck_path import BottleneckPath, bottleneck_path
 from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.types import Array, BoolArray, IntArray
@@ -177,7 +177,7 @@ def measure_passability(cavity: Cavity, field: DistanceField, line: Array, vehic
     """
     walls = cavity.wall_surface
     points = resample(line, STEP)
-    step = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()) / (len(points) - 1)
+    step = length_of(points) / (len(points) - 1)
     tops, rooms = _roomiest(points, np.arange(len(points), dtype=float), walls, SURVEY_MOVES)
     narrows = [
         Narrow(top, station * step, 2.0 * room, vehicle_width)
@@ -207,7 +207,7 @@ def route_clearance(walls: Surface, line: Array) -> RouteClearance:
     _, rooms = _roomiest(line, np.array([float(least)]), walls, NUM_MOVES)
     return RouteClearance(
         float(clearance[least]),
-        float(np.linalg.norm(np.diff(line[: least + 1], axis=0), axis=1).sum()),
+        length_of(line[: least + 1]),
         line[least],
         2.0 * float(rooms[0]),
         float(clearance.mean()),

@@ -8,7 +8,7 @@ import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity, Portal
 from aquanav_tools.errors import InputError, MeshError
-from aquanav_tools.geometry.polyline import resample
+from aquanav_tools.geometry.polyline import length_of, resample
 from aquanav_tools.geometry.volume.bottleneck_path import bottleneck_path
 from aquanav_tools.geometry.volume.field import BAND, DistanceField
 from aquanav_tools.geometry.volume.geodesic import WaterGraph
@@ -32,7 +32,7 @@ class Route:
     @property
     def length(self) -> float:
         """Metres along the line."""
-        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+        return length_of(self.points)
 
 
 def find_route(
@@ -155,7 +155,7 @@ def _too_tight(cavity: Cavity, field: DistanceField, start: Array, end: Array, v
             [(_place(start), "start of the route"), (_place(end), "its end")],
         )
     where = found.tightest
-    along = float(np.linalg.norm(np.diff(found.points[: int(np.argmin(found.clearance)) + 1], axis=0), axis=1).sum())
+    along = length_of(found.points[: int(np.argmin(found.clearance)) + 1])
     if found.width >= 2.0 * vehicle_radius:
         return MeshError(
             f"The vehicle, {2.0 * vehicle_radius:.3f} m wide, all but fits: {along:.1f} m along the widest way, at "

@@ -13,6 +13,7 @@ from aquanav_tools.cave.options import StartOptions
 from aquanav_tools.cave.route.capsule_checker import CapsuleChecker
 from aquanav_tools.cave.route.guide import Guide
 from aquanav_tools.errors import MeshError
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.geometry.volume.field import DistanceField
 from aquanav_tools.geometry.volume.geodesic import WaterGraph, Ways
 from aquanav_tools.types import Array, Capsule, Pose, yaw_quaternion
@@ -117,7 +118,7 @@ def _draw(
         position = places.points[rng.choice(inside)] + rng.uniform(-half_cell, half_cell, 3)
         turn = rng.uniform(-spread, spread)
         path = places.ways.path_to(position)
-        length = np.inf if path is None else float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+        length = np.inf if path is None else length_of(path)
         if path is None or not low <= length <= high:
             continue
         pose = Pose(position, yaw_quaternion(_yaw_along(path[::-1], radius) + turn))

@@ -19,6 +19,7 @@ from aquanav_tools.cave.water.flow_cells import FlowCells, cut_cells, find_lids
 from aquanav_tools.cave.water.potential import narrowest_section, solve_potential
 from aquanav_tools.cave.water.velocity import cell_velocities
 from aquanav_tools.errors import InputError, did_you_mean
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.geometry.volume.field import APRON, BRICK, ROCK, DistanceField, fill_aprons, number_bricks
 from aquanav_tools.types import Array, BoolArray
 
@@ -97,7 +98,7 @@ def find_flow(
         MeshError: the equations do not converge.
     """
     labels, springs, is_inlet = _choose_ends(cavity, np.asarray(way)[[0, -1]], inlets, outlets)
-    length = float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum())
+    length = length_of(way)
     radii = np.minimum(SPRING_CLEARANCES * field.clearance(springs), MAX_SPRING * length)
     lids = find_lids(cavity, labels)
     cells = cut_cells(field, lids, spacing or choose_spacing(cavity.volume, field.spacing, min_clearance))

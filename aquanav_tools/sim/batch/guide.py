@@ -21,6 +21,7 @@ import numpy as np
 import warp as wp
 
 from aquanav_tools.cave.route.guide import Guide
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
 from aquanav_tools.types import Array
 
@@ -76,7 +77,7 @@ def _arcs_of(guide: Guide, panels: Panels, device: Any) -> Array:
     shares, rows, even = found.numpy(), [], np.linspace(0.0, 1.0, ARC_SAMPLES + 1)
     for gate, (begin, end) in enumerate(pairwise(guide.arc_lengths)):
         line = points[gates == gate]
-        walked = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1)))
+        walked = arc_lengths(line)
         part = np.maximum.accumulate([0.0, *shares[gates == gate][1:-1], 1.0])
         if walked[-1] == 0.0:  # both panels stand at one point of the centreline
             part = walked = np.array([0.0, 1.0])

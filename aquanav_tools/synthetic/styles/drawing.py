@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from aquanav_tools.geometry.polyline import arc_lengths
 from aquanav_tools.synthetic.styles.plan import Block, Column, Passage
 from aquanav_tools.types import Array
 
@@ -257,7 +258,7 @@ def by_pass(main: Passage, first: int, last: int, offset: float, size: float, rn
     level = rng.uniform(-0.25, 0.25) * abs(offset)
     rough = straight + bow[:, None] * offset * side
     rough[:, 2] += bow**2 * level  # it leaves level: floors that meet at an angle would cut each other
-    ways = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(rough, axis=0), axis=1)))
+    ways = arc_lengths(rough)
     even = np.arange(0.0, ways[-1], STEP)
     axis = np.stack([np.interp(even, ways, column) for column in rough.T], axis=1)
     along = np.gradient(axis, axis=0)

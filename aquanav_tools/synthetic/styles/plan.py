@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from aquanav_tools.geometry.polyline import length_of
 from aquanav_tools.types import Array
 
 NO_FLOOR = -1e9
@@ -124,4 +125,4 @@ class Plan:
         """Metres along the main passage between the portals."""
         axis = self.passages[0].axis
         inside = axis[(axis[:, 0] >= 0.0) & (axis[:, 0] <= self.extent)]
-        return float(np.linalg.norm(np.diff(inside, axis=0), axis=1).sum())
+        return length_of(inside)
