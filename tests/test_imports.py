@@ -21,7 +21,7 @@ ROOMS_BELOW = {
     "cave": {"geometry"},
     "survey": {"geometry", "cave"},
     "synthetic": {"geometry", "cave"},
-    "photograph": {"synthetic"},
+    "photograph": {"geometry", "synthetic"},
     "reconstruct": {"cave", "survey"},
     "scenario": {"geometry", "cave", "synthetic", "sea"},
     "sea": set(),

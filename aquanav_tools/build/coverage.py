@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aquanav_tools.cave.cavity import WALL, Cavity
+from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.reconstruct.record import DenseView
 from aquanav_tools.types import Array, IntArray, Sim3
 
@@ -26,20 +27,14 @@ def count_photos(cavity: Cavity, views: Sequence[DenseView], world_from_sfm: Sim
         views: undistorted photos.
         world_from_sfm: where their frame lies in that of the cavity.
     """
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene, triangles = EmbreeScene(), cavity.mesh.triangles
-    TriangleMesh(scene, triangles[cavity.labels == WALL].astype(np.float32))
+    scene, triangles = RayScene(cavity.walls), cavity.mesh.triangles
     middles, normals = triangles.mean(axis=1), cavity.mesh.normals
     counts = np.zeros(len(middles), np.int64)
     for view in views:
         centre = world_from_sfm.apply(view.centre[None])[0]
         faces = _in_frame(view, centre, view.rotation @ world_from_sfm.rotation.T, middles, normals)
-        ways = (middles[faces] - centre).astype(np.float32)
-        origins = np.ascontiguousarray(np.broadcast_to(centre.astype(np.float32), ways.shape))
-        reach = np.asarray(scene.run(origins, ways, query="DISTANCE"), dtype=np.float64)  # in lengths of the way
-        counts[faces] += (1.0 - reach) * np.linalg.norm(ways, axis=1) < HIDDEN_BY
+        ways = middles[faces] - centre
+        counts[faces] += (1.0 - scene.lengths(centre, ways)) * np.linalg.norm(ways, axis=1) < HIDDEN_BY
     return counts
 
 

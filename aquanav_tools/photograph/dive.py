@@ -9,7 +9,7 @@ import numpy as np
 from aquanav_tools.photograph import files
 from aquanav_tools.photograph.lens import Lens, make_lens
 from aquanav_tools.photograph.options import DiveOptions
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.photograph.sensor import blur_by_motion, develop, image_motion, moving_points, vignette
 from aquanav_tools.photograph.trajectory import Shot, plan_capture
 from aquanav_tools.photograph.video import VideoFile
@@ -22,7 +22,7 @@ class Photographer:
     """A cave (normals out of the water), a camera and a lamp: takes one photo after the other."""
 
     def __init__(self, cave: Mesh, options: DiveOptions) -> None:
-        self._scene, self._options = RayScene(cave), options
+        self._scene, self._options = SmoothScene(cave), options
         self.lens: Lens = make_lens(options.camera)
         self._rays = self.lens.rays()
         self._vignette = vignette(self.lens)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.report.raster import NO_FACE, rasterise
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
@@ -93,13 +93,8 @@ class Scene:
         self._normals = mesh.normals
 
     @cached_property
-    def _rays(self) -> Any:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
-        scene = EmbreeScene()
-        TriangleMesh(scene, np.ascontiguousarray(self._mesh.triangles, dtype=np.float32))
-        return scene
+    def _rays(self) -> RayScene:
+        return RayScene(self._mesh)
 
     def look(self, camera: Camera, width: int) -> Shot:
         """Return what a camera sees in a picture `width` pixels wide; both sides of faces are visible."""
@@ -119,11 +114,8 @@ class Scene:
 
     def _cast(self, camera: Camera, width: int) -> Shot:
         origins, directions = camera.rays(width)
-        hits = self._rays.run(
-            origins.reshape(-1, 3).astype(np.float32), directions.reshape(-1, 3).astype(np.float32), output=True
-        )
-        faces = np.asarray(hits["primID"], dtype=np.int64).reshape(directions.shape[:2])
-        distance = np.where(faces != NO_FACE, hits["tfar"].reshape(faces.shape), np.inf)
+        hits = self._rays.hits(origins.reshape(-1, 3), directions.reshape(-1, 3))
+        faces, distance = hits.faces.reshape(directions.shape[:2]), hits.lengths.reshape(directions.shape[:2])
         return Shot(faces, distance, np.abs(np.einsum("...i,...i->...", self._normals[faces], directions)))
 
 

@@ -28,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))  # eval is no part of the pac
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.photograph.files import DEPTH_DIR
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.dense.engine import cuda_obstacle
 from aquanav_tools.reconstruct.depth import DepthOptions, estimate_depth, load_depth, undistort
@@ -153,7 +153,7 @@ def _sparse_points(wall: Mesh, cameras: Any) -> tuple[Array, Any]:
 
     rng = np.random.default_rng(0)
     points = np.asarray(trimesh.sample.sample_surface(wall.to_trimesh(), SPARSE_POINTS, seed=0)[0])
-    scene = RayScene(wall)
+    scene = SmoothScene(wall)
     found = np.stack(
         [
             is_seen(scene, cameras.lens, centre, turn, points) & (rng.random(len(points)) < FOUND)

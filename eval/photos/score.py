@@ -13,7 +13,7 @@ import numpy as np
 
 from aquanav_tools.libraries import load_open3d
 from aquanav_tools.photograph.lens import Lens
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.types import Array, BoolArray, Mesh, Sim3
 
 TOLERANCES = (0.02, 0.05, 0.1)
@@ -92,14 +92,14 @@ def seen_wall(wall: Mesh, cameras: TrueCameras, min_photos: int = 2, num_samples
     import trimesh
 
     points = np.asarray(trimesh.sample.sample_surface(wall.to_trimesh(), num_samples, seed=seed)[0])
-    scene = RayScene(wall)
+    scene = SmoothScene(wall)
     count = np.zeros(len(points), int)
     for centre, turn in zip(cameras.centres, cameras.cam_from_world, strict=True):
         count += is_seen(scene, cameras.lens, centre, turn, points)
     return points[count >= min_photos]
 
 
-def is_seen(scene: RayScene, lens: Lens, centre: Array, cam_from_world: Array, points: Array) -> BoolArray:
+def is_seen(scene: SmoothScene, lens: Lens, centre: Array, cam_from_world: Array, points: Array) -> BoolArray:
     """Return (N,) which (N, 3) points of the wall a camera shows: within its frame, and hidden by nothing."""
     pixels = lens.project((points - centre) @ cam_from_world.T)
     inside = np.all((pixels >= 0.0) & (pixels < (lens.width, lens.height)), axis=1)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.photograph.trajectory import look
 from aquanav_tools.types import Mesh, Sim3, rotation_matrix
 from eval.photos.depth_truth import (
@@ -39,7 +39,7 @@ def reference(tmp_path_factory: pytest.TempPathFactory) -> DepthReference:
     truth.mkdir()
     np.savetxt(truth / "camera-intrinsics.txt", [[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1]])
     solid = room()
-    scene = RayScene(Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64)))
+    scene = SmoothScene(Mesh(np.asarray(solid.vertices, float), np.asarray(solid.faces, np.int64)))
     u, v = np.meshgrid(np.arange(WIDTH) + 0.5 - WIDTH / 2, np.arange(HEIGHT) + 0.5 - HEIGHT / 2)
     rays = np.stack([u / FOCAL, v / FOCAL, np.ones_like(u)], axis=-1).reshape(-1, 3)
     for index in range(15):

@@ -15,7 +15,7 @@ from aquanav_tools.photograph.conditions import CONDITIONS, ConditionName
 from aquanav_tools.photograph.dive import Photographer, film, photograph
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions, LensName
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.photograph.trajectory import plan_capture
 from aquanav_tools.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.types import rotation_matrix
@@ -38,7 +38,7 @@ def folder(cave: SyntheticCave, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 def test_rays_meet_a_tube_at_its_radius_with_normals_out_of_the_water() -> None:
-    scene = RayScene(tube(2.0, 20.0).mesh)
+    scene = SmoothScene(tube(2.0, 20.0).mesh)
     across = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -2.0], [1.0, 0.0, 0.0]])
     steps, normals = scene.cast(np.array([10.1, 0.0, 0.0]), across)
     np.testing.assert_allclose(steps[:2], [2.0, 1.0], rtol=2e-3)  # the chord of a 64-gon is 0.12 % nearer

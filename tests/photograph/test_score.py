@@ -10,7 +10,7 @@ import pytest
 from aquanav_tools.photograph.dive import photograph
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CameraOptions, CaptureOptions, DiveOptions
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.photograph.trajectory import look
 from aquanav_tools.synthetic.caves import SyntheticCave, tube
 from aquanav_tools.types import Mesh, Sim3, rotation_matrix
@@ -80,7 +80,7 @@ def test_only_what_is_in_the_frame_and_not_hidden_is_seen() -> None:
     both = Mesh(np.concatenate([near.vertices, far.vertices]), np.concatenate([near.faces, far.faces + 4]))
     cameras = camera_at_origin(100.0)  # sees |y| / x < 0.5
     points = np.array([[1.0, 0.1, 0.1], [2.0, 0.1, 0.1], [2.0, 0.7, 0.7], [2.0, -0.7, 0.0], [-2.0, 0.0, 0.0]])
-    seen = is_seen(RayScene(both), cameras.lens, np.zeros(3), cameras.cam_from_world[0], points)
+    seen = is_seen(SmoothScene(both), cameras.lens, np.zeros(3), cameras.cam_from_world[0], points)
     assert seen.tolist() == [True, False, True, True, False]
     assert seen_wall(both, cameras, min_photos=2, num_samples=100).shape == (0, 3)
     samples = seen_wall(both, cameras, min_photos=1, num_samples=40_000)

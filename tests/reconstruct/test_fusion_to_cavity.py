@@ -13,7 +13,7 @@ from aquanav_tools.cave.closing.reconstruct import ReconstructionOptions, close_
 from aquanav_tools.cave.scan.cloud import surface_from_cloud
 from aquanav_tools.photograph.lens import Lens
 from aquanav_tools.photograph.options import CaptureOptions
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.photograph.trajectory import Shot, plan_capture
 from aquanav_tools.reconstruct.depth_maps import DepthMaps
 from aquanav_tools.reconstruct.fusion import FusedDepth, FusionOptions, fuse_maps
@@ -33,7 +33,7 @@ def fuse_exact(cave: SyntheticCave, shots: list[Shot], folder: Path) -> FusedDep
 
     (folder / "images").mkdir()
     (folder / "depth").mkdir()
-    scene, rays, views = RayScene(cave.mesh), LENS.rays(), []
+    scene, rays, views = SmoothScene(cave.mesh), LENS.rays(), []
     matrix = np.array([[LENS.focal_px, 0.0, LENS.width / 2], [0.0, LENS.focal_px, LENS.height / 2], [0.0, 0.0, 1.0]])
     for index, shot in enumerate(shots):
         turn, none = shot.cam_from_world, np.zeros((0, 3))

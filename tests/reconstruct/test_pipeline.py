@@ -19,7 +19,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.errors import ReconstructionError
-from aquanav_tools.photograph.scene import RayScene
+from aquanav_tools.photograph.scene import SmoothScene
 from aquanav_tools.reconstruct.colmap import load_pycolmap
 from aquanav_tools.reconstruct.dense import cpu
 from aquanav_tools.reconstruct.dense.engine import Solver, solver
@@ -57,7 +57,7 @@ def test_normals_point_into_the_water(dive: Dive) -> None:
     assert cloud.normals is not None
     np.testing.assert_allclose(np.linalg.norm(cloud.normals, axis=1), 1.0, atol=1e-3)
     chosen = slice(None, None, 37)
-    steps, wall_normals = RayScene(dive.cave.mesh).cast(
+    steps, wall_normals = SmoothScene(dive.cave.mesh).cast(
         dive.cave.centreline[0], cloud.points[chosen] - dive.cave.centreline[0]
     )
     is_seen = np.abs(steps - 1.0) < 0.03

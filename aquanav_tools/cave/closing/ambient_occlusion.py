@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
 from aquanav_tools.cave.scan.orientation import Caster, face_areas
 from aquanav_tools.errors import MeshError, UnseenWallsError
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 MIN_OCCLUSION = 0.6
@@ -124,25 +124,17 @@ def seen_height(surface: Mesh, points: Array, viewpoints: Array, reach: float) -
 
 def _first_hits(surface: Mesh, origins: Array, directions: Array) -> IntArray:
     """Return the (N, D) faces that are met first from each point in each unit direction, -1 where nothing is."""
-    return np.asarray(_rays(surface, origins, directions, "INTERSECT"), dtype=np.int64)
+    return RayScene(surface).faces(*_fan(origins, directions)).reshape(len(origins), -1)
 
 
 def _cast(surface: Mesh, origins: Array, directions: Array) -> Array:
     """Return the (N, D) distances to the surface from each point in each unit direction, inf where nothing is hit."""
-    distances = np.asarray(_rays(surface, origins, directions, "DISTANCE"), dtype=np.float64)
-    return np.where(distances < 1e30, distances, np.inf)
+    return RayScene(surface).lengths(*_fan(origins, directions)).reshape(len(origins), -1)
 
 
-def _rays(surface: Mesh, origins: Array, directions: Array, query: str) -> Any:
-    """Return what Embree answers for (N, 3) points and (D, 3) directions, (N, D)."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene()
-    TriangleMesh(scene, surface.triangles.astype(np.float32))
-    starts = np.repeat(origins, len(directions), axis=0).astype(np.float32)
-    ways = np.tile(directions, (len(origins), 1)).astype(np.float32)
-    return scene.run(starts, ways, query=query).reshape(len(origins), -1)
+def _fan(origins: Array, directions: Array) -> tuple[Array, Array]:
+    """Return (N * D, 3) origins and directions of rays from each of (N, 3) points in each of (D, 3) directions."""
+    return np.repeat(origins, len(directions), axis=0), np.tile(directions, (len(origins), 1))
 
 
 def check_occlusion(

@@ -16,6 +16,7 @@ import numpy as np
 from aquanav_tools.cave.closing.front import Front, front_behind
 from aquanav_tools.cave.closing.solid import ClosedSurface
 from aquanav_tools.cave.scan.sight import NO_WALL, Sight
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
@@ -146,13 +147,8 @@ class _View:
     """Looks around in the closed water."""
 
     def __init__(self, closed: ClosedSurface, sight: Sight | None = None) -> None:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
         self._closed, self._sight = closed, sight
-        self._middle = closed.mesh.vertices.mean(axis=0)  # Embree works in float32
-        self._scene = EmbreeScene()
-        self._triangles = TriangleMesh(self._scene, (closed.mesh.triangles - self._middle).astype(np.float32))
+        self._scene = RayScene(closed.mesh)
 
     def ends_at(self, opening: Opening, whole: Opening | None = None) -> bool:
         """Return whether the passage ends at an opening, and none goes by behind it, or behind the whole it is part of.
@@ -177,10 +173,9 @@ class _View:
 
     def _are_in_water(self, places: Array) -> BoolArray:
         """Return the (N,) flags of (N, 3) places from which most of three rays meet the wall's inner side first."""
-        starts = (places - self._middle).astype(np.float32)
         normals, votes = self._closed.mesh.normals, np.zeros(len(places), dtype=np.int64)
         for way in LOOKS:
-            faces = np.asarray(self._scene.run(starts, np.tile(way, (len(starts), 1)).astype(np.float32)))
+            faces = self._scene.faces(places, np.tile(way, (len(places), 1)))
             votes += (faces >= 0) & (normals[faces] @ way > 0.0)
         return np.asarray(votes >= 2)
 
@@ -197,12 +192,11 @@ class _View:
         width = opening.area / length  # across, also of a patch that winds
         if length <= MAX_SLENDER * width:
             return False
-        starts = (middles - self._middle - START_OFFSET * length * opening.normal).astype(np.float32)
+        starts = middles - START_OFFSET * length * opening.normal
         along = directions[:, 1] @ axes
         tilts = INWARD_TILTS if opening.area > MIN_FLAT_SHARE * part.areas.sum() else INWARD_TILTS[:1]
         ways = np.cos(tilts)[:, None] * -opening.normal + np.sin(tilts)[:, None] * along
-        each = [np.broadcast_to(way, starts.shape).astype(np.float32) for way in ways]
-        distances = np.array([self._scene.run(starts, way, query="DISTANCE") for way in each], dtype=np.float64)
+        distances = np.array([self._scene.lengths(starts, np.broadcast_to(way, starts.shape)) for way in ways])
         depths = (distances * -(ways @ opening.normal)[:, None]).max(axis=0)
         return bool(length > MAX_SHALLOW * float(np.median(depths)))
 
@@ -218,17 +212,8 @@ class _View:
         for camera, centre in enumerate(self._sight.centres):
             asked = np.flatnonzero(in_vain[:, camera])
             ways = BEFORE_PATCH * (points[asked] - centre)
-            in_vain[asked, camera] = self._is_clear(np.tile(centre, (len(ways), 1)), ways)
+            in_vain[asked, camera] = self._scene.is_clear(centre, ways)
         return float((in_vain.sum(axis=1) >= MIN_CAMERAS_IN_VAIN).mean())
-
-    def _is_clear(self, starts: Array, ways: Array) -> BoolArray:
-        """Return the (N,) flags of straight ways from (N, 3) starts that meet nothing."""
-        if not len(ways):
-            return np.zeros(0, dtype=bool)
-        lengths = np.linalg.norm(ways, axis=1, keepdims=True)
-        starts, directions = (starts - self._middle).astype(np.float32), (ways / lengths).astype(np.float32)
-        found = np.asarray(self._scene.run(starts, directions, query="DISTANCE"), dtype=np.float64)
-        return np.asarray(found >= lengths[:, 0])
 
     def reach(self, opening: Opening, patch: IntArray) -> float:
         """Return how many times as far as a patch the water behind it reaches to both of two opposite sides."""
@@ -242,12 +227,8 @@ class _View:
 
     def _look(self, place: Array, ways: Array) -> Array:
         """Return the (N,) distances at which scanned wall is seen in (N, 3) directions; inf through other openings."""
-        starts = np.tile(place - self._middle, (len(ways), 1)).astype(np.float32)
-        seen = self._scene.run(starts, ways.astype(np.float32), output=1)
-        faces = np.asarray(seen["primID"])
-        is_wall = (faces >= 0) & self._closed.is_scan[np.maximum(faces, 0)]
-        distances: Array = np.where(is_wall, np.asarray(seen["tfar"], dtype=np.float64), np.inf)
-        return distances
+        seen = self._scene.hits(place, ways)
+        return np.where(seen.is_hit & self._closed.is_scan[np.maximum(seen.faces, 0)], seen.lengths, np.inf)
 
 
 def _unobserved_patches(closed: ClosedSurface) -> list[IntArray]:

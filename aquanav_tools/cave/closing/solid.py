@@ -12,6 +12,7 @@ from aquanav_tools.cave.scan.orientation import face_areas
 from aquanav_tools.errors import MeshError, UnseenWallsError
 from aquanav_tools.geometry.mesh.components import component, component_ids, component_volumes
 from aquanav_tools.geometry.mesh.proximity import SurfaceTree, are_within
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.types import Array, BoolArray, Mesh
 
 SCAN_VOXELS = 0.75
@@ -152,17 +153,10 @@ def _num_inside(body: Mesh, points: Array) -> int:
 
 def _middles(body: Mesh) -> Array:
     """Return (N, 3) places in a body of water, half-way from wall to wall where it is widest."""
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
     chosen = np.linspace(0, len(body.faces) - 1, min(len(body.faces), 4 * NUM_VIEWPOINTS)).astype(np.int64)
     walls, inwards = body.triangles[chosen].mean(axis=1), -face_areas(body)[1][chosen]
-    scene, origin = EmbreeScene(), walls.mean(axis=0)
-    triangles = TriangleMesh(scene, (body.triangles - origin).astype(np.float32))
-    starts = (walls - origin + CHORD_OFFSET * inwards).astype(np.float32)
-    width = np.asarray(scene.run(starts, inwards.astype(np.float32), query="DISTANCE"), dtype=np.float64)
-    del triangles  # the scene reads it while it is asked
-    width = np.where(width < 1e30, width, 0.0)
+    width = RayScene(body).lengths(walls + CHORD_OFFSET * inwards, inwards)
+    width[np.isinf(width)] = 0.0
     widest = np.argsort(-width)[:NUM_VIEWPOINTS]
     middles: Array = (walls + 0.5 * width[:, None] * inwards)[widest]
     return middles

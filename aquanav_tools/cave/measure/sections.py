@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquanav_tools.cave.cavity import Cavity
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.geometry.mesh.slicing import polygons_in_plane
 from aquanav_tools.geometry.plane import plane_axes
 from aquanav_tools.geometry.polyline import arc_lengths, point_at, resample
@@ -101,17 +102,10 @@ def floor_and_ceiling(mesh: Mesh, points: Array) -> tuple[Array, Array]:
 
     NaN where a point outside the water sees none.
     """
-    from embreex.mesh_construction import TriangleMesh
-    from embreex.rtcore_scene import EmbreeScene
-
-    scene = EmbreeScene()
-    TriangleMesh(scene, mesh.triangles.astype(np.float32))
-    origins = points.astype(np.float32)
-    heights = []
+    scene, heights = RayScene(mesh), []
     for sign in (-1.0, 1.0):
-        ways = np.tile(np.array([0.0, 0.0, sign], dtype=np.float32), (len(points), 1))
-        distance = np.asarray(scene.run(origins, ways, query="DISTANCE"), dtype=np.float64)
-        heights.append(points[:, 2] + sign * np.where(distance < 1e30, distance, np.nan))
+        distance = scene.lengths(points, np.tile([0.0, 0.0, sign], (len(points), 1)))
+        heights.append(points[:, 2] + sign * np.where(np.isfinite(distance), distance, np.nan))
     return heights[0], heights[1]
 
 

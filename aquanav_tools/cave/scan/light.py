@@ -78,7 +78,7 @@ def _sees_a_lamp(caster: Caster, starts: Array, axes: Array, lamps: Array) -> Bo
     is_lit = np.zeros(len(starts), dtype=bool)
     for column in nearest.reshape(len(starts), -1).T:
         ways = lamps[column] - starts
-        is_lit |= (np.einsum("nk,nk->n", ways, axes) > 0.0) & caster.is_clear(starts, ways)
+        is_lit |= (np.einsum("nk,nk->n", ways, axes) > 0.0) & caster.scene.is_clear(starts, ways)
     return is_lit
 
 

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from aquanav_tools.geometry.mesh.patches import Patches
+from aquanav_tools.geometry.mesh.rays import RayScene
 from aquanav_tools.types import Array, BoolArray, IntArray, Mesh
 
 NUM_RAYS = 24
@@ -185,16 +186,10 @@ def _nearest_value(mesh: Mesh, faces: IntArray, asked: IntArray, values: Array) 
 
 
 class Caster:
-    """Casts rays against a mesh (Embree)."""
+    """Casts fans of rays against a mesh."""
 
     def __init__(self, mesh: Mesh) -> None:
-        from embreex.mesh_construction import TriangleMesh
-        from embreex.rtcore_scene import EmbreeScene
-
-        # Embree works in float32: near the origin its coordinates are finest.
-        self._centre = mesh.vertices.mean(axis=0)
-        self._scene = EmbreeScene()
-        self._triangles = TriangleMesh(self._scene, (mesh.triangles - self._centre).astype(np.float32))
+        self.scene = RayScene(mesh)
 
     def directions(self, axes: Array) -> Array:
         """Return (N, NUM_RAYS, 3) unit vectors within 75 degrees of (N, 3) unit axes, spread evenly."""
@@ -215,16 +210,5 @@ class Caster:
 
     def cast(self, starts: Array, axes: Array) -> tuple[Array, IntArray]:
         """Return the (N, NUM_RAYS) distances, inf where nothing is hit, and the faces hit (0 where none)."""
-        origins = np.repeat(starts - self._centre, NUM_RAYS, axis=0).astype(np.float32)
-        rays = self.directions(axes).reshape(-1, 3).astype(np.float32)
-        result = self._scene.run(origins, rays, output=1)
-        struck = np.asarray(result["primID"], dtype=np.int64).reshape(len(starts), NUM_RAYS)
-        distance = np.asarray(result["tfar"], dtype=np.float64).reshape(len(starts), NUM_RAYS)
-        return np.where(struck >= 0, distance, np.inf), np.maximum(struck, 0)
-
-    def is_clear(self, starts: Array, ways: Array) -> BoolArray:
-        """Return the (N,) flags of straight lines from (N, 3) starts along (N, 3) ways that meet no wall."""
-        result = self._scene.run((starts - self._centre).astype(np.float32), ways.astype(np.float32), output=1)
-        share = np.where(np.asarray(result["primID"]) >= 0, np.asarray(result["tfar"]), np.inf)
-        clear: BoolArray = share >= 1.0
-        return clear
+        met = self.scene.hits(np.repeat(starts, NUM_RAYS, axis=0), self.directions(axes).reshape(-1, 3))
+        return met.lengths.reshape(-1, NUM_RAYS), np.maximum(met.faces, 0).reshape(-1, NUM_RAYS)
