@@ -6,6 +6,7 @@ import os
 import platform
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -31,15 +32,24 @@ class Record:
         Raises:
             ValueError: the page has no such marks, or not one after the other.
         """
-        text = page.read_text(encoding="utf-8")
-        begin, end = BEGIN.format(name=name, script=self._script), END.format(name=name)
-        before, mark, rest = text.partition(begin + "\n")
-        _, closing, after = rest.partition(end)
-        if not (mark and closing):
-            raise ValueError(f"{page.name} has no line {begin!r} with {end!r} below it. Put both where the table goes.")
-        body = "\n".join(["", *self._lines, ""])
-        page.write_text(f"{before}{mark}{body}\n{closing}{after}", encoding="utf-8")
-        print(f"Kept in {page.relative_to(ROOT)}.")
+        keep_lines(self._lines, page, name, self._script)
+
+
+def keep_lines(lines: Sequence[str], page: Path, name: str, script: str) -> None:
+    """Put lines between the marks of a name in a page.
+
+    Raises:
+        ValueError: the page has no such marks, or not one after the other.
+    """
+    text = page.read_text(encoding="utf-8")
+    begin, end = BEGIN.format(name=name, script=script), END.format(name=name)
+    before, mark, rest = text.partition(begin + "\n")
+    _, closing, after = rest.partition(end)
+    if not (mark and closing):
+        raise ValueError(f"{page.name} has no line {begin!r} with {end!r} below it. Put both where the table goes.")
+    body = "\n".join(["", *lines, ""])
+    page.write_text(f"{before}{mark}{body}\n{closing}{after}", encoding="utf-8")
+    print(f"Kept in {page.relative_to(ROOT)}.")
 
 
 def machine() -> str:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from eval import pages
+from eval import leaderboard_table, pages
 from eval.pages import BEGIN, END, Record
 from tests.conftest import REPOSITORY
 
@@ -23,6 +23,13 @@ def test_a_page_has_a_table_that_its_script_wrote(script: str, page: str) -> Non
     kept = text.partition(begin)[2].partition(end)[0]
     assert re.match(r"\n\nMeasured on \d{4}-\d\d-\d\d at [0-9a-f]{7,}", kept)
     assert "\n|---|" in kept
+
+
+def test_the_table_of_submissions_is_what_they_say() -> None:
+    text = leaderboard_table.PAGE.read_text(encoding="utf-8")
+    begin = BEGIN.format(name=leaderboard_table.NAME, script=leaderboard_table.SCRIPT)
+    kept = text.partition(begin)[2].partition(END.format(name=leaderboard_table.NAME))[0]
+    assert kept.strip().splitlines() == leaderboard_table.lines_of()
 
 
 def test_only_what_lies_between_the_marks_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
