@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from aquanav_tools.envs.cave_batch import CaveBatch
+from aquanav_tools.envs.starting import MARGIN
 from aquanav_tools.envs.vehicles import vehicle_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.scaling import scaled
@@ -41,6 +42,17 @@ def test_starts_at_which_the_hull_would_touch_are_left_out() -> None:
     half = scaled_to_fit(dataclasses.replace(tube, starts=starts), 0.5)
     assert len(half.starts) == len(tube.starts) - 1
     batch = CaveBatch(half, 1, next_step=False, current="still")
+    batch.close()
+
+
+def test_a_cave_keeps_room_to_begin_anywhere() -> None:
+    """Starts on the axis of a tube of 0.23 m have 6 cm of room, but none anywhere has the 10 cm that are asked for."""
+    tube, factor = tube_scenario(), 0.23 / TUBE_RADIUS
+    capsule = vehicle_of(tube).capsule
+    assert NARROWEST * capsule.radius < factor * TUBE_RADIUS < capsule.radius + MARGIN
+    small = scaled_to_fit(tube, factor)
+    assert small.guide.length / tube.guide.length == pytest.approx(factor**0.5)
+    batch = CaveBatch(small, 2, next_step=False, current="still", starts="anywhere")
     batch.close()
 
 
