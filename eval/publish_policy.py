@@ -24,6 +24,9 @@ MOMENTS = "policy.optimizer.pth"
 
 def publish(run: Path, name: str, folder: Path = POLICIES) -> tuple[Path, Path]:
     """Write the files of a run's last policy under a name; return the zip's path and the ONNX file's."""
+    missing = [file for file in ("policy.zip", "policy.onnx") if not (run / file).is_file()]
+    if missing:
+        raise SystemExit(f"{run} has no {' and no '.join(missing)}. Name the output folder of an ended aquanav-train.")
     zipped, exported = folder / f"{name}.zip", folder / f"{name}.onnx"
     with (
         zipfile.ZipFile(run / "policy.zip") as source,

@@ -107,8 +107,10 @@ class ParallelPPO(PPO):
 
     def _setup_model(self) -> None:
         super()._setup_model()
-        # Evenly among caves and mirrors, whatever the share: multiples of the golden ratio.
-        self.greedy = torch.from_numpy(np.arange(self.n_envs) * GOLDEN % 1.0 < self._greedy)
+        # Evenly among caves and mirrors: multiples of the golden ratio. PPO needs one of the others.
+        order = np.argsort(np.arange(self.n_envs) * GOLDEN % 1.0)
+        self.greedy = torch.zeros(self.n_envs, dtype=torch.bool)
+        self.greedy[order[: min(round(self._greedy * self.n_envs), self.n_envs - 1)]] = True
         if any(self._imitation):
             self.advice = np.zeros((self.n_steps, self.n_envs, 3), dtype=np.int64)
             self.replay_buffer = AdviceMemory(self._memory, spaces.flatdim(self.observation_space))

@@ -185,6 +185,10 @@ class TrainSettings(TaskOptions):
         )
         _check(0.0 <= self.greedy < 1.0, f"greedy must be a share from 0 to below 1, and it is {self.greedy}.")
         _check(
+            not 0.0 < self.greedy * self.num_envs < 0.5,
+            f"greedy = {self.greedy} of num_envs = {self.num_envs} is less than one. Take more, or leave it out.",
+        )
+        _check(
             self.is_taught or not self.greedy,
             f"What {self.greedy:.0%} greedy environments meet is learned by imitation, and there is none. Set "
             "imitation, or leave greedy out.",

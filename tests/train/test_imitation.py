@@ -127,6 +127,15 @@ def test_greedy_vehicles_take_the_likeliest_choice_and_only_the_others_teach_the
     assert np.array_equal(learned_from.actions.numpy(), by_chance.reshape(-1, 3))
 
 
+@pytest.mark.parametrize(("num", "share", "count"), [(4, 0.95, 3), (4, 0.25, 1), (10, 0.2, 2)])
+def test_so_many_are_greedy_and_never_all(num: int, share: float, count: int) -> None:
+    settings = dataclasses.replace(TAUGHT, num_envs=num, n_steps=4, batch=num, imitation=(0.5, 0.5), greedy=share)
+    learner = learner_of(settings, BatchedEnvs([winding_scenario()] * num, settings))
+    learner.teacher = lambda: np.zeros((num, 3), dtype=np.int64)
+    assert int(learner.greedy.sum()) == count
+    learner.learn(settings.rollout_size)
+
+
 def test_what_greedy_vehicles_choose_is_what_the_policy_predicts() -> None:
     settings = dataclasses.replace(TAUGHT, num_envs=20, batch=20, n_steps=1, greedy=0.5)
     learner = learner_of(settings, BatchedEnvs([winding_scenario()] * 20, settings))
@@ -185,6 +194,7 @@ def test_the_memory_holds_the_last_decisions_it_has_room_for(rng: np.random.Gene
         ({"imitation": (1.0, 0.0), "action": "continuous", "algorithm": "sac"}, "here sac acts by continuous ones"),
         ({"imitation": (0.0, 0.5), "action": "discrete"}, "here ppo acts by discrete ones"),
         ({"imitation": (0.5, 0.5), "greedy": 1.0}, "greedy must be a share from 0 to below 1"),
+        ({"imitation": (0.5, 0.5), "greedy": 0.1}, "greedy = 0.1 of num_envs = 4 is less than one"),
         ({"greedy": 0.3}, "What 30% greedy environments meet is learned by imitation, and there is none"),
     ],
 )
