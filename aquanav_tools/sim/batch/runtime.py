@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import warp as wp
+from warp._src import context
 
 from aquanav_tools.errors import InputError
 from aquanav_tools.first_compilation import say_compiling
@@ -78,8 +79,31 @@ def is_compiled(module: Any, is_cpu: bool) -> bool:
     return Path(wp.config.kernel_cache_dir, name).is_dir()
 
 
+class _Recorded(threading.local):
+    """What a thread records with Warp: nothing, to begin with."""
+
+    _apic_capture: Any = None
+    _apic_graph: Any = None
+
+
+def _record_by_thread() -> None:
+    """Let Warp's Python half keep for each thread by itself what it records, as its native half does.
+
+    It has one place for all threads (1.19), so that arrays which others made meanwhile went into the recording too: two
+    threads wrote to it at once, and now and then the process died of a double free, then or later.
+    """
+    recorded = _Recorded()
+
+    def own(name: str) -> property:
+        return property(lambda _: getattr(recorded, name), lambda _, value: setattr(recorded, name, value))
+
+    for name in _Recorded.__annotations__:
+        setattr(context.Runtime, name, own(name))
+
+
+_record_by_thread()
 _capturing = threading.Lock()
-"""Warp captures one sequence at a time in a process."""
+"""One sequence at a time: Warp promises threads nothing (github.com/NVIDIA/warp/issues/1714)."""
 
 
 def sequence(launches: Sequence[Any], device: Any) -> Callable[[], None]:

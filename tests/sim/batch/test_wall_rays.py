@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import weakref
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -159,6 +160,24 @@ def test_sequences_run_in_order_and_are_recorded_in_threads_at_once() -> None:
     with ThreadPoolExecutor(8) as threads:
         found = list(threads.map(lambda _: count(), range(200)))
     assert found == [63.0] * 200
+
+
+def test_what_another_thread_does_meanwhile_is_no_part_of_a_sequence() -> None:
+    """Warp wrote it into the recording from both threads at once, which corrupted the heap."""
+    device = find_device("cpu")
+    others: list[weakref.ref[object]] = []
+
+    class Meanwhile:
+        def launch(self) -> None:
+            threads.submit(lambda: others.append(weakref.ref(wp.zeros(1, dtype=float, device=device)))).result()
+
+    values = wp.zeros(1, dtype=float, device=device)
+    launch = wp.launch(append, dim=1, inputs=[values, 1.0], device=device, record_cmd=True)
+    with ThreadPoolExecutor(1) as threads:
+        run = sequence([launch, Meanwhile(), launch], device)
+    assert [other() for other in others] == [None], "the sequence keeps another thread's array"
+    run()
+    assert values.numpy()[0] == 3.0
 
 
 def test_least_clearance_in_a_cell_is_a_bound(rng: np.random.Generator) -> None:
