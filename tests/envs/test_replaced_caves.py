@@ -116,6 +116,20 @@ def test_a_cave_that_was_left_is_let_go_of() -> None:
     batch.close()
 
 
+def test_a_drawn_bodys_floaters_are_those_of_the_cave_that_it_is_in() -> None:
+    """Those of the cave before are freed with it."""
+    options = {"vehicle": "original-auv", "randomisation": "wide"}
+    batch = CaveBatch(old_cave(), 2, next_step=False, replaceable=True, **options)
+    batch.reset(range(2))
+    batch.replace(0, new_cave())
+    stepped(batch, 12)
+    assert batch.cave_of.tolist() == [1, 1]
+    bodies = batch.world.launched_on[2].numpy()
+    there = batch.world._crafts.rows[1].dragged.floaters
+    assert bodies["dragged"]["floaters"]["data"].tolist() == [there.ptr] * 2
+    batch.close()
+
+
 def test_what_cannot_be_replaced_is_told() -> None:
     with pytest.raises(InputError, match="Caves are replaced in batches with contacts of their own only"):
         CaveBatch(old_cave(), 2, next_step=True, replaceable=True)

@@ -144,7 +144,8 @@ class DrawnCrafts(DrawnDynamics):
         """Say that (n,) vehicles are in (n,) caves now; what they draw next is drawn there."""
         self._cave_of[vehicles] = caves
         self._nominal_controls[vehicles] = self._base["controls"][caves]
-        self._ahead.crafts["hull"][vehicles] = self._base["hull"][caves]  # all else is drawn
+        self._ahead.crafts["hull"][vehicles] = self._base["hull"][caves]  # all else is drawn, but where floaters are:
+        self._ahead.crafts["dragged"]["floaters"][vehicles] = self._base["dragged"]["floaters"][caves]
         self._is_ahead[vehicles] = False
 
     def draw(self, vehicles: npt.NDArray[np.integer], seeds: npt.NDArray[np.integer]) -> None:
