@@ -103,7 +103,7 @@ def _record_by_thread() -> None:
 
 _record_by_thread()
 _capturing = threading.Lock()
-"""One sequence at a time: Warp promises threads nothing (github.com/NVIDIA/warp/issues/1714)."""
+"""One sequence at a time: Warp promises threads nothing (NVIDIA/warp, issue 1714)."""
 
 
 def sequence(launches: Sequence[Any], device: Any) -> Callable[[], None]:
