@@ -24,6 +24,7 @@ from aquanav_tools.envs.action import ActionModel, choices_of
 from aquanav_tools.envs.cave_env import CaveEnv
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.evaluate.lookahead import CHOICES, predictor_of
+from aquanav_tools.evaluate.reckoning import DeadReckoning
 from aquanav_tools.sim.batch.stopping import Stopping
 from aquanav_tools.sim.command import Command
 from aquanav_tools.sim.scales import RATE_SCALE, SPEED_SCALE, unsoft
@@ -80,7 +81,7 @@ class ShieldedPolicy:
         # Compiles now, not while a first action is timed.
         self._stopping.foresee(env.state, 0.0, np.zeros((1, 3)), np.zeros((0, 3)))
         self._vehicle = env.vehicle
-        self._dt = limits.dt * limits.substeps
+        self._reckoning = DeadReckoning(limits.dt * limits.substeps)
         half = 0.5 * env.vehicle.capsule.axis_length
         self._axis = np.array([-half, 0.0, half])
         self._radius = env.vehicle.capsule.radius
@@ -91,7 +92,7 @@ class ShieldedPolicy:
         """Forget the walls of the last episode."""
         self._inner.reset(seed)
         self.interventions = 0
-        self._position, self._yaw = np.zeros(3), 0.0
+        self._reckoning.reset()
         self._walls: deque[Array] = deque(maxlen=MEMORY)
 
     def act(self, observation: npt.NDArray[np.float32]) -> Any:
@@ -120,13 +121,11 @@ class ShieldedPolicy:
         return float(np.sqrt(((walls[None] - middles[:, None]) ** 2).sum(axis=2).min())) - self._radius
 
     def _estimate(self, read: dict[str, Array]) -> Array:
-        """Return the state in a frame that begins where the episode did, dead-reckoned from velocity and rates."""
-        velocity, rates = unsoft(read["velocity"], SPEED_SCALE), unsoft(read["rates"], RATE_SCALE)
-        state = self._vehicle.state_at(Pose(self._position, yaw_quaternion(self._yaw)))
-        state[3:7] = _tilted(self._yaw, *np.arcsin(np.clip(read["tilt"], -1.0, 1.0)))
-        state[7:10], state[10:13] = velocity, rates
-        self._yaw += self._dt * float(rates[2])
-        self._position = self._position + self._dt * rotation_matrix(state[3:7]) @ velocity
+        """Return the state in a frame that begins where the episode did, dead-reckoned."""
+        fix = self._reckoning(read)
+        state = self._vehicle.state_at(Pose(fix.position, yaw_quaternion(fix.yaw)))
+        state[3:7] = fix.quaternion
+        state[7:10], state[10:13] = unsoft(read["velocity"], SPEED_SCALE), unsoft(read["rates"], RATE_SCALE)
         return state
 
     def _remember(self, shares: Array, state: Array) -> Array:
@@ -152,15 +151,3 @@ def _nearest_safe(wanted: Command, foresee: Callable[[Sequence[Command]], tuple[
     order = sorted(CHOICES, key=lambda command: sum(abs(a - b) for a, b in zip(command, wanted, strict=True)))
     is_safe, last = foresee(order)
     return order[int(is_safe.argmax() if is_safe.any() else last.argmax())]
-
-
-def _tilted(yaw: float, pitch_up: float, left_up: float) -> Array:
-    """Return the quaternion of a heading, with nose and left side up by some angles, rad."""
-    half = 0.5 * np.array([left_up, -pitch_up, yaw])
-    (cx, cy, cz), (sx, sy, sz) = np.cos(half), np.sin(half)
-    return np.array([
-        cx * cy * cz + sx * sy * sz,
-        sx * cy * cz - cx * sy * sz,
-        cx * sy * cz + sx * cy * sz,
-        cx * cy * sz - sx * sy * cz,
-    ])  # fmt: skip
