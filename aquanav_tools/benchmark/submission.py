@@ -24,8 +24,9 @@ from aquanav_tools.benchmark.run import BenchmarkRun
 from aquanav_tools.benchmark.score import Score, score_of
 from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
-from aquanav_tools.evaluate.policies import PREFIX, SHIELD, code_of
+from aquanav_tools.evaluate.policies import PREFIX, code_of
 from aquanav_tools.evaluate.results import episode_row, read_episode_rows, versions
+from aquanav_tools.evaluate.wrappers import inner_of, wrapper_of
 from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.tables import from_table
 from aquanav_tools.text_files import read_json
@@ -42,7 +43,7 @@ class SubmittedPolicy:
     """The policy of a submission."""
 
     spec: str
-    """A baseline's name; or "file", also behind "shield:"."""
+    """A baseline's name; or "file", also behind "shield:" or "planner:"."""
     name: str
     sha256: str | None
     suffix: str
@@ -129,9 +130,8 @@ def submission_of(options: BenchmarkOptions, run: BenchmarkRun) -> Submission:
         _, cave = run.benchmark.caves[row["number"]]
         episodes = tuple(EpisodeMetrics(**episode_row(EpisodeMetrics(**metrics))) for metrics in row["metrics"])
         caves.append(SubmittedCave(cave.scenario, row["scenario"]["name"], row["mesh"], episodes))
-    shield = SHIELD if options.policy.startswith(SHIELD) else ""
     policy = SubmittedPolicy(
-        spec=options.policy if path is None else f"{shield}file",
+        spec=options.policy if path is None else f"{wrapper_of(options.policy)}file",
         name=run.policy.name,
         sha256=run.policy.sha256,
         suffix="" if path is None else path.suffix,
@@ -231,7 +231,7 @@ def processor() -> str:
 def _check_policy(submission: Submission, path: Path) -> None:
     policy = submission.policy
     if policy.content is None:
-        inner = policy.spec.removeprefix(SHIELD)
+        inner = inner_of(policy.spec)
         if not inner.startswith(PREFIX):
             raise InputError(f"{path} carries no policy, and {policy.spec!r} is no baseline.")
         return
@@ -239,7 +239,7 @@ def _check_policy(submission: Submission, path: Path) -> None:
         content = base64.b64decode(policy.content, validate=True)
     except (binascii.Error, ValueError) as cause:
         raise InputError(f"The policy in {path} cannot be decoded: {cause}.") from cause
-    if policy.spec not in ("file", f"{SHIELD}file") or policy.suffix not in (".zip", ".onnx"):
+    if inner_of(policy.spec) != "file" or policy.suffix not in (".zip", ".onnx"):
         raise InputError(f"The policy in {path} is no zip or ONNX file ({policy.spec!r}, {policy.suffix!r}).")
     if hashlib.sha256(content).hexdigest() != policy.sha256:
         raise InputError(f"{path} was tampered with: its policy does not have the SHA-256 that it says.")
@@ -263,7 +263,7 @@ def _check_caves(submission: Submission, benchmark: Benchmark, path: Path) -> No
 
 def _policy_path(spec: str) -> Path | None:
     """Return the file of a policy; None for a baseline."""
-    inner = spec.removeprefix(SHIELD)
+    inner = inner_of(spec)
     if inner.startswith(PREFIX):
         return None
     return best_policy(Path(inner)) if Path(inner).is_dir() else Path(inner)

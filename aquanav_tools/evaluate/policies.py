@@ -1,4 +1,4 @@
-"""Policies by name: files of several kinds, the user's own code, baselines, and a shield around any of them."""
+"""Policies by name: files of several kinds, the user's own code, baselines, and what is put around any of them."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
 from aquanav_tools.evaluate.policy_kinds import BatchPrivileged, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_form, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
-from aquanav_tools.evaluate.shield import ShieldedPolicy
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
+from aquanav_tools.evaluate.wrappers import inner_of, wrapped, wrapper_of
 from aquanav_tools.libraries import is_installed
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
@@ -41,7 +41,6 @@ from aquanav_tools.task import TaskOptions, choices_of
 from aquanav_tools.types import IntArray
 
 PREFIX = "baseline:"
-SHIELD = "shield:"
 
 
 FilePolicy = MlAgentsPolicy | NetworkPolicy | TrustedPolicy | TorchScriptPolicy
@@ -188,8 +187,8 @@ def check_batched(policy: LoadedPolicy, *, is_diving: bool, otherwise: str) -> N
 
 
 def code_of(spec: str) -> str:
-    """Return the module:function that a policy's name means, also inside a shield; empty of all others."""
-    inner = spec.removeprefix(SHIELD)
+    """Return the module:function that a policy's name means, also inside a wrapper; empty of all others."""
+    inner = inner_of(spec)
     return inner if is_own(inner) and not inner.startswith(PREFIX) else ""
 
 
@@ -204,7 +203,7 @@ def load_policy(
 
     Args:
         spec: A path of an SB3 zip, of an ONNX file, of TorchScript or of a training run's folder; module:function; a
-            baseline; or "shield:" before any of these.
+            baseline; or "shield:" or "planner:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
         observation: What a file's policy observes; None takes what the file says, or tells it by the number of values.
@@ -215,8 +214,8 @@ def load_policy(
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
-    if spec.startswith(SHIELD):
-        return _shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation, sensors, history))
+    if wrapper := wrapper_of(spec):
+        return wrapped(wrapper, load_policy(inner_of(spec), is_trusted, observation, sensors, history))
     if spec.startswith(PREFIX):
         _refuse_parts(spec, observation, sensors)
         return _baseline(spec)
@@ -317,7 +316,7 @@ def own_policy(own: CallablePolicy, name: str) -> LoadedPolicy:
 
 def choice_text(spec: str) -> str:
     """Return which file is taken where `spec` leaves that open: a run's folder, a trained baseline without torch."""
-    inner = spec.removeprefix(SHIELD)
+    inner = inner_of(spec)
     if inner.startswith(PREFIX) and inner.removeprefix(PREFIX) in shipped_names(*TRAINED) and not is_installed("torch"):
         return f"{inner} flies as ONNX, since torch is not installed: the same network, computed in another order."
     folder = Path(inner)
@@ -329,7 +328,7 @@ def choice_text(spec: str) -> str:
 
 def recorded_spec(spec: str, sha256: str | None) -> str:
     """Return what loads the policy of some results: of a trained baseline the file that flew, with torch or without."""
-    inner, folder = spec.removeprefix(SHIELD), TRAINED[0]
+    inner, folder = inner_of(spec), TRAINED[0]
     if inner.startswith(PREFIX) and (name := inner.removeprefix(PREFIX)) in shipped_names(*TRAINED):
         for suffix in (TRAINED[1], SUFFIX):
             path = shipped_path(folder, name, suffix)
@@ -372,29 +371,3 @@ def _load_file(path: Path, is_trusted: bool) -> FilePolicy:
         if not is_trusted:
             raise
         return TrustedPolicy(path)
-
-
-def _shielded(inner: LoadedPolicy) -> LoadedPolicy:
-    if inner.takes is not None or inner.parts is not None:
-        raise InputError(
-            f"The shield hands on the values of the presets 'full' and 'paper', and the policy {inner.name} observes a "
-            "dictionary of parts. Leave out shield:."
-        )
-    if inner.observation == "original":
-        raise InputError(
-            f"The policy {inner.name} observes the preset 'original', which has no speed, so the shield cannot foresee "
-            "where an action leads. Shield a policy that observes 'full' or 'paper'."
-        )
-    has_more = inner.observed is not None and bool(inner.observed.sensors or inner.observed.history)
-    if has_more and inner.observation != "full":
-        raise InputError(
-            f"The policy {inner.name} observes '{inner.observation}' and sensors or earlier decisions behind it, which "
-            "the shield hands on behind 'full' alone. Leave out shield:."
-        )
-    if inner.task not in (None, CAVE):
-        raise InputError(f"The shield keeps off the walls of caves, and {inner.name} steers a boat. Leave out shield:.")
-    policy = ShieldedPolicy(inner.policy, inner.observation, inner.action)
-    return LoadedPolicy(
-        policy, SHIELD + inner.name, inner.sha256, "full", inner.action, CAVE, inner.draws,
-        size=inner.size if inner.observation == "full" else None, observed=inner.observed,
-    )  # fmt: skip
