@@ -1,10 +1,10 @@
 """What range rays have met so far, as a grid of cells, and the shortest way through it by what is known.
 
-A cell is free where a ray went through it, wall where one ended in it, and unknown. Between the ends of two neighbouring
-rays that met walls close to each other, walls are guessed, until a ray goes through there. The way takes unknown cells
-to be free (Koenig and Likhachev, D* Lite, AAAI 2002: the free-space assumption): it leads straight to the goal until
-walls are met, and back out of a dead end when it is known to be one. Found anew each time (A*), not repaired: vehicles
-look at it once a second.
+A cell is free where a ray went through it, wall where one ended in it, and else unknown. Between the ends of two
+neighbouring rays that met walls close to each other, walls are guessed, until a ray goes through there. The way takes
+unknown cells to be free (Koenig and Likhachev, D* Lite, AAAI 2002: the free-space assumption): it leads straight to the
+goal until walls are met, and back out of a dead end when it is known to be one. Found anew each time (A*), not
+repaired: vehicles look at it once a second.
 """
 
 from __future__ import annotations
@@ -44,10 +44,16 @@ class Occupancy:
         self._low = 0.5 * (place + goal) - 0.5 * CELL * size
         self._cells = np.zeros(size, dtype=np.int8)
         self._goal = self._index(goal)
-        self._pairs = neighbours(directions)
+        self._num_rays, self._pairs = len(directions), neighbours(directions)
 
     def see(self, place: Array, ends: Array, has_echo: BoolArray) -> None:
-        """Note what rays from (3,) have met: (R, 3) ends, m, and whether each met a wall there."""
+        """Note what rays from (3,) have met: (R, 3) ends, m, and whether each met a wall there.
+
+        Raises:
+            ValueError: these are not as many rays as there are directions.
+        """
+        if len(ends) != self._num_rays or len(has_echo) != self._num_rays:
+            raise ValueError(f"there are {self._num_rays} rays, and {len(ends)} ends and {len(has_echo)} echoes")
         _see(self._cells, self._low, place, ends, has_echo, self._pairs)
 
     def way(self, place: Array) -> Array | None:

@@ -2,9 +2,9 @@
 
 A policy that sees 4 m and steers to where the goal lies in a straight line turns for minutes where the way to it leads
 away. What is known is what a real vehicle has: ranges, velocity log, tilt and the goal's bearing; neither the map nor
-the current. While the vehicle comes to new places the policy sees the goal. Where it has come to none for STUCK, it sees in
-the goal's place, and as if 10 m away, a place ahead on the way that `occupancy` finds, until it is nearer to the goal
-than it ever was before (as TangentBug leaves a wall: Kamon, Rivlin and Rimon, IEEE ICRA 1996).
+the current. While the vehicle comes to new places the policy sees the goal. Where it has come to none for STUCK, it
+sees in the goal's place, and as if 10 m away, a place ahead on the way that `occupancy` finds, until it is nearer to
+the goal than it ever was before (as TangentBug leaves a wall: Kamon, Rivlin and Rimon, IEEE ICRA 1996).
 """
 
 from __future__ import annotations
