@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aquanav_tools.evaluate import occupancy
-from aquanav_tools.evaluate.occupancy import CELL, UNKNOWN_COST, WALL_COST, Occupancy
+from aquanav_tools.evaluate.occupancy import CELL, GREED, UNKNOWN_COST, WALL_COST, Occupancy
 from aquanav_tools.types import Array
 
 ALL_ROUND = np.array([(np.cos(turn), np.sin(turn), 0.0) for turn in np.radians(np.arange(0.0, 360.0, 5.0))])
@@ -76,7 +76,9 @@ def test_walls_are_guessed_between_neighbouring_rays_until_one_goes_through() ->
     assert grid.is_clear(place, beyond)
 
 
-def test_a_way_costs_what_another_library_finds(rng: np.random.Generator) -> None:
+def test_a_way_costs_at_most_half_as_much_again_as_the_cheapest_that_another_library_finds(
+    rng: np.random.Generator,
+) -> None:
     graph = pytest.importorskip("skimage.graph", reason="scikit-image comes with the extra build")
     shape = (14, 11, 9)
     cells = rng.choice(np.array([0, 1, 2, 3, 4], dtype=np.int8), size=shape, p=[0.3, 0.3, 0.3, 0.05, 0.05])
@@ -89,7 +91,7 @@ def test_a_way_costs_what_another_library_finds(rng: np.random.Generator) -> Non
         found = graph.MCP(costs, fully_connected=False)
         totals, _ = found.find_costs([tuple(start.tolist())])
         own = costs[tuple(way[1:].T)].sum() + costs[tuple(start)]  # there the first cell counts as well
-        assert own == pytest.approx(totals[tuple(goal)], rel=1e-5)
+        assert totals[tuple(goal)] * (1.0 - 1e-5) <= own <= GREED * totals[tuple(goal)] * (1.0 + 1e-5)
 
 
 def test_ends_of_another_number_of_rays_are_refused() -> None:
