@@ -76,7 +76,7 @@ def test_walls_are_guessed_between_neighbouring_rays_until_one_goes_through() ->
     assert grid.is_clear(place, beyond)
 
 
-def test_a_way_costs_at_most_half_as_much_again_as_the_cheapest_that_another_library_finds(
+def test_a_way_costs_at_most_half_as_much_again_as_another_librarys_cheapest(
     rng: np.random.Generator,
 ) -> None:
     graph = pytest.importorskip("skimage.graph", reason="scikit-image comes with the extra build")
