@@ -26,7 +26,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.policies import PREFIX, code_of
 from aquanav_tools.evaluate.results import episode_row, read_episode_rows, versions
-from aquanav_tools.evaluate.wrappers import inner_of, wrapper_of
+from aquanav_tools.evaluate.wrappers import inner_of
 from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.tables import from_table
 from aquanav_tools.text_files import read_json
@@ -131,7 +131,7 @@ def submission_of(options: BenchmarkOptions, run: BenchmarkRun) -> Submission:
         episodes = tuple(EpisodeMetrics(**episode_row(EpisodeMetrics(**metrics))) for metrics in row["metrics"])
         caves.append(SubmittedCave(cave.scenario, row["scenario"]["name"], row["mesh"], episodes))
     policy = SubmittedPolicy(
-        spec=options.policy if path is None else f"{wrapper_of(options.policy)}file",
+        spec=options.policy if path is None else options.policy.removesuffix(inner_of(options.policy)) + "file",
         name=run.policy.name,
         sha256=run.policy.sha256,
         suffix="" if path is None else path.suffix,

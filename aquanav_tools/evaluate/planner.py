@@ -24,7 +24,7 @@ from aquanav_tools.sim.sensors import original_pattern
 from aquanav_tools.types import Array, IntArray, rotation_matrix
 
 STUCK = 10.0
-"""Time without a new place after which the planner leads, s. Chosen on mazes of the generator."""
+"""Time without a new place after which the planner leads, s. Chosen in mylna rura and a maze of the generator."""
 NEW_PLACE = 0.5
 """A place is new farther than this from all before, m."""
 NEARER = 1.0
@@ -111,7 +111,7 @@ class PlannedPolicy:
     """Observes what the policy inside does, "full" and perhaps sensors behind it; hands it on with another goal."""
 
     def __init__(self, inner: Vectorised, sensors: tuple[str, ...]) -> None:
-        """Wrap a policy that observes "full" and sensors of these names behind it."""
+        """Wrap a policy that observes "full" and sensors behind it; echo sounders are used where they come first."""
         self._inner = inner
         self._parts = layout("full")
         self._end = max(part.stop for part in self._parts.values())

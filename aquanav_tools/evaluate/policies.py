@@ -215,7 +215,8 @@ def load_policy(
             task.
     """
     if wrapper := wrapper_of(spec):
-        return wrapped(wrapper, load_policy(inner_of(spec), is_trusted, observation, sensors, history))
+        inner = load_policy(spec.removeprefix(wrapper), is_trusted, observation, sensors, history)
+        return wrapped(wrapper, inner, sensors, history)
     if spec.startswith(PREFIX):
         _refuse_parts(spec, observation, sensors)
         return _baseline(spec)

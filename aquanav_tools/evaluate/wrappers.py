@@ -19,26 +19,37 @@ WRAPPERS = (SHIELD, PLANNER)
 
 
 def wrapper_of(spec: str) -> str:
-    """Return what stands before a policy's name; empty where nothing does."""
+    """Return what stands first before a policy's name; empty where nothing does."""
     return next((wrapper for wrapper in WRAPPERS if spec.startswith(wrapper)), "")
 
 
 def inner_of(spec: str) -> str:
-    """Return the policy's name alone."""
-    return spec.removeprefix(wrapper_of(spec))
+    """Return the policy's name alone, without all that stands before it."""
+    while wrapper := wrapper_of(spec):
+        spec = spec.removeprefix(wrapper)
+    return spec
 
 
-def wrapped(wrapper: str, inner: LoadedPolicy) -> LoadedPolicy:
+def wrapped(wrapper: str, inner: LoadedPolicy, sensors: tuple[str, ...], history: tuple[int, ...]) -> LoadedPolicy:
     """Return a policy inside a wrapper.
+
+    Args:
+        wrapper: Which.
+        inner: The policy.
+        sensors: That it observes by what options name; its file may say others.
+        history: The earlier decisions, likewise.
 
     Raises:
         InputError: it does not go into that.
     """
-    return _shielded(inner) if wrapper == SHIELD else _planned(inner)
+    if wrapper == SHIELD:
+        return _shielded(inner)
+    if inner.observed is not None:
+        sensors, history = inner.observed.sensors, inner.observed.history
+    return _planned(inner, sensors, history)
 
 
-def _planned(inner: LoadedPolicy) -> LoadedPolicy:
-    sensors, history = ((), ()) if inner.observed is None else (inner.observed.sensors, inner.observed.history)
+def _planned(inner: LoadedPolicy, sensors: tuple[str, ...], history: tuple[int, ...]) -> LoadedPolicy:
     if inner.observation != "full" or inner.takes is not None or inner.parts is not None:
         raise InputError(
             f"The planner reads the preset 'full' and sensors behind it, and the policy {inner.name} observes another "

@@ -14,6 +14,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.planner import ECHO_SOUNDERS, SHOWN, STUCK, PlannedPolicy
 from aquanav_tools.evaluate.policies import load_policy
 from aquanav_tools.evaluate.policy_kinds import BatchPrivileged, PrivilegedPolicy, Vectorised
+from aquanav_tools.evaluate.wrappers import inner_of
 from aquanav_tools.sim.scales import DISTANCE_SCALE, SPEED_SCALE, soft, unsoft
 from tests.evaluate.models import make_model
 
@@ -125,6 +126,19 @@ def test_it_goes_around_a_shipped_network_in_a_batch_and_alone() -> None:
 def test_what_it_cannot_lead_is_refused_with_a_sentence(spec: str, reason: str) -> None:
     with pytest.raises(InputError, match=rf"({reason}).*Leave out planner:\."):
         load_policy(spec)
+
+
+def test_earlier_decisions_that_options_name_are_refused_as_those_that_a_file_says(tmp_path: Path) -> None:
+    path = tmp_path / "policy.zip"
+    make_model(num_observations=88).save(path)
+    with pytest.raises(InputError, match=r"observes earlier decisions.*Leave out planner:\."):
+        load_policy(f"planner:{path}", history=(1,))
+
+
+def test_a_shield_goes_around_a_planner_and_the_name_within_is_found() -> None:
+    spec = "shield:planner:baseline:reference-echosounders"
+    assert load_policy(spec).name == spec
+    assert inner_of(spec) == "baseline:reference-echosounders"
 
 
 def test_policy_on_paper_observations_is_refused(tmp_path: Path) -> None:
