@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.envs.observation import layout
-from aquanav_tools.evaluate.occupancy import Occupancy
 from aquanav_tools.evaluate.policy_kinds import Vectorised
 from aquanav_tools.evaluate.reckoning import DeadReckoning, Fix
+from aquanav_tools.sim import occupancy
 from aquanav_tools.sim.batch.sensors.fan_spec import echo_sounders
 from aquanav_tools.sim.scales import DISTANCE_SCALE, soft
 from aquanav_tools.sim.sensors import original_pattern
@@ -31,45 +31,38 @@ NEARER = 1.0
 """It leads until the goal is nearer than before by this, m."""
 PLAN_EVERY = 1.0
 """Time between two plans, s."""
-AHEAD = 14
-"""Cells of the way ahead that are looked along for the farthest that is in sight: 4.2 m, as far as rays reach."""
-LEAST_AHEAD = 3
-"""Cells ahead that the policy is led to where less is in sight."""
 SHOWN = 10.0
 """Distance at which a place ahead is shown, m: farther than the policy slows down for."""
-NO_ECHO = 1.0 - 1e-3
-"""Share of a ray's reach from which it met nothing."""
 ECHO_SOUNDERS = "echosounders"
 
 
 class Planner:
     """Follows one vehicle through an episode."""
 
-    def __init__(self, seconds: float, directions: Array) -> None:
-        self._seconds, self._directions = seconds, directions
+    def __init__(self, seconds: float, directions: Array, reaches: Array) -> None:
+        """Prepare for decisions of so many seconds and (R, 3) rays, unit vectors in the body, with (R,) reaches, m."""
+        self._seconds, self._directions, self._reaches = seconds, directions, reaches
         self._reckoning = DeadReckoning(seconds)
         self._places = np.zeros((0, 3))
-        self._occupancy: Occupancy | None = None
-        self._way: Array | None = None
+        self._maps = occupancy.make_maps(1)
         self._since_new = self._since_plan = self._nearest = 0.0
         self.is_leading = False
 
-    def __call__(self, read: dict[str, Array], ranges: Array, has_echo: npt.NDArray[np.bool_]) -> Array | None:
+    def __call__(self, read: dict[str, Array], ranges: Array) -> Array | None:
         """Return azimuth and elevation, rad, of the place to steer to, as `goal` has them; None for the goal itself.
 
         Args:
             read: The slices of the observation "full" by their names.
             ranges: (R,) of the rays, m.
-            has_echo: (R,) whether each met a wall.
         """
         fix = self._reckoning(read)
-        if self._occupancy is None:
-            self._occupancy = Occupancy(fix.position, self._reckoning.goal, self._directions)
+        if not len(self._places):
+            occupancy.begin(self._maps, 0, fix.position, self._reckoning.goal)
             self._nearest = float(np.linalg.norm(self._reckoning.goal))
-        turned = rotation_matrix(fix.quaternion)
-        self._occupancy.see(fix.position, fix.position + ranges[:, None] * (self._directions @ turned.T), has_echo)
+        rays = self._directions @ rotation_matrix(fix.quaternion).T
+        occupancy.see(self._maps, 0, fix.position, rays, ranges, self._reaches)
         self._judge(fix)
-        point = self._ahead(self._occupancy, fix) if self.is_leading else None
+        point = self._ahead(fix) if self.is_leading else None
         if point is None:
             return None
         offset = point - fix.position
@@ -85,26 +78,20 @@ class Planner:
         if self.is_leading:
             self.is_leading = distance > self._nearest - NEARER
         elif self._since_new >= STUCK:
-            self.is_leading, self._way = True, None
+            self.is_leading, self._since_plan = True, PLAN_EVERY
         if not self.is_leading:
             self._nearest = min(self._nearest, distance)
 
-    def _ahead(self, occupancy: Occupancy, fix: Fix) -> Array | None:
+    def _ahead(self, fix: Fix) -> Array | None:
         """Return the farthest place on the way that is in sight; None where that is the goal, or there is no way."""
         self._since_plan += self._seconds
-        if self._way is None or self._since_plan >= PLAN_EVERY:
-            self._way, self._since_plan = occupancy.way(fix.position), 0.0
-        if self._way is None:
-            return None
-        way, last = self._way, len(self._way) - 1
-        here = int(((way - fix.position) ** 2).sum(axis=1).argmin())
-        ahead = min(here + LEAST_AHEAD, last)
-        for place in range(here + 1, min(here + AHEAD, last) + 1):
-            if occupancy.is_clear(fix.position, way[place]):
-                ahead = max(ahead, place)
-            elif place > here + LEAST_AHEAD:
-                break
-        return None if ahead == last else way[ahead]
+        if self._since_plan >= PLAN_EVERY:
+            self._since_plan = 0.0
+            occupancy.plan(self._maps, 0, fix.position, self._reckoning.goal)
+        _, ahead, _ = occupancy.look_along(self._maps, 0, fix.position)
+        is_goal = ahead == self._maps.lengths[0, 1]
+        place: Array | None = None if ahead < 0 or is_goal else occupancy.middle(self._maps, 0, ahead)
+        return place
 
 
 class PlannedPolicy:
@@ -116,11 +103,11 @@ class PlannedPolicy:
         self._parts = layout("full")
         self._end = max(part.stop for part in self._parts.values())
         pattern, sounders = original_pattern(), echo_sounders().pattern
-        self._lengths, self._num_sounders, directions = pattern.lengths, 0, pattern.directions
+        self._directions, self._reaches = pattern.directions, pattern.lengths
+        self._num_rays = len(pattern.lengths)
         if sensors[:1] == (ECHO_SOUNDERS,):
-            self._reach, self._num_sounders = sounders.lengths, len(sounders.lengths)
-            directions = np.concatenate([directions, sounders.directions])
-        self._directions = directions
+            self._directions = np.concatenate([pattern.directions, sounders.directions])
+            self._reaches = np.concatenate([pattern.lengths, sounders.lengths])
         self._seconds = 0.0
         self._planners: dict[int, Planner] = {}
         self._last: dict[int, tuple[npt.NDArray[np.float32], npt.NDArray[np.float32]]] = {}
@@ -156,14 +143,11 @@ class PlannedPolicy:
         """Return an observation with the goal that its vehicle is led to; asked again, the same."""
         if slot in self._last and np.array_equal(self._last[slot][0], row):
             return self._last[slot][1]
-        planner = self._planners.setdefault(slot, Planner(self._seconds, self._directions))
+        planner = self._planners.setdefault(slot, Planner(self._seconds, self._directions, self._reaches))
         read = {name: row[part].astype(np.float64) for name, part in self._parts.items()}
-        ranges, has_echo = read["rays"] * self._lengths, read["rays"] < NO_ECHO
-        if self._num_sounders:
-            sounded = row[self._end : self._end + self._num_sounders].astype(np.float64)
-            ranges = np.concatenate([ranges, sounded])
-            has_echo = np.concatenate([has_echo, sounded < NO_ECHO * self._reach])
-        angles, led = planner(read, ranges, has_echo), row.copy()
+        sounded = row[self._end : self._end + len(self._reaches) - self._num_rays].astype(np.float64)
+        ranges = np.concatenate([read["rays"] * self._reaches[: self._num_rays], sounded])
+        angles, led = planner(read, ranges), row.copy()
         if angles is not None:
             led[self._parts["goal"]] = soft(SHOWN, DISTANCE_SCALE), angles[0] / np.pi, angles[1] / (0.5 * np.pi)
         self._last[slot] = row.copy(), led
