@@ -59,7 +59,7 @@ class TaskOptions:
 
     sensors: tuple[str, ...] = ()
     """What is measured beside the values of the observation and follows them: sensors by name (depth, imu, dvl, fan,
-    echosounders, sonar3d, track, sonar; docs/sensors.md), or of your own, as module:Name."""
+    echosounders, sonar3d, waypoint, track, sonar; docs/sensors.md), or of your own, as module:Name."""
     history: tuple[int, ...] = ()
     """Decisions ago whose observations follow that of now, such as 4 8: a memory of what the vehicle has passed. Before
     an episode began there was what it begins with."""

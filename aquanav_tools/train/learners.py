@@ -172,7 +172,8 @@ def _mask_observations(learner: BaseAlgorithm, settings: TrainSettings) -> None:
 def maskable_indices(observation: str) -> dict[str, int]:
     """Return where in an observation preset the values are that can be masked, by their names."""
     slices = layout(observation)
-    goal = {"distance": slices["goal"].start, "elevation": slices["goal"].start + 2} if "goal" in slices else {}
+    names = ("distance", "azimuth", "elevation")
+    goal = {name: slices["goal"].start + n for n, name in enumerate(names)} if "goal" in slices else {}
     return goal | ({"depth": slices["depth"].start} if "depth" in slices else {})
 
 

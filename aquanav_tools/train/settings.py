@@ -57,9 +57,10 @@ class TrainSettings(TaskOptions):
     """Environments, each with its own vehicle."""
     mirrored: bool = False
     """Whether every second environment is seen in a mirror that swaps left and right: as many caves again."""
-    masked_observations: tuple[Literal["distance", "elevation", "depth"], ...] = ()
-    """What the network is kept from seeing: the goal's distance or elevation, or the depth. They tell where in a cave
-    it is, so that it may learn caves by heart. Needs normalise."""
+    masked_observations: tuple[Literal["distance", "azimuth", "elevation", "depth"], ...] = ()
+    """What the network is kept from seeing: the goal's distance, azimuth or elevation, or the depth. They tell where in
+    a cave it is, so that it may learn caves by heart; with the sensor waypoint, the goal draws it into dead ends. Needs
+    normalise."""
     normalise: bool = True
     """Whether the network scales observations by the mean and spread of what was seen in training. The numbers are part
     of the policy."""

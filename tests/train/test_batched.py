@@ -150,7 +150,7 @@ def test_the_papers_curriculum_is_shipped_for_the_batch() -> None:
     assert as_paper == list(paper.lessons)  # a rollout of the original's 20,480 decisions
 
 
-@pytest.mark.parametrize("sensor", ["sonar3d", "track"])  # new readings at every second decision; a memory
+@pytest.mark.parametrize("sensor", ["sonar3d", "track", "waypoint"])  # new readings at every second decision; memories
 def test_stopped_run_goes_on_with_what_sensors_remember(
     sensor: str, tube: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

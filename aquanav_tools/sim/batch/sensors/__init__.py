@@ -10,6 +10,7 @@ BUILT_IN = {
     "depth": f"{_HERE}.depth:DepthCell",
     "imu": f"{_HERE}.inertial:InertialUnit",
     "dvl": f"{_HERE}.dvl:DopplerLog",
+    "waypoint": f"{_HERE}.waypoint:Waypoint",
     "track": f"{_HERE}.track:Track",
     "sonar": f"{_HERE}.sonar:ImagingSonar",
 }

@@ -148,7 +148,21 @@ def sonar_3d() -> FanSpec:
     return FanSpec((4.0,), azimuths_deg=azimuths, elevations_deg=elevations, noise=errors, period=0.2)
 
 
+def mapping() -> FanSpec:
+    """Return 96 beams evenly all around, twice a second: what is kept of a mechanically scanned sonar's turn.
+
+    Such a sonar reaches 50 m and more (Blue Robotics, Ping360); here it is 6 m. Distances err as the echo sounders'.
+    """
+    n = np.arange(96) + 0.5
+    up, turn = 1.0 - 2.0 * n / 96, np.pi * (1.0 + 5.0**0.5) * n  # a golden spiral
+    level = np.sqrt(1.0 - up**2)
+    directions = np.stack([level * np.cos(turn), level * np.sin(turn), up], axis=1)
+    errors = RangeErrors(constant=0.01, proportional=0.005)
+    return FanSpec((6.0,), tuple(map(tuple, directions.tolist())), noise=errors, period=0.5)
+
+
 PRESET_FANS = {
+    "mapping": mapping(),
     "paper": paper_fan(),
     "full": paper_fan(),
     "original": original_fan(),
