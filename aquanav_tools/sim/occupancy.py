@@ -162,9 +162,10 @@ def see(maps, m, place, rays, ranges, reaches):  # type: ignore[no-untyped-def]
 def plan(maps, m, place, goal):  # type: ignore[no-untyped-def]
     """Find a cheap way by weighted A*; steps go through faces, not between two walls' edges.
 
-    From outside of the map there is none.
+    From outside of the map there is none; to a goal outside it leads to where the map ends before it.
     """
-    start, end = _cell(maps, m, place), _cell(maps, m, goal)
+    start, (i, j, k) = _cell(maps, m, place), _cell(maps, m, goal)
+    end = (min(max(i, 0), NUM_X - 1), min(max(j, 0), NUM_Y - 1), min(max(k, 0), NUM_Z - 1))
     if not _is_in(start[0], start[1], start[2]):
         maps.lengths[m] = 0
         return

@@ -180,6 +180,15 @@ def test_from_outside_of_the_map_there_is_no_way() -> None:
     assert occupancy.look_along(maps, 0, np.zeros(3))[1] == -1
 
 
+def test_to_a_goal_outside_of_the_map_the_way_leads_to_the_end_of_the_map_before_it() -> None:
+    goal = np.array([500.0, 10.0, 0.0])
+    maps = empty(goal)
+    cells = way(maps, np.zeros(3), goal)
+    edge = 0.5 * occupancy.NUM_X * CELL
+    assert maps.lengths[0, 1] * CELL == pytest.approx(edge + 10.0, abs=2 * CELL)
+    assert (np.diff(cells[:, 0]) >= 0.0).all() and (np.diff(cells[:, 1]) >= 0.0).all()
+
+
 def test_what_lies_outside_of_the_map_is_not_kept() -> None:
     maps = empty(np.array([9.0, 0.0, 0.0]))
     before = maps.counts[0]
