@@ -148,12 +148,13 @@ def see(maps, m, place, rays, ranges, reaches):  # type: ignore[no-untyped-def]
         free = max(0.0, ranges[r] - SHY) if has_echo else ranges[r]
         last = (-1, -1, -1)
         for n in range(int(free / (0.5 * CELL)) + 1):
-            cell = _cell(maps, m, place + rays[r] * min(n * 0.5 * CELL, free))
+            cell = _along(maps, m, place, rays[r], min(n * 0.5 * CELL, free))
             if cell != last:
                 _add(maps, m, cell[0], cell[1], cell[2], PASSED)
                 last = cell
         if has_echo:
-            _add_wall(maps, m, place + rays[r] * ranges[r])
+            i, j, k = _along(maps, m, place, rays[r], ranges[r])
+            _add_wall(maps, m, i, j, k)
     i, j, k = _cell(maps, m, place)
     _visit(maps, m, i, j, k)
 
@@ -207,7 +208,10 @@ def look_along(maps, m, place):  # type: ignore[no-untyped-def]
     """
     here, least = 0, np.inf
     for p in range(maps.lengths[m, 0]):
-        apart = ((middle(maps, m, p) - place) ** 2).sum()
+        apart = 0.0
+        for axis in range(3):
+            offset = _middle(maps, m, p, axis) - place[axis]
+            apart += offset * offset
         if apart < least:
             here, least = p, apart
     last = maps.lengths[m, 0] - 1
@@ -246,16 +250,33 @@ def reading(maps, m, place, heading, goal):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, nogil=True)
 def middle(maps, m, p):  # type: ignore[no-untyped-def]
     """Return the (3,) middle of cell `p` of the way, m."""
-    from_corner = (maps.ways[m, p] + 0.5) * CELL
-    return maps.origins[m] + from_corner - 0.5 * CELL * np.array([NUM_X, NUM_Y, NUM_Z])
+    return np.array([_middle(maps, m, p, 0), _middle(maps, m, p, 1), _middle(maps, m, p, 2)])
+
+
+@numba.njit(cache=True, nogil=True)
+def _middle(maps, m, p, axis):  # type: ignore[no-untyped-def]
+    """Return a coordinate of `middle`; arrays would take most of the time."""
+    num = (NUM_X, NUM_Y, NUM_Z)[axis]
+    return maps.origins[m, axis] + (maps.ways[m, p, axis] + 0.5) * CELL - 0.5 * CELL * num
 
 
 @numba.njit(cache=True, nogil=True)
 def _cell(maps, m, place):  # type: ignore[no-untyped-def]
+    return _cell_at(maps, m, place[0], place[1], place[2])
+
+
+@numba.njit(cache=True, nogil=True)
+def _along(maps, m, place, way, share):  # type: ignore[no-untyped-def]
+    """Return the cell of `place` and a share of a way, without arrays, which would take most of the time."""
+    return _cell_at(maps, m, place[0] + way[0] * share, place[1] + way[1] * share, place[2] + way[2] * share)
+
+
+@numba.njit(cache=True, nogil=True)
+def _cell_at(maps, m, x, y, z):  # type: ignore[no-untyped-def]
     return (
-        int(np.floor((place[0] - maps.origins[m, 0]) / CELL)) + NUM_X // 2,
-        int(np.floor((place[1] - maps.origins[m, 1]) / CELL)) + NUM_Y // 2,
-        int(np.floor((place[2] - maps.origins[m, 2]) / CELL)) + NUM_Z // 2,
+        int(np.floor((x - maps.origins[m, 0]) / CELL)) + NUM_X // 2,
+        int(np.floor((y - maps.origins[m, 1]) / CELL)) + NUM_Y // 2,
+        int(np.floor((z - maps.origins[m, 2]) / CELL)) + NUM_Z // 2,
     )
 
 
@@ -319,9 +340,8 @@ def _add(maps, m, i, j, k, more):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_wall(maps, m, end):  # type: ignore[no-untyped-def]
+def _add_wall(maps, m, i, j, k):  # type: ignore[no-untyped-def]
     """Count the end of a ray, and guess that the wall goes on around there where nothing is known."""
-    i, j, k = _cell(maps, m, end)
     _add(maps, m, i, j, k, ENDED)
     for a in range(-AROUND_WALL, AROUND_WALL + 1):
         for b in range(-AROUND_WALL, AROUND_WALL + 1):
@@ -336,7 +356,7 @@ def _is_clear(maps, m, place, point):  # type: ignore[no-untyped-def]
     way = point - place
     num = int(np.sqrt((way * way).sum()) / (0.5 * CELL)) + 1
     for n in range(num + 1):
-        i, j, k = _cell(maps, m, place + way * (n / num))
+        i, j, k = _along(maps, m, place, way, n / num)
         if not _is_in(i, j, k):
             return False
         if evidence(maps, m, i, j, k) > 0:
