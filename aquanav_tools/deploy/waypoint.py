@@ -17,7 +17,7 @@ class Waypoint:
     def __init__(self) -> None:
         """Make room; memory is taken as the map grows."""
         self._maps = occupancy.make_maps(1)
-        self._goal = np.zeros(3)
+        self._goal: npt.NDArray[np.float64] | None = None
 
     def reset(self, position: npt.ArrayLike, goal: npt.ArrayLike) -> None:
         """Begin a dive.
@@ -56,8 +56,12 @@ class Waypoint:
         )
 
     def plan(self, position: npt.ArrayLike) -> None:
-        """Find the way anew by what is known: once a second in training."""
-        occupancy.plan(self._maps, 0, _finite(position, (3,), "The place"), self._goal)
+        """Find the way anew by what is known: once a second in training.
+
+        Raises:
+            InputError: a value is not finite, or no dive has begun.
+        """
+        occupancy.plan(self._maps, 0, _finite(position, (3,), "The place"), self._begun())
 
     def __call__(self, position: npt.ArrayLike, heading: float) -> npt.NDArray[np.float64]:
         """Return the reading, (5,), as the sensor's space has it.
@@ -72,9 +76,14 @@ class Waypoint:
         if not math.isfinite(heading):
             raise InputError(f"The heading must be a finite angle, and it is {heading}.")
         shown: npt.NDArray[np.float64] = occupancy.reading(
-            self._maps, 0, _finite(position, (3,), "The place"), float(heading), self._goal
+            self._maps, 0, _finite(position, (3,), "The place"), float(heading), self._begun()
         )
         return shown
+
+    def _begun(self) -> npt.NDArray[np.float64]:
+        if self._goal is None:
+            raise InputError("No dive has begun, so there is no goal to find a way to. Call reset first.")
+        return self._goal
 
 
 def _finite(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> npt.NDArray[np.float64]:

@@ -29,8 +29,6 @@ NEW_PLACE = 0.5
 """A place is new farther than this from all before, m."""
 NEARER = 1.0
 """It leads until the goal is nearer than before by this, m."""
-PLAN_EVERY = 1.0
-"""Time between two plans, s."""
 SHOWN = 10.0
 """Distance at which a place ahead is shown, m: farther than the policy slows down for."""
 ECHO_SOUNDERS = "echosounders"
@@ -78,14 +76,14 @@ class Planner:
         if self.is_leading:
             self.is_leading = distance > self._nearest - NEARER
         elif self._since_new >= STUCK:
-            self.is_leading, self._since_plan = True, PLAN_EVERY
+            self.is_leading, self._since_plan = True, occupancy.PLAN_EVERY
         if not self.is_leading:
             self._nearest = min(self._nearest, distance)
 
     def _ahead(self, fix: Fix) -> Array | None:
         """Return the farthest place on the way that is in sight; None where that is the goal, or there is no way."""
         self._since_plan += self._seconds
-        if self._since_plan >= PLAN_EVERY:
+        if self._since_plan >= occupancy.PLAN_EVERY:
             self._since_plan = 0.0
             occupancy.plan(self._maps, 0, fix.position, self._reckoning.goal)
         _, ahead, _ = occupancy.look_along(self._maps, 0, fix.position)

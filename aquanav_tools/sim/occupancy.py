@@ -18,19 +18,24 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from aquanav_tools.errors import ResourceError
 from aquanav_tools.sim.scales import DISTANCE_SCALE
 from aquanav_tools.types import IntArray
 
 CELL = 0.2
-"""Edge of a cell, m: at 0.3 m, fissures of 0.5 m are closed on the map (docs/decisions/0034)."""
+"""Edge of a cell, m: with 0.3 m, narrow fissures are closed on the map (docs/decisions/0034)."""
 BLOCK = 8
 """Cells along a block's edge."""
 BLOCKS = (128, 128, 64)
-"""Blocks along each axis around the place where a map begins: 307 by 307 by 154 m. What lies beyond stays unknown."""
+"""Blocks along each axis around the place where a map begins: 205 by 205 by 102 m. What lies beyond stays unknown."""
 NUM_X, NUM_Y, NUM_Z = (BLOCK * blocks for blocks in BLOCKS)
 """Cells along each axis."""
 MOST_BLOCKS = 4096
 """That a map keeps: with more, what is met stays unknown."""
+RESERVED = 2 * BLOCKS[0] * BLOCKS[1] * BLOCKS[2] + MOST_BLOCKS * BLOCK**3
+"""Bytes that a map reserves, but for some thousands."""
+PLAN_EVERY = 1.0
+"""Time between two plans, s. Chosen."""
 SHY = 0.2
 """A ray's last stretch that frees no cell, m: beside a wall, cells are half rock."""
 NO_ECHO = 1.0 - 1e-3
@@ -81,16 +86,26 @@ class Maps(NamedTuple):
 
 
 def make_maps(num: int) -> Maps:
-    """Return maps in which nothing is known; memory is taken as it is written."""
-    return Maps(
-        np.zeros((num, 3)),
-        np.zeros((num, *BLOCKS), dtype=np.int16),
-        np.zeros((num, MOST_BLOCKS, BLOCK**3), dtype=np.int8),
-        np.zeros((num, MOST_BLOCKS, 3), dtype=np.int16),
-        np.zeros(num, dtype=np.int64),
-        np.zeros((num, MOST_AHEAD, 3), dtype=np.int64),
-        np.zeros((num, 2), dtype=np.int64),
-    )
+    """Return maps in which nothing is known; memory is reserved, and taken as it is written.
+
+    Raises:
+        ResourceError: the machine does not reserve as much.
+    """
+    try:
+        return Maps(
+            np.zeros((num, 3)),
+            np.zeros((num, *BLOCKS), dtype=np.int16),
+            np.zeros((num, MOST_BLOCKS, BLOCK**3), dtype=np.int8),
+            np.zeros((num, MOST_BLOCKS, 3), dtype=np.int16),
+            np.zeros(num, dtype=np.int64),
+            np.zeros((num, MOST_AHEAD, 3), dtype=np.int64),
+            np.zeros((num, 2), dtype=np.int64),
+        )
+    except MemoryError as cause:
+        raise ResourceError(
+            f"Maps of {num} vehicles reserve {num * RESERVED / 1e9:.1f} GB, 4.2 MB each, and this machine does not have "
+            "them. Take fewer vehicles at once."
+        ) from cause
 
 
 _KEPT = ("origins", "counts", "ways", "lengths")

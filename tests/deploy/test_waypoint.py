@@ -36,6 +36,8 @@ def test_it_reads_what_the_sensor_reads_on_a_way_that_winds(rng: np.random.Gener
 
 def test_what_is_no_reading_is_refused() -> None:
     vehicle = Waypoint()
+    with pytest.raises(InputError, match="No dive has begun"):
+        vehicle.plan([0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="The goal must be finite"):
         vehicle.reset([0.0, 0.0, 0.0], [0.0, np.nan, 0.0])
     vehicle.reset([0.0, 0.0, 0.0], [5.0, 0.0, 0.0])

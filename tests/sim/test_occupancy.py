@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from aquanav_tools.errors import ResourceError
 from aquanav_tools.sim import occupancy
 from aquanav_tools.sim.occupancy import (
     CELL,
@@ -225,3 +226,8 @@ def test_places_far_from_the_origin_make_the_same_map() -> None:
         look(maps, origin + 0.1, ALL_ROUND, np.linspace(1.0, REACH, len(ALL_ROUND)))
     is_other = near_by.blocks != far_off.blocks  # where a ray lies on the edge between two cells
     assert is_other.sum() < 0.02 * (near_by.blocks != 0).sum()
+
+
+def test_more_maps_than_memory_are_refused_with_a_sentence() -> None:
+    with pytest.raises(ResourceError, match=r"Maps of 100000000 vehicles reserve .* Take fewer vehicles"):
+        occupancy.make_maps(100_000_000)

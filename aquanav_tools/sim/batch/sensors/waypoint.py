@@ -26,8 +26,6 @@ from aquanav_tools.sim.vehicle_base import Vehicle
 
 wp.set_module_options(OPTIONS)
 
-PLAN_EVERY = 1.0
-"""Time between two plans, s."""
 SIZE = 5
 """Of a reading."""
 MIN_SHARE = 8
@@ -54,7 +52,7 @@ class Waypoint(RangeFan):
     then the way's length, x / (x + 10 m); then the share of its next 4.2 m of which nothing is known. The
     map is a grid of what a scanned sonar met (96 beams all around, twice a second); where the vehicle is in it, it
     knows from its Doppler log with the goal's bearing for a compass, to 5 to 10 cm after four minutes
-    (docs/decisions/0033), a third of a cell: no further error is modelled. It wants to be measured once after every
+    (docs/decisions/0033), half a cell at most: no further error is modelled. It wants to be measured once after every
     decision. Maps are kept on the processor, also where all else runs on a card.
     """
 
@@ -87,7 +85,7 @@ class Waypoint(RangeFan):
         launch_kernel(locate, dim=batch.num, inputs=inputs, device=batch.device)
         at = batch.view_of("decisions"), batch.view_of("positions"), rotations.numpy(), goals.numpy()
         fan = self.pattern.directions, self.pattern.lengths
-        every = tuple(max(1, round(time / batch.decision_seconds)) for time in (self.data.period, PLAN_EVERY))
+        every = tuple(max(1, round(time / batch.decision_seconds)) for time in (self.data.period, occupancy.PLAN_EVERY))
         rows = np.flatnonzero(batch.view_of("restarted")) if batch.only_restarted else np.arange(batch.num)
         num_shares = max(1, min(batch.num_threads, len(rows) // MIN_SHARE))
         kept = self._maps, self._decisions, self._readings
