@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from aquanav_tools.errors import InputError
-from aquanav_tools.sim import occupancy
+from aquanav_tools.sim import occupancy, way
 
 
 class Waypoint:
@@ -61,7 +61,7 @@ class Waypoint:
         Raises:
             InputError: a value is not finite, or no dive has begun.
         """
-        occupancy.plan(self._maps, 0, _finite(position, (3,), "The place"), self._begun())
+        way.plan(self._maps, 0, _finite(position, (3,), "The place"), self._begun())
 
     def __call__(self, position: npt.ArrayLike, heading: float) -> npt.NDArray[np.float64]:
         """Return the reading, (5,), as the sensor's space has it.
@@ -75,7 +75,7 @@ class Waypoint:
         """
         if not math.isfinite(heading):
             raise InputError(f"The heading must be a finite angle, and it is {heading}.")
-        shown: npt.NDArray[np.float64] = occupancy.reading(
+        shown: npt.NDArray[np.float64] = way.reading(
             self._maps, 0, _finite(position, (3,), "The place"), float(heading), self._begun()
         )
         return shown

@@ -3,7 +3,7 @@
 A policy that sees 4 m and steers to where the goal lies in a straight line turns for minutes where the way to it leads
 away. What is known is what a real vehicle has: ranges, velocity log, tilt and the goal's bearing; neither the map nor
 the current. While the vehicle comes to new places the policy sees the goal. Where it has come to none for STUCK, it
-sees in the goal's place, and as if 10 m away, a place ahead on the way that `occupancy` finds, until it is nearer to
+sees in the goal's place, and as if 10 m away, a place ahead on the way that `sim.way` finds, until it is nearer to
 the goal than it ever was before (as TangentBug leaves a wall: Kamon, Rivlin and Rimon, IEEE ICRA 1996).
 """
 
@@ -17,7 +17,7 @@ import numpy.typing as npt
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.evaluate.policy_kinds import Vectorised
 from aquanav_tools.evaluate.reckoning import DeadReckoning, Fix
-from aquanav_tools.sim import occupancy
+from aquanav_tools.sim import occupancy, way
 from aquanav_tools.sim.batch.sensors.fan_spec import echo_sounders
 from aquanav_tools.sim.scales import DISTANCE_SCALE, soft
 from aquanav_tools.sim.sensors import original_pattern
@@ -76,19 +76,19 @@ class Planner:
         if self.is_leading:
             self.is_leading = distance > self._nearest - NEARER
         elif self._since_new >= STUCK:
-            self.is_leading, self._since_plan = True, occupancy.PLAN_EVERY
+            self.is_leading, self._since_plan = True, way.PLAN_EVERY
         if not self.is_leading:
             self._nearest = min(self._nearest, distance)
 
     def _ahead(self, fix: Fix) -> Array | None:
         """Return the farthest place on the way that is in sight; None where that is the goal, or there is no way."""
         self._since_plan += self._seconds
-        if self._since_plan >= occupancy.PLAN_EVERY:
+        if self._since_plan >= way.PLAN_EVERY:
             self._since_plan = 0.0
-            occupancy.plan(self._maps, 0, fix.position, self._reckoning.goal)
-        _, ahead, _ = occupancy.look_along(self._maps, 0, fix.position)
+            way.plan(self._maps, 0, fix.position, self._reckoning.goal)
+        _, ahead, _ = way.look_along(self._maps, 0, fix.position)
         is_goal = ahead == self._maps.lengths[0, 1]
-        place: Array | None = None if ahead < 0 or is_goal else occupancy.middle(self._maps, 0, ahead)
+        place: Array | None = None if ahead < 0 or is_goal else way.middle(self._maps, 0, ahead)
         return place
 
 

@@ -6,20 +6,9 @@ import numpy as np
 import pytest
 
 from aquanav_tools.errors import ResourceError
-from aquanav_tools.sim import occupancy
-from aquanav_tools.sim.occupancy import (
-    CELL,
-    ENDED,
-    GREED,
-    GUESSED,
-    HIGHEST,
-    LOWEST,
-    PASSED,
-    UNKNOWN_COST,
-    VISITED,
-    WALL_COST,
-    Maps,
-)
+from aquanav_tools.sim import occupancy, way
+from aquanav_tools.sim.occupancy import CELL, ENDED, GUESSED, HIGHEST, LOWEST, PASSED, VISITED, Maps
+from aquanav_tools.sim.way import GREED, UNKNOWN_COST, WALL_COST
 from aquanav_tools.types import Array
 
 ALL_ROUND = np.array([(np.cos(turn), np.sin(turn), 0.0) for turn in np.radians(np.arange(0.0, 360.0, 5.0))])
@@ -39,15 +28,15 @@ def look(maps: Maps, place: Array, rays: Array, ranges: Array) -> None:
     occupancy.see(maps, 0, place, rays, ranges, reaches)
 
 
-def way(maps: Maps, place: Array, goal: Array) -> Array:
+def found_way(maps: Maps, place: Array, goal: Array) -> Array:
     """Return the (P, 3) middles of the first cells of the way, m."""
-    occupancy.plan(maps, 0, place, goal)
-    return np.array([occupancy.middle(maps, 0, p) for p in range(maps.lengths[0, 0])])
+    way.plan(maps, 0, place, goal)
+    return np.array([way.middle(maps, 0, p) for p in range(maps.lengths[0, 0])])
 
 
 def known(maps: Maps, place: Array) -> int:
     """Return the evidence of the cell at a place: above 0 a wall, below 0 water."""
-    return int(occupancy.evidence(maps, 0, *occupancy._cell(maps, 0, place)))
+    return int(occupancy.evidence(maps, 0, *occupancy.cell_of(maps, 0, place)))
 
 
 def pocket(goal: Array) -> Maps:
@@ -59,14 +48,14 @@ def pocket(goal: Array) -> Maps:
                 is_wall = x > 2.9 or abs(y) > 1.1 or abs(z) > 1.7
                 place = np.array([x, y, z])
                 if is_wall or known(maps, place) <= 0:
-                    occupancy._add(maps, 0, *occupancy._cell(maps, 0, place), HIGHEST - LOWEST if is_wall else PASSED)
+                    occupancy._add(maps, 0, *occupancy.cell_of(maps, 0, place), HIGHEST - LOWEST if is_wall else PASSED)
     return maps
 
 
 def test_where_nothing_is_known_the_way_is_straight() -> None:
     goal = np.array([6.0, 0.0, 0.0])
     maps = empty(goal)
-    cells = way(maps, np.zeros(3), goal)
+    cells = found_way(maps, np.zeros(3), goal)
     assert maps.lengths[0, 1] * CELL == pytest.approx(6.0, abs=CELL)
     assert np.abs(cells[:, 1:]).max() < CELL
     np.testing.assert_allclose(cells[-1], goal, atol=CELL)
@@ -74,7 +63,7 @@ def test_where_nothing_is_known_the_way_is_straight() -> None:
 
 def test_the_way_leads_back_out_of_a_dead_end() -> None:
     goal = np.array([9.0, 0.0, 0.0])
-    cells = way(pocket(goal), np.array([2.4, 0.0, 0.0]), goal)
+    cells = found_way(pocket(goal), np.array([2.4, 0.0, 0.0]), goal)
     inside = (np.abs(cells[:, 1]) < 1.0) & (np.abs(cells[:, 2]) < 1.6) & (cells[:, 0] < 2.8)
     assert cells[inside, 0].min() < -2.8  # it leaves by the open end
     assert (np.diff(inside.astype(int)) > 0).sum() == 0
@@ -84,18 +73,18 @@ def test_the_way_leads_back_out_of_a_dead_end() -> None:
 def test_the_farthest_place_in_sight_lies_before_a_bend() -> None:
     goal = np.array([9.0, 0.0, 0.0])
     maps, place = pocket(goal), np.array([2.25, 0.0, 0.0])
-    way(maps, place, goal)
-    here, ahead, unknown = occupancy.look_along(maps, 0, place)
-    assert here == 0 and ahead > occupancy.LEAST_AHEAD
-    assert occupancy.middle(maps, 0, ahead)[0] < 2.4 - 2.0  # astern, out of the pocket
+    found_way(maps, place, goal)
+    here, ahead, unknown = way.look_along(maps, 0, place)
+    assert here == 0 and ahead > way.LEAST_AHEAD
+    assert way.middle(maps, 0, ahead)[0] < 2.4 - 2.0  # astern, out of the pocket
     assert unknown == 0.0
-    assert occupancy._is_clear(maps, 0, place, occupancy.middle(maps, 0, ahead))
+    assert way._is_clear(maps, 0, place, way.middle(maps, 0, ahead))
 
 
 def test_a_wall_in_sight_is_no_clear_line_and_open_water_is_one() -> None:
     maps = pocket(np.array([9.0, 0.0, 0.0]))
-    assert occupancy._is_clear(maps, 0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
-    assert not occupancy._is_clear(maps, 0, np.zeros(3), np.array([4.0, 0.0, 0.0]))
+    assert way._is_clear(maps, 0, np.zeros(3), np.array([2.0, 0.0, 0.0]))
+    assert not way._is_clear(maps, 0, np.zeros(3), np.array([4.0, 0.0, 0.0]))
 
 
 def test_walls_are_guessed_around_walls_until_a_ray_goes_through() -> None:
@@ -143,7 +132,7 @@ def test_a_way_costs_at_most_so_much_more_than_another_librarys_cheapest(rng: np
     for _ in range(30):
         more = rng.choice(np.array([0, PASSED, ENDED, GUESSED]), size=shape, p=[0.3, 0.35, 0.3, 0.05])
         maps = empty(np.full(3, 200.0))  # its goal, which is known to be water, lies elsewhere
-        corner = np.array(occupancy._cell(maps, 0, np.zeros(3)))
+        corner = np.array(occupancy.cell_of(maps, 0, np.zeros(3)))
         for cell in np.ndindex(*shape):
             occupancy._add(maps, 0, *(corner + cell), more[cell])
         costs = np.where(more == 0, UNKNOWN_COST, np.where(more > 0, WALL_COST, 1.0))
@@ -151,7 +140,7 @@ def test_a_way_costs_at_most_so_much_more_than_another_librarys_cheapest(rng: np
         start, goal = (np.array([rng.integers(size) for size in shape]) for _ in range(2))
         if costs[tuple(goal)] == WALL_COST:
             continue  # all cells are cheaper: see below
-        cells = way(maps, (start + 0.5) * CELL, (goal + 0.5) * CELL)
+        cells = found_way(maps, (start + 0.5) * CELL, (goal + 0.5) * CELL)
         assert len(cells) == maps.lengths[0, 1] + 1  # all of it was kept
         steps = np.floor(cells / CELL).astype(int)
         assert (steps[0] == start).all() and (steps[-1] == goal).all()
@@ -165,11 +154,11 @@ def test_a_search_that_may_go_no_further_ends_nearest_to_the_goal() -> None:
     """Around the goal stands a closed box of walls, so that all cells outside of it come first."""
     goal = np.array([30.0, 0.0, 0.0])
     maps = empty(goal)
-    centre = np.array(occupancy._cell(maps, 0, goal))
+    centre = np.array(occupancy.cell_of(maps, 0, goal))
     for cell in np.ndindex(13, 13, 13):
         if max(abs(c - 6) for c in cell) == 6:
             occupancy._add(maps, 0, *(centre + np.array(cell) - 6), ENDED)
-    occupancy.plan(maps, 0, np.zeros(3), goal)
+    way.plan(maps, 0, np.zeros(3), goal)
     assert maps.lengths[0, 0] == occupancy.MOST_AHEAD
     assert maps.lengths[0, 1] * CELL == pytest.approx(30.0, abs=4.0)
 
@@ -177,14 +166,14 @@ def test_a_search_that_may_go_no_further_ends_nearest_to_the_goal() -> None:
 def test_from_outside_of_the_map_there_is_no_way() -> None:
     goal = np.array([9.0, 0.0, 0.0])
     maps = empty(goal)
-    assert len(way(maps, np.array([0.0, 200.0, 0.0]), goal)) == 0
-    assert occupancy.look_along(maps, 0, np.zeros(3))[1] == -1
+    assert len(found_way(maps, np.array([0.0, 200.0, 0.0]), goal)) == 0
+    assert way.look_along(maps, 0, np.zeros(3))[1] == -1
 
 
 def test_to_a_goal_outside_of_the_map_the_way_leads_to_the_end_of_the_map_before_it() -> None:
     goal = np.array([500.0, 10.0, 0.0])
     maps = empty(goal)
-    cells = way(maps, np.zeros(3), goal)
+    cells = found_way(maps, np.zeros(3), goal)
     edge = 0.5 * occupancy.NUM_X * CELL
     assert maps.lengths[0, 1] * CELL == pytest.approx(edge + 10.0, abs=2 * CELL)
     assert (np.diff(cells[:, 0]) >= 0.0).all() and (np.diff(cells[:, 1]) >= 0.0).all()
@@ -207,7 +196,7 @@ def test_a_map_that_begins_anew_knows_nothing_of_the_last() -> None:
 def test_what_is_packed_comes_back() -> None:
     goal = np.array([9.0, 0.0, 0.0])
     maps = pocket(goal)
-    way(maps, np.zeros(3), goal)
+    found_way(maps, np.zeros(3), goal)
     again = occupancy.unpacked(occupancy.packed(maps))
     for name, array in maps._asdict().items():
         is_kept = np.arange(maps.blocks.shape[1]) < maps.counts[0] if name == "places" else slice(None)

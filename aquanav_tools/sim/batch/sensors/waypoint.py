@@ -14,7 +14,7 @@ import warp as wp
 from gymnasium import spaces
 
 from aquanav_tools.scenario.schema import Scenario
-from aquanav_tools.sim import occupancy
+from aquanav_tools.sim import occupancy, way
 from aquanav_tools.sim.batch.caves import Cave
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.runtime import OPTIONS, launch_kernel
@@ -85,7 +85,7 @@ class Waypoint(RangeFan):
         launch_kernel(locate, dim=batch.num, inputs=inputs, device=batch.device)
         at = batch.view_of("decisions"), batch.view_of("positions"), rotations.numpy(), goals.numpy()
         fan = self.pattern.directions, self.pattern.lengths
-        every = tuple(max(1, round(time / batch.decision_seconds)) for time in (self.data.period, occupancy.PLAN_EVERY))
+        every = tuple(max(1, round(time / batch.decision_seconds)) for time in (self.data.period, way.PLAN_EVERY))
         rows = np.flatnonzero(batch.view_of("restarted")) if batch.only_restarted else np.arange(batch.num)
         num_shares = max(1, min(batch.num_threads, len(rows) // MIN_SHARE))
         kept = self._maps, self._decisions, self._readings
@@ -129,9 +129,9 @@ def _measure(rows, at, ranges, fan, every, maps, decisions, out):  # type: ignor
             if now[m] % every[0] == 0:
                 occupancy.see(maps, m, place, _turned(directions, rotation), ranges[m].astype(np.float64), reaches)
             if now[m] % every[1] == 0:
-                occupancy.plan(maps, m, place, goal)
+                way.plan(maps, m, place, goal)
         decisions[m] = now[m]
-        out[m] = occupancy.reading(maps, m, place, np.arctan2(rotation[1, 0], rotation[0, 0]), goal)
+        out[m] = way.reading(maps, m, place, np.arctan2(rotation[1, 0], rotation[0, 0]), goal)
 
 
 @numba.njit(cache=True, nogil=True)

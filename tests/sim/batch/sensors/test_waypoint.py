@@ -8,8 +8,9 @@ import warp as wp
 
 from aquanav_tools.sim.batch.sensors.base import SensorBatch
 from aquanav_tools.sim.batch.sensors.waypoint import Waypoint
-from aquanav_tools.sim.occupancy import CELL, LOOKED_ALONG
+from aquanav_tools.sim.occupancy import CELL
 from aquanav_tools.sim.scales import DISTANCE_SCALE, unsoft
+from aquanav_tools.sim.way import LOOKED_ALONG
 from aquanav_tools.types import Array, rotation_matrix, yaw_quaternion
 from tests.sim.batch.sensors.rooms import DEVICE, SECONDS, random_poses, room_batch, room_cave
 from tests.sim.batch.sensors.test_inertial import at
