@@ -16,21 +16,23 @@ class Waypoint:
 
     def __init__(self) -> None:
         """Make room; memory is taken as the map grows."""
-        self._maps = occupancy.make_maps(1)
+        self._maps, self._search = occupancy.make_maps(1), way.make_search()
         self._goal: npt.NDArray[np.float64] | None = None
 
-    def reset(self, position: npt.ArrayLike, goal: npt.ArrayLike) -> None:
+    def reset(self, position: npt.ArrayLike, goal: npt.ArrayLike, heading: float) -> None:
         """Begin a dive.
 
         Args:
             position: (3,) where it begins, by dead reckoning in a level frame with z up, m.
             goal: (3,) in the same frame, m.
+            heading: Of the bow in it, from x towards y, rad: ways do not lead back past where the dive begins.
 
         Raises:
             InputError: a value is not finite.
         """
+        _check_heading(heading)
         self._goal = _finite(goal, (3,), "The goal")
-        occupancy.begin(self._maps, 0, _finite(position, (3,), "The place"), self._goal)
+        occupancy.begin(self._maps, 0, _finite(position, (3,), "The place"), self._goal, float(heading))
 
     def see(self, position: npt.ArrayLike, rays: npt.ArrayLike, ranges: npt.ArrayLike, reaches: npt.ArrayLike) -> None:
         """Note what the sonar has met: twice a second in training.
@@ -49,22 +51,22 @@ class Waypoint:
         occupancy.see(
             self._maps,
             0,
-            _finite(position, (3,), "The place"),
+            self._at(position),
             _finite(rays, (*count, 3), "The rays"),
             _finite(measured, count, "The ranges"),
             _finite(reaches, count, "The reaches"),
         )
 
     def plan(self, position: npt.ArrayLike) -> None:
-        """Find the way anew by what is known: once a second in training.
+        """Find the way anew by what is known where the last one does not hold: asked once a second in training.
 
         Raises:
             InputError: a value is not finite, or no dive has begun.
         """
-        way.plan(self._maps, 0, _finite(position, (3,), "The place"), self._begun())
+        way.plan(self._maps, self._search, 0, self._at(position), self._begun())
 
     def __call__(self, position: npt.ArrayLike, heading: float) -> npt.NDArray[np.float64]:
-        """Return the reading, (5,), as the sensor's space has it.
+        """Return the reading, (4,), as the sensor's space has it.
 
         Args:
             position: (3,) m.
@@ -73,17 +75,25 @@ class Waypoint:
         Raises:
             InputError: a value is not finite.
         """
-        if not math.isfinite(heading):
-            raise InputError(f"The heading must be a finite angle, and it is {heading}.")
-        shown: npt.NDArray[np.float64] = way.reading(
-            self._maps, 0, _finite(position, (3,), "The place"), float(heading), self._begun()
-        )
+        _check_heading(heading)
+        place = self._at(position)
+        shown: npt.NDArray[np.float64] = way.reading(self._maps, 0, place, float(heading), self._begun())
         return shown
+
+    def _at(self, position: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        place = _finite(position, (3,), "The place")
+        occupancy.be_at(self._maps, 0, place)
+        return place
 
     def _begun(self) -> npt.NDArray[np.float64]:
         if self._goal is None:
             raise InputError("No dive has begun, so there is no goal to find a way to. Call reset first.")
         return self._goal
+
+
+def _check_heading(heading: float) -> None:
+    if not math.isfinite(heading):
+        raise InputError(f"The heading must be a finite angle, and it is {heading}.")
 
 
 def _finite(values: npt.ArrayLike, shape: tuple[int, ...], what: str) -> npt.NDArray[np.float64]:

@@ -42,7 +42,7 @@ class Planner:
         self._seconds, self._directions, self._reaches = seconds, directions, reaches
         self._reckoning = DeadReckoning(seconds)
         self._places = np.zeros((0, 3))
-        self._maps = occupancy.make_maps(1)
+        self._maps, self._search = occupancy.make_maps(1), way.make_search()
         self._since_new = self._since_plan = self._nearest = 0.0
         self.is_leading = False
 
@@ -55,8 +55,9 @@ class Planner:
         """
         fix = self._reckoning(read)
         if not len(self._places):
-            occupancy.begin(self._maps, 0, fix.position, self._reckoning.goal)
+            occupancy.begin(self._maps, 0, fix.position, self._reckoning.goal, fix.yaw)
             self._nearest = float(np.linalg.norm(self._reckoning.goal))
+        occupancy.be_at(self._maps, 0, fix.position)
         rays = self._directions @ rotation_matrix(fix.quaternion).T
         occupancy.see(self._maps, 0, fix.position, rays, ranges, self._reaches)
         self._judge(fix)
@@ -85,7 +86,7 @@ class Planner:
         self._since_plan += self._seconds
         if self._since_plan >= way.PLAN_EVERY:
             self._since_plan = 0.0
-            way.plan(self._maps, 0, fix.position, self._reckoning.goal)
+            way.plan(self._maps, self._search, 0, fix.position, self._reckoning.goal)
         _, ahead, _ = way.look_along(self._maps, 0, fix.position)
         is_goal = ahead == self._maps.lengths[0, 1]
         place: Array | None = None if ahead < 0 or is_goal else way.middle(self._maps, 0, ahead)

@@ -38,15 +38,20 @@ MOST_AHEAD = 96
 """Cells of a way that are kept."""
 AROUND_GOAL = 3
 """Steps from the goal within which there is water: where it lies at a wall, a ray may end in its own cell."""
-AROUND_WALL = 2
+LEAST_AROUND, MOST_AROUND = 2, 5
 """Cells from a wall within which walls are guessed where nothing is known."""
+SPREAD = 0.18
+"""The same as a share of the ray's length: half of what lies between two of 96 beams all around, 20 degrees apart."""
 PASSED, ENDED, GUESSED = -2, 4, 1
 """What a ray that goes through a cell adds to its evidence, one that ends there, and one that ends close by where there
 is none: OctoMap's odds, 0.4 and 0.7, in a fifth of their logarithms."""
 LOWEST, HIGHEST = -10, 17
 """Between which evidence stays, OctoMap's too: 0.12 and 0.97. Above 0 there is a wall, below 0 water."""
-VISITED = -128
-"""Evidence of where the vehicle was, and of the water around the goal; it stays."""
+VISITED, ASTERN = -128, 127
+"""Evidence that stays: of where the vehicle was and the water around the goal, and of what closes the way back from
+where it began."""
+ASTERN_DISTANCE, ASTERN_SIZE = 0.9, 3.0
+"""Where that is, a vertical square astern, and how far it reaches to each side, up and down, m."""
 
 
 class Maps(NamedTuple):
@@ -114,12 +119,15 @@ def unpacked(kept: dict[str, npt.NDArray[Any]]) -> Maps:
 
 
 @numba.njit(cache=True, nogil=True)
-def begin(maps, m, place, goal):  # type: ignore[no-untyped-def]
-    """Let map `m` begin at (3,) `place` with nothing known but that there is water around the (3,) goal, m."""
+def begin(maps, m, place, goal, heading):  # type: ignore[no-untyped-def]
+    """Let map `m` begin at (3,) `place` with nothing known but where the vehicle came from and where it goes.
+
+    Around the (3,) goal, m, there is water; from astern of the heading, from x towards y, rad, it has come.
+    """
     for b in range(maps.counts[m]):
         maps.numbers[m, maps.places[m, b, 0], maps.places[m, b, 1], maps.places[m, b, 2]] = 0
         maps.blocks[m, b] = 0
-    maps.counts[m] = 0
+    maps.counts[m], maps.lengths[m] = 0, 0
     maps.origins[m] = place
     i, j, k = cell_of(maps, m, goal)
     for a in range(-AROUND_GOAL, AROUND_GOAL + 1):
@@ -127,6 +135,7 @@ def begin(maps, m, place, goal):  # type: ignore[no-untyped-def]
             for c in range(-AROUND_GOAL, AROUND_GOAL + 1):
                 if abs(a) + abs(b) + abs(c) <= AROUND_GOAL:
                     _visit(maps, m, i + a, j + b, k + c)
+    _close_astern(maps, m, place, heading)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -144,17 +153,54 @@ def see(maps, m, place, rays, ranges, reaches):  # type: ignore[no-untyped-def]
     for r in range(len(ranges)):
         has_echo = ranges[r] < NO_ECHO * reaches[r]
         free = max(0.0, ranges[r] - SHY) if has_echo else ranges[r]
-        last = (-1, -1, -1)
-        for n in range(int(free / (0.5 * CELL)) + 1):
-            cell = cell_along(maps, m, place, rays[r], min(n * 0.5 * CELL, free))
-            if cell != last:
-                _add(maps, m, cell[0], cell[1], cell[2], PASSED)
-                last = cell
+        _pass(maps, m, place, rays[r], free)
         if has_echo:
             i, j, k = cell_along(maps, m, place, rays[r], ranges[r])
-            _add_wall(maps, m, i, j, k)
+            _add_wall(maps, m, i, j, k, min(MOST_AROUND, max(LEAST_AROUND, int(SPREAD * ranges[r] / CELL))))
+
+
+@numba.njit(cache=True, nogil=True)
+def be_at(maps, m, place):  # type: ignore[no-untyped-def]
+    """Note where the vehicle is: to be called at every decision. Who swims back past the start may come back there."""
     i, j, k = cell_of(maps, m, place)
+    if is_in(i, j, k) and evidence(maps, m, i, j, k) == ASTERN:
+        _open_astern(maps, m)
     _visit(maps, m, i, j, k)
+
+
+@numba.njit(cache=True, nogil=True)
+def _pass(maps, m, place, ray, free):  # type: ignore[no-untyped-def]
+    """Count the cells of a ray's first so many metres for water (Amanatides and Woo, Eurographics 1987)."""
+    i, j, k = cell_of(maps, m, place)
+    i_end, j_end, k_end = cell_along(maps, m, place, ray, free)
+    x, x_more = _faces(maps.origins[m, 0], place[0], ray[0], i - NUM_X // 2)
+    y, y_more = _faces(maps.origins[m, 1], place[1], ray[1], j - NUM_Y // 2)
+    z, z_more = _faces(maps.origins[m, 2], place[2], ray[2], k - NUM_Z // 2)
+    block, a, b, c = -1, -1, -1, -1
+    for _ in range(abs(i_end - i) + abs(j_end - j) + abs(k_end - k) + 1):
+        if i // BLOCK != a or j // BLOCK != b or k // BLOCK != c:
+            a, b, c = i // BLOCK, j // BLOCK, k // BLOCK
+            block = _block(maps, m, i, j, k)
+        if block >= 0:
+            n = within(i, j, k)
+            known = maps.blocks[m, block, n]
+            if known != VISITED and known != ASTERN:
+                maps.blocks[m, block, n] = max(LOWEST, known + PASSED)
+        if x <= y and x <= z:
+            i, x = i + (1 if ray[0] > 0.0 else -1), x + x_more
+        elif y <= z:
+            j, y = j + (1 if ray[1] > 0.0 else -1), y + y_more
+        else:
+            k, z = k + (1 if ray[2] > 0.0 else -1), z + z_more
+
+
+@numba.njit(cache=True, nogil=True)
+def _faces(origin, start, along, cell):  # type: ignore[no-untyped-def]
+    """Return how far along a ray the next face across an axis is, and how far it is from each to the next, m."""
+    if along == 0.0:
+        return np.inf, np.inf
+    face = origin + (cell + (along > 0.0)) * CELL
+    return (face - start) / along, CELL / abs(along)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -185,7 +231,8 @@ def is_in(i, j, k):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _within(i, j, k):  # type: ignore[no-untyped-def]
+def within(i, j, k):  # type: ignore[no-untyped-def]
+    """Return which cell of its block a cell is."""
     return ((i % BLOCK) * BLOCK + j % BLOCK) * BLOCK + k % BLOCK
 
 
@@ -193,7 +240,7 @@ def _within(i, j, k):  # type: ignore[no-untyped-def]
 def evidence(maps, m, i, j, k):  # type: ignore[no-untyped-def]
     """Return what is known of a cell: above 0 a wall, below 0 water."""
     block = maps.numbers[m, i // BLOCK, j // BLOCK, k // BLOCK]
-    return 0 if block == 0 else maps.blocks[m, block - 1, _within(i, j, k)]
+    return 0 if block == 0 else maps.blocks[m, block - 1, within(i, j, k)]
 
 
 @numba.njit(cache=True, nogil=True)
@@ -215,25 +262,54 @@ def _block(maps, m, i, j, k):  # type: ignore[no-untyped-def]
 def _visit(maps, m, i, j, k):  # type: ignore[no-untyped-def]
     block = _block(maps, m, i, j, k)
     if block >= 0:
-        maps.blocks[m, block, _within(i, j, k)] = VISITED
+        maps.blocks[m, block, within(i, j, k)] = VISITED
+
+
+@numba.njit(cache=True, nogil=True)
+def _close_astern(maps, m, place, heading):  # type: ignore[no-untyped-def]
+    """Keep ways from leading back past the start: what lies there is unknown, and often nearer to the goal."""
+    c, s = np.cos(heading), np.sin(heading)
+    num = int(ASTERN_SIZE / (0.5 * CELL))
+    for back in (ASTERN_DISTANCE, ASTERN_DISTANCE + CELL):  # so thick that a vehicle is met in it
+        for a in range(-num, num):
+            left = 0.5 * CELL * (a + 0.5)
+            for b in range(-num, num):
+                x, y = place[0] - back * c - left * s, place[1] - back * s + left * c
+                i, j, k = _cell_at(maps, m, x, y, place[2] + 0.5 * CELL * (b + 0.5))
+                block = _block(maps, m, i, j, k)
+                if block >= 0 and maps.blocks[m, block, within(i, j, k)] != VISITED:
+                    maps.blocks[m, block, within(i, j, k)] = ASTERN
+
+
+@numba.njit(cache=True, nogil=True)
+def _open_astern(maps, m):  # type: ignore[no-untyped-def]
+    for b in range(maps.counts[m]):
+        for n in range(BLOCK**3):
+            if maps.blocks[m, b, n] == ASTERN:
+                maps.blocks[m, b, n] = 0
 
 
 @numba.njit(cache=True, nogil=True)
 def _add(maps, m, i, j, k, more):  # type: ignore[no-untyped-def]
     block = _block(maps, m, i, j, k)
     if block >= 0:
-        n = _within(i, j, k)
+        n = within(i, j, k)
         known = maps.blocks[m, block, n]
-        if known != VISITED and (more != GUESSED or known == 0):
+        if known != VISITED and known != ASTERN and (more != GUESSED or known == 0):
             maps.blocks[m, block, n] = min(HIGHEST, max(LOWEST, known + more))
 
 
 @numba.njit(cache=True, nogil=True)
-def _add_wall(maps, m, i, j, k):  # type: ignore[no-untyped-def]
-    """Count the end of a ray, and guess that the wall goes on around there where nothing is known."""
+def _add_wall(maps, m, i, j, k, around):  # type: ignore[no-untyped-def]
+    """Count the end of a ray, and guess once that the wall goes on around there where nothing is known."""
+    if not is_in(i, j, k):
+        return
+    was_wall = evidence(maps, m, i, j, k) >= ENDED
     _add(maps, m, i, j, k, ENDED)
-    for a in range(-AROUND_WALL, AROUND_WALL + 1):
-        for b in range(-AROUND_WALL, AROUND_WALL + 1):
-            for c in range(-AROUND_WALL, AROUND_WALL + 1):
-                if 0 < a * a + b * b + c * c <= AROUND_WALL * AROUND_WALL:
+    if was_wall:
+        return
+    for a in range(-around, around + 1):
+        for b in range(-around, around + 1):
+            for c in range(-around, around + 1):
+                if 0 < a * a + b * b + c * c <= around * around:
                     _add(maps, m, i + a, j + b, k + c, GUESSED)

@@ -1,72 +1,191 @@
 """A short way to the goal by what is known, and where along it a vehicle is to go next.
 
 The way takes what is unknown to be free (Koenig and Likhachev, D* Lite, AAAI 2002: the free-space assumption): it leads
-straight to the goal until walls are met, and back out of a dead end when it is known to be one. It is found anew each
-time, not repaired.
+straight to the goal until walls are met, and back out of a dead end when it is known to be one. A way is kept until a
+wall is met on it or it comes to its end: of two ways out of a dead end that cost about the same, a vehicle takes one.
 """
 
 from __future__ import annotations
 
 import heapq
+from typing import NamedTuple
 
 import numba
 import numpy as np
+import numpy.typing as npt
 
-from aquanav_tools.sim.occupancy import CELL, MOST_AHEAD, NUM_X, NUM_Y, NUM_Z, cell_along, cell_of, evidence, is_in
+from aquanav_tools.sim.occupancy import (
+    ASTERN,
+    BLOCK,
+    BLOCKS,
+    CELL,
+    ENDED,
+    MOST_AHEAD,
+    NUM_X,
+    NUM_Y,
+    NUM_Z,
+    cell_along,
+    cell_of,
+    evidence,
+    is_in,
+    within,
+)
 from aquanav_tools.sim.scales import DISTANCE_SCALE
+from aquanav_tools.types import IntArray
 
 PLAN_EVERY = 1.0
-"""Time between two plans, s. Chosen."""
-UNKNOWN_COST, WALL_COST = 1.5, 1000.0
-"""Of a step into a cell, in steps into a free one: walls are so dear that they are taken only where all ways are."""
-GREED = 1.6
-"""How far from the shortest a way may be, as a factor (weighted A*): more than UNKNOWN_COST, or in unknown water all
-ways to a goal on the diagonal would look alike, and A* would look at all of them."""
-MOST_EXPANDED = 30_000
-"""Cells from which a search goes on: where it has not arrived by then, its way ends nearest to the goal."""
+"""Time after which it is asked whether the way still holds, s. Chosen."""
+FREE_COST, UNKNOWN_COST, GUESSED_COST, ASTERN_COST, WALL_COST = 10, 15, 300, 2_000, 10_000
+"""Of a step into a cell. Walls are so dear that they are taken only where all ways are. Where a wall is guessed, and
+where an unknown cell lies beside one, a step costs as much as 6 m of water: beams that are 20 degrees apart leave holes
+in walls, and most are none (docs/decisions/0035)."""
+BESIDE = 2
+"""Cells from a wall within which what is unknown is most likely wall."""
+CLOSE_COST, ROOM = 6, 5
+"""What a step into water costs more for each cell by which a wall is nearer than so many: ways lead through the middle
+of a passage. Along walls they wind, and show a vehicle up and down where it is to go ahead."""
+GREED = 16
+"""Of a step that is left: a way may cost so many tenths of the cheapest (weighted A*). More than UNKNOWN_COST, or in
+unknown water all ways to a goal on the diagonal would look alike, and A* would look at all of them."""
+MOST_BLOCKS = 4096
+"""Blocks of cells that a search comes to: two million cells. Where it has not arrived by then, its way ends nearest to
+the goal."""
+STRAYED = 1.0
+"""Distance from the way at which another is looked for, m."""
 LOOKED_ALONG = 21
 """Cells of the way ahead that are looked along for the farthest that is in sight: 4.2 m."""
 LEAST_AHEAD = 4
 """Cells ahead of the place that is shown where less is in sight."""
+NUM_CELLS = NUM_X * NUM_Y * NUM_Z
+
+
+class Search(NamedTuple):
+    """Room for a search: for one at a time."""
+
+    numbers: npt.NDArray[np.int16]
+    """(X, Y, Z) which of the blocks lies there, from 1 on; 0 where the search has not come to."""
+    places: npt.NDArray[np.int16]
+    """(B, 3) where the blocks lie."""
+    costs: npt.NDArray[np.int32]
+    """(B, C) of the cheapest ways to their cells that were found so far; below 0 where none was."""
+    steps: npt.NDArray[np.int8]
+    """(B, C) the last step of that way, of six."""
+    counts: IntArray
+    """(1,) blocks that it has come to."""
+
+
+def make_search() -> Search:
+    """Return room for a search; memory is taken as it is written."""
+    return Search(
+        np.zeros(BLOCKS, dtype=np.int16),
+        np.zeros((MOST_BLOCKS, 3), dtype=np.int16),
+        np.zeros((MOST_BLOCKS, BLOCK**3), dtype=np.int32),
+        np.zeros((MOST_BLOCKS, BLOCK**3), dtype=np.int8),
+        np.zeros(1, dtype=np.int64),
+    )
 
 
 @numba.njit(cache=True, nogil=True)
-def plan(maps, m, place, goal):  # type: ignore[no-untyped-def]
-    """Find a cheap way by weighted A*; steps go through faces, not between two walls' edges.
+def plan(maps, search, m, place, goal):  # type: ignore[no-untyped-def]
+    """Find a cheap way where the last one does not hold; steps go through faces, not between two walls' edges.
 
     From outside of the map there is none; to a goal outside it leads to where the map ends before it.
     """
-    start, (i, j, k) = cell_of(maps, m, place), cell_of(maps, m, goal)
+    if holds(maps, m, place):
+        return
+    i, j, k = cell_of(maps, m, goal)
     end = (min(max(i, 0), NUM_X - 1), min(max(j, 0), NUM_Y - 1), min(max(k, 0), NUM_Z - 1))
-    if not is_in(start[0], start[1], start[2]):
+    i, j, k = cell_of(maps, m, place)
+    if not is_in(i, j, k):
         maps.lengths[m] = 0
         return
-    first = _number(start[0], start[1], start[2])
-    cost, before = {first: np.float32(0.0)}, {first: first}
-    heap = [(_left(first, end), first)]
-    nearest, last, expanded = heap[0][0], first, 0
-    while len(heap) > 0 and expanded < MOST_EXPANDED:
-        least, n = heapq.heappop(heap)
-        left = _left(n, end)
-        if least > cost[n] + left + 1e-3:
-            continue  # it was reached at less cost since
-        expanded += 1
-        if left < nearest:
-            nearest, last = left, n
-            if left == 0.0:
-                break
+    first = _number(i, j, k)
+    last = _expand(maps, search, m, first, end)
+    _keep(maps, search, m, first, last, _steps_left(last, end))
+    for b in range(search.counts[0]):
+        search.numbers[search.places[b, 0], search.places[b, 1], search.places[b, 2]] = 0
+    search.counts[0] = 0
+
+
+@numba.njit(cache=True, nogil=True)
+def holds(maps, m, place):  # type: ignore[no-untyped-def]
+    """Return whether the way that was found last leads on from (3,) `place`: near by, clear and far enough."""
+    num = maps.lengths[m, 0]
+    if num == 0:
+        return False
+    here, apart = _nearest(maps, m, place)
+    leads_on = num == maps.lengths[m, 1] + 1 or here + LOOKED_ALONG < num
+    if apart > STRAYED or not leads_on:
+        return False
+    for p in range(here, num):
+        if evidence(maps, m, maps.ways[m, p, 0], maps.ways[m, p, 1], maps.ways[m, p, 2]) > 0:
+            return False
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _expand(maps, search, m, first, end):  # type: ignore[no-untyped-def]
+    """Search by weighted A* from cell `first`; return the cell nearest to the `end` that it has come to."""
+    i, j, k = _unnumbered(first)
+    _reach(search, i, j, k, 0, 0)
+    last, nearest = first, _steps_left(first, end)
+    heap = [_entry(0, nearest, first)]
+    while len(heap) > 0 and nearest > 0:
+        entry = heapq.heappop(heap)
+        n = entry % NUM_CELLS
         i, j, k = _unnumbered(n)
+        cost, left = _cost(search, i, j, k), _steps_left(n, end)
+        if entry > _entry(cost, left, n):
+            continue  # it was reached at less cost since
+        if left < nearest:
+            last, nearest = n, left
         for step in range(6):
-            side = 1 - 2 * (step % 2)
-            a, b, c = i + side * (step // 2 == 0), j + side * (step // 2 == 1), k + side * (step // 2 == 2)
+            a, b, c = _stepped(i, j, k, step)
             if not is_in(a, b, c):
                 continue
-            o = _number(a, b, c)
-            reached = cost[n] + _step_cost(evidence(maps, m, a, b, c))
-            if o not in cost or reached < cost[o]:
-                cost[o], before[o] = reached, n
-                heapq.heappush(heap, (np.float32(reached + _left(o, end)), o))
-    _keep(maps, m, before, first, last, int(nearest / GREED + 0.5))
+            reached = cost + _step_cost(maps, m, a, b, c)
+            so_far = _cost(search, a, b, c)
+            if so_far < 0 or reached < so_far:
+                if not _reach(search, a, b, c, reached, step):
+                    return last
+                o = _number(a, b, c)
+                heapq.heappush(heap, _entry(reached, _steps_left(o, end), o))
+    return last
+
+
+@numba.njit(cache=True, nogil=True)
+def _cost(search, i, j, k):  # type: ignore[no-untyped-def]
+    block = search.numbers[i // BLOCK, j // BLOCK, k // BLOCK]
+    return -1 if block == 0 else search.costs[block - 1, within(i, j, k)]
+
+
+@numba.njit(cache=True, nogil=True)
+def _reach(search, i, j, k, cost, step):  # type: ignore[no-untyped-def]
+    """Note that a cell is reached at a cost by a step; return whether there was room."""
+    a, b, c = i // BLOCK, j // BLOCK, k // BLOCK
+    if search.numbers[a, b, c] == 0:
+        made = search.counts[0]
+        if made == MOST_BLOCKS:
+            return False
+        search.places[made] = a, b, c
+        search.costs[made] = -1
+        search.counts[0] = made + 1
+        search.numbers[a, b, c] = made + 1
+    block, n = search.numbers[a, b, c] - 1, within(i, j, k)
+    search.costs[block, n], search.steps[block, n] = cost, step
+    return True
+
+
+@numba.njit(cache=True, nogil=True)
+def _stepped(i, j, k, step):  # type: ignore[no-untyped-def]
+    side = 1 - 2 * (step % 2)
+    return i + side * (step // 2 == 0), j + side * (step // 2 == 1), k + side * (step // 2 == 2)
+
+
+@numba.njit(cache=True, nogil=True)
+def _entry(cost, left, n):  # type: ignore[no-untyped-def]
+    """Return cost and cell as one number by which a heap sorts."""
+    return np.int64(cost + GREED * left) * NUM_CELLS + n
 
 
 @numba.njit(cache=True, nogil=True)
@@ -77,14 +196,7 @@ def look_along(maps, m, place):  # type: ignore[no-untyped-def]
         The numbers of the way's cell that is nearest and of the one that is ahead, and which share of the next
         LOOKED_ALONG is unknown; the second is -1 where there is no way.
     """
-    here, least = 0, np.inf
-    for p in range(maps.lengths[m, 0]):
-        apart = 0.0
-        for axis in range(3):
-            offset = _middle(maps, m, p, axis) - place[axis]
-            apart += offset * offset
-        if apart < least:
-            here, least = p, apart
+    here, _ = _nearest(maps, m, place)
     last = maps.lengths[m, 0] - 1
     ahead, end = min(here + LEAST_AHEAD, last), min(here + LOOKED_ALONG, last)
     num_unknown, is_hidden = 0, False
@@ -99,29 +211,37 @@ def look_along(maps, m, place):  # type: ignore[no-untyped-def]
 
 @numba.njit(cache=True, nogil=True)
 def reading(maps, m, place, heading, goal):  # type: ignore[no-untyped-def]
-    """Return what a vehicle at (3,) `place`, m, is shown of its way, as (5,) (see `sim.batch.sensors.waypoint`).
+    """Return what a vehicle at (3,) `place`, m, is shown of its way, as (4,) (see `sim.batch.sensors.waypoint`).
 
     The heading is that of the bow, from x towards y, rad.
     """
     here, ahead, unknown = look_along(maps, m, place)
     num_kept, length = maps.lengths[m]
     offset = goal - place if num_kept == 0 or ahead == length else middle(maps, m, ahead) - place
-    c, s = np.cos(heading), np.sin(heading)
-    apart = max(1e-9, np.sqrt((offset * offset).sum()))
-    shown = np.empty(5)
-    shown[0] = (c * offset[0] + s * offset[1]) / apart
-    shown[1] = (c * offset[1] - s * offset[0]) / apart
-    shown[2] = offset[2] / apart
     to_go = max(0, length - here) * CELL
-    shown[3] = to_go / (to_go + DISTANCE_SCALE)
-    shown[4] = unknown
-    return shown
+    azimuth = (np.arctan2(offset[1], offset[0]) - heading + np.pi) % (2.0 * np.pi) - np.pi
+    elevation = np.arctan2(offset[2], np.sqrt(offset[0] ** 2 + offset[1] ** 2))
+    return np.array([to_go / (to_go + DISTANCE_SCALE), azimuth / np.pi, elevation / (0.5 * np.pi), unknown])
 
 
 @numba.njit(cache=True, nogil=True)
 def middle(maps, m, p):  # type: ignore[no-untyped-def]
     """Return the (3,) middle of cell `p` of the way, m."""
     return np.array([_middle(maps, m, p, 0), _middle(maps, m, p, 1), _middle(maps, m, p, 2)])
+
+
+@numba.njit(cache=True, nogil=True)
+def _nearest(maps, m, place):  # type: ignore[no-untyped-def]
+    """Return the number of the way's cell nearest to (3,) `place`, and how far that is, m."""
+    here, least = 0, np.inf
+    for p in range(maps.lengths[m, 0]):
+        apart = 0.0
+        for axis in range(3):
+            offset = _middle(maps, m, p, axis) - place[axis]
+            apart += offset * offset
+        if apart < least:
+            here, least = p, apart
+    return here, np.sqrt(least)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -156,28 +276,57 @@ def _is_clear(maps, m, place, point):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, nogil=True)
-def _keep(maps, m, before, first, last, left):  # type: ignore[no-untyped-def]
+def _keep(maps, search, m, first, last, left):  # type: ignore[no-untyped-def]
     """Keep the way's first cells, and its steps with those that are `left` behind its last cell."""
     num, n = 1, last
     while n != first:
-        num, n = num + 1, before[n]
+        num, n = num + 1, _before(search, n)
     n = last
     for p in range(num - 1, -1, -1):
         if p < MOST_AHEAD:
             maps.ways[m, p] = _unnumbered(n)
-        n = before[n]
+        if p > 0:
+            n = _before(search, n)
     maps.lengths[m, 0], maps.lengths[m, 1] = min(num, MOST_AHEAD), num - 1 + left
 
 
 @numba.njit(cache=True, nogil=True)
-def _step_cost(known):  # type: ignore[no-untyped-def]
-    if known == 0:
-        return np.float32(UNKNOWN_COST)
-    return np.float32(WALL_COST if known > 0 else 1.0)
+def _before(search, n):  # type: ignore[no-untyped-def]
+    """Return the cell before a cell on the way to it."""
+    i, j, k = _unnumbered(n)
+    block = search.numbers[i // BLOCK, j // BLOCK, k // BLOCK] - 1
+    i, j, k = _stepped(i, j, k, search.steps[block, within(i, j, k)] ^ 1)
+    return _number(i, j, k)
 
 
 @numba.njit(cache=True, nogil=True)
-def _left(n, goal):  # type: ignore[no-untyped-def]
-    """Return about what the way from a cell to the goal costs: at most GREED times the least."""
+def _step_cost(maps, m, i, j, k):  # type: ignore[no-untyped-def]
+    known = evidence(maps, m, i, j, k)
+    if known < 0:
+        return FREE_COST + CLOSE_COST * (ROOM + 1 - _steps_to_wall(maps, m, i, j, k, ROOM))
+    if known == 0:
+        return GUESSED_COST if _steps_to_wall(maps, m, i, j, k, BESIDE) <= BESIDE else UNKNOWN_COST
+    if known == ASTERN:
+        return ASTERN_COST
+    return GUESSED_COST if known < ENDED else WALL_COST
+
+
+@numba.njit(cache=True, nogil=True)
+def _steps_to_wall(maps, m, i, j, k, most):  # type: ignore[no-untyped-def]
+    """Return how many steps straight across one of a cell's faces the nearest wall is; one more than `most` if none."""
+    nearest = most + 1
+    for step in range(6):
+        a, b, c = i, j, k
+        for n in range(1, most + 1):
+            if n >= nearest:
+                break
+            a, b, c = _stepped(a, b, c, step)
+            if is_in(a, b, c) and 0 < evidence(maps, m, a, b, c) < ASTERN:
+                nearest = n
+    return nearest
+
+
+@numba.njit(cache=True, nogil=True)
+def _steps_left(n, end):  # type: ignore[no-untyped-def]
     i, j, k = _unnumbered(n)
-    return np.float32(GREED * (abs(i - goal[0]) + abs(j - goal[1]) + abs(k - goal[2])))
+    return abs(i - end[0]) + abs(j - end[1]) + abs(k - end[2])

@@ -25,7 +25,7 @@ def test_it_reads_what_the_sensor_reads_on_a_way_that_winds(rng: np.random.Gener
         turn = yaw_quaternion(heading)
         expected = sensor.measure(at(batch, decision, positions=[place], orientations=[turn])).copy()[0]
         if decision == 0:
-            deployed.reset(place, np.zeros(3))
+            deployed.reset(place, np.zeros(3), heading)
         if decision % 5 == 0:
             ranges = sensor._out.numpy()[0]
             deployed.see(place, pattern.directions @ rotation_matrix(turn).T, ranges, pattern.lengths)
@@ -39,8 +39,8 @@ def test_what_is_no_reading_is_refused() -> None:
     with pytest.raises(InputError, match="No dive has begun"):
         vehicle.plan([0.0, 0.0, 0.0])
     with pytest.raises(InputError, match="The goal must be finite"):
-        vehicle.reset([0.0, 0.0, 0.0], [0.0, np.nan, 0.0])
-    vehicle.reset([0.0, 0.0, 0.0], [5.0, 0.0, 0.0])
+        vehicle.reset([0.0, 0.0, 0.0], [0.0, np.nan, 0.0], 0.0)
+    vehicle.reset([0.0, 0.0, 0.0], [5.0, 0.0, 0.0], 0.0)
     with pytest.raises(InputError, match=r"The reaches must be finite numbers of shape \(2,\)"):
         vehicle.see([0.0, 0.0, 0.0], np.eye(3)[:2], [1.0, 2.0], [4.0])
     with pytest.raises(InputError, match="The place"):

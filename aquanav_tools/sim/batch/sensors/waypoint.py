@@ -26,7 +26,7 @@ from aquanav_tools.sim.vehicle_base import Vehicle
 
 wp.set_module_options(OPTIONS)
 
-SIZE = 5
+SIZE = 4
 """Of a reading."""
 MIN_SHARE = 8
 """Vehicles for which a further thread is worth its start."""
@@ -46,11 +46,13 @@ def locate(
 
 
 class Waypoint(RangeFan):
-    """Which way leads to the goal by what was met so far: (N, 5).
+    """Which way leads to the goal by what was met so far: (N, 4).
 
-    First a unit vector, ahead, left and up on level axes by the heading, to the farthest place in sight along the way;
-    then the way's length, x / (x + 10 m); then the share of its next 4.2 m of which nothing is known. The
-    map is a grid of what a scanned sonar met (96 beams all around, twice a second); where the vehicle is in it, it
+    First as the observation `goal` has it: the way's length, x / (x + 10 m), and azimuth (left +) / pi and elevation
+    (up +) / (pi / 2) of the farthest place in sight along it; then the share of its next 4.2 m of which nothing is
+    known. So a network that knows how to steer to a goal can begin with that (`train.initial`).
+
+    The map is a grid of what a scanned sonar met (96 beams all around, twice a second); where the vehicle is in it, it
     knows from its Doppler log with the goal's bearing for a compass, to 5 to 10 cm after four minutes
     (docs/decisions/0033), half a cell at most: no further error is modelled. It wants to be measured once after every
     decision. Maps are kept on the processor, also where all else runs on a card.
@@ -60,16 +62,17 @@ class Waypoint(RangeFan):
         """Take other beams, as `RangeFan` takes them."""
         super().__init__(spec)
         self._maps: occupancy.Maps | None = None
+        self._searches: list[way.Search] = []
         self._decisions = np.zeros(0, dtype=np.int64)
         self._readings: Reading = np.zeros((0, SIZE), dtype=np.float32)
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
         """Return the space of a reading."""
-        return spaces.Box(np.array([-1, -1, -1, 0, 0], np.float32), np.ones(SIZE, np.float32), dtype=np.float32)
+        return spaces.Box(np.array([0, -1, -1, 0], np.float32), np.ones(SIZE, np.float32), dtype=np.float32)
 
     def mirror_image(self) -> MirrorImage:
         """Return how readings look in a mirror: left for right."""
-        return np.arange(SIZE, dtype=np.int64), np.array([1.0, -1.0, 1.0, 1.0, 1.0], dtype=np.float32)
+        return np.arange(SIZE, dtype=np.int64), np.array([1.0, -1.0, 1.0, 1.0], dtype=np.float32)
 
     def measure(self, batch: SensorBatch) -> Reading:
         """Return the readings of all vehicles, (N, 5), in memory that the next measurement changes."""
@@ -88,8 +91,10 @@ class Waypoint(RangeFan):
         every = tuple(max(1, round(time / batch.decision_seconds)) for time in (self.data.period, way.PLAN_EVERY))
         rows = np.flatnonzero(batch.view_of("restarted")) if batch.only_restarted else np.arange(batch.num)
         num_shares = max(1, min(batch.num_threads, len(rows) // MIN_SHARE))
+        self._searches += [way.make_search() for _ in range(num_shares - len(self._searches))]
         kept = self._maps, self._decisions, self._readings
-        batch.run([_Share((share, at, ranges, fan, every, *kept)) for share in np.array_split(rows, num_shares)])
+        shares = zip(np.array_split(rows, num_shares), self._searches, strict=False)
+        batch.run([_Share((share, search, at, ranges, fan, every, *kept)) for share, search in shares])
         return self._readings
 
     def state(self) -> dict[str, npt.NDArray[Any]]:
@@ -117,19 +122,20 @@ class _Share:
 
 
 @numba.njit(cache=True, nogil=True)
-def _measure(rows, at, ranges, fan, every, maps, decisions, out):  # type: ignore[no-untyped-def]
+def _measure(rows, search, at, ranges, fan, every, maps, decisions, out):  # type: ignore[no-untyped-def]
     """Bring maps to the decision at hand, and write readings; what is there already stays as it is."""
     now, positions, rotations, goals = at
     directions, reaches = fan
     for m in rows:
         place, rotation, goal = positions[m], rotations[m], goals[m]
         if now[m] == 0:
-            occupancy.begin(maps, m, place, goal)
+            occupancy.begin(maps, m, place, goal, np.arctan2(rotation[1, 0], rotation[0, 0]))
         if now[m] == 0 or decisions[m] != now[m]:
+            occupancy.be_at(maps, m, place)
             if now[m] % every[0] == 0:
                 occupancy.see(maps, m, place, _turned(directions, rotation), ranges[m].astype(np.float64), reaches)
             if now[m] % every[1] == 0:
-                way.plan(maps, m, place, goal)
+                way.plan(maps, search, m, place, goal)
         decisions[m] = now[m]
         out[m] = way.reading(maps, m, place, np.arctan2(rotation[1, 0], rotation[0, 0]), goal)
 
