@@ -33,6 +33,8 @@ CLASSES = {
 NORMALISER_MEAN, NORMALISER_VARIANCE, NORMALISER_COUNT = (
     f"features_extractor.{name}" for name in ("mean", "variance", "count")
 )
+GOAL, WAYPOINT, WAYPOINT_SIZE = ("distance", "azimuth", "elevation"), "waypoint", 4
+"""What of the goal the waypoint begins with, and the sensor's values: these three first."""
 FIRST_LAYERS = ("policy_net.0.weight", "value_net.0.weight")
 
 
@@ -68,8 +70,9 @@ def fitted_initial(
 ) -> InitialPolicy:
     """Return a policy as a run can begin with it: one that has fewer of the run's sensors gets weights for the others.
 
-    These are 0, so that it acts as before until it has learned; means and spreads of observations begin anew with what
-    the run sees first, as nothing is known of the new ones.
+    These are 0, so that it acts as before until it has learned; but where the goal is masked and a waypoint shown in
+    its place, the waypoint gets the goal's weights. Means and spreads of observations begin anew with what the run sees
+    first, as nothing is known of the new ones.
 
     Raises:
         InputError: its spaces, its network or what it sees is another; the message has both.
@@ -82,6 +85,7 @@ def fitted_initial(
     _check_network(initial, settings)
     if is_wider:
         initial = _widened(initial, policy.state_dict())
+        _hand_over(initial.weights, settings, observation)
     _check_weights(initial, policy.state_dict())
     _check_sight(initial, settings)
     return initial
@@ -117,6 +121,25 @@ def _widened(initial: InitialPolicy, wanted: dict[str, torch.Tensor]) -> Initial
     for name in [name for name in weights if name.endswith(NORMALISER_COUNT)]:
         weights[name] = torch.zeros_like(weights[name])
     return replace(initial, weights=weights)
+
+
+def _hand_over(weights: dict[str, torch.Tensor], settings: TrainSettings, observation: spaces.Space[Any]) -> None:
+    """Give the waypoint, where it is new and the goal is masked, the goal's weights, in place."""
+    if not (set(GOAL) <= set(settings.masked_observations) and settings.sensors[-1:] == (WAYPOINT,)):
+        return
+    hidden, places = _hidden(weights, settings), maskable_indices(settings.observation)
+    first = spaces.flatdim(observation) - WAYPOINT_SIZE
+    for name in [name for name in weights if name.endswith(FIRST_LAYERS)]:
+        for column, value in enumerate(GOAL):
+            if value not in hidden:  # what was never seen has the weights that it began with
+                weights[name][:, first + column] = weights[name][:, places[value]]
+
+
+def _hidden(weights: dict[str, torch.Tensor], settings: TrainSettings) -> list[str]:
+    """Return the names of what a policy was kept from seeing."""
+    variances = [value for name, value in weights.items() if name.endswith(NORMALISER_VARIANCE)]
+    places = maskable_indices(settings.observation) if variances else {}
+    return [name for name, place in places.items() if place < len(variances[0]) and variances[0][place] >= HIDDEN]
 
 
 def _path_of(name: str) -> Path:
@@ -173,9 +196,7 @@ def _check_weights(initial: InitialPolicy, wanted: dict[str, torch.Tensor]) -> N
 
 def _check_sight(initial: InitialPolicy, settings: TrainSettings) -> None:
     """Refuse a policy that was kept from seeing what this run shows: its statistics would hide that for good."""
-    variances = [value for name, value in initial.weights.items() if name.endswith(NORMALISER_VARIANCE)]
-    places = maskable_indices(settings.observation) if variances else {}
-    hidden = [name for name, place in places.items() if place < len(variances[0]) and variances[0][place] >= HIDDEN]
+    hidden = _hidden(initial.weights, settings)
     if not set(hidden) <= set(settings.masked_observations):
         raise InputError(
             f"The policy {initial.path} was kept from seeing {' and '.join(hidden)}, and this run shows it. Add "

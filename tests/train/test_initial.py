@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import json
 import pickle
@@ -16,6 +17,7 @@ import pytest
 import torch
 from stable_baselines3 import PPO
 
+from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
 from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import read_checkpoint
@@ -150,6 +152,25 @@ def test_policy_with_fewer_sensors_acts_as_before_until_it_has_learned(tube: Pat
         train(tiny_pipeline(tube, run=run, **STILL, **wider, action="discrete"), 7, tmp_path / "otherwise")
     with pytest.raises(InputError, match=r"observation space Box of 60 values, and this run Box of 44 values"):
         train(tiny_pipeline(tube, run=beginning_with(tmp_path / "new"), **STILL, **form), 7, tmp_path / "narrower")
+
+
+def test_a_waypoint_in_the_goals_place_begins_with_its_weights(tube: Path, tmp_path: Path) -> None:
+    """The policy was kept from seeing the distance: its weights for that mean nothing, and are not handed over."""
+    form = {"observation": "full", "masked_observations": ("distance", "depth")}
+    train(tiny_pipeline(tube, steps=256, learning_rate=1e-2, **form), 0, tmp_path / "old")
+    hidden = ("distance", "azimuth", "elevation", "depth")
+    run, wider = beginning_with(tmp_path / "old"), form | {"sensors": ("waypoint",), "masked_observations": hidden}
+    pipeline = tiny_pipeline(tube, run=dataclasses.replace(run, backend="batch"), **STILL, **wider)
+    train(pipeline, 7, tmp_path / "new")
+    weights, begun = (state_of(tmp_path / name)["policy"] for name in ("old", "new"))
+    goal = layout("full")["goal"].start
+    for name in ("mlp_extractor.policy_net.0.weight", "mlp_extractor.value_net.0.weight"):
+        assert torch.equal(begun[name][:, 45:47], weights[name][:, goal + 1 : goal + 3])
+        assert begun[name][:, [44, 47]].abs().max() < 1e-20
+    visible = wider | {"masked_observations": ("distance", "depth")}
+    pipeline = tiny_pipeline(tube, run=dataclasses.replace(run, backend="batch"), **STILL, **visible)
+    train(pipeline, 7, tmp_path / "both")
+    assert state_of(tmp_path / "both")["policy"]["mlp_extractor.policy_net.0.weight"][:, 44:].abs().max() < 1e-20
 
 
 class Task(gymnasium.Env[Any, Any]):
