@@ -66,6 +66,8 @@ def cosines(name: str, num: int, current: str) -> Array:
         if not is_diving.any():
             break
     env.close()
+    if is_diving.all():
+        raise SystemExit(f"None of {num} dives of the oracle in {name} ended within {MOST_DECISIONS} decisions.")
     return np.concatenate(found)
 
 

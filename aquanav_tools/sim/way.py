@@ -45,8 +45,8 @@ CLOSE_COST, ROOM = 6, 5
 """What a step into water costs more for each cell by which a wall is nearer than so many: ways lead through the middle
 of a passage. Along walls they wind, and show a vehicle up and down where it is to go ahead."""
 GREED = 16
-"""Of a step that is left: a way may cost so many tenths of the cheapest (weighted A*). More than UNKNOWN_COST, or in
-unknown water all ways to a goal on the diagonal would look alike, and A* would look at all of them."""
+"""Of a step that is left: a way costs at most GREED / FREE_COST times the cheapest (weighted A*). More than
+UNKNOWN_COST, or in unknown water all ways to a goal on the diagonal would look alike, and A* would look at all."""
 MOST_BLOCKS = 4096
 """Blocks of cells that a search comes to: two million cells. Where it has not arrived by then, its way ends nearest to
 the goal."""
@@ -57,6 +57,7 @@ LOOKED_ALONG = 21
 LEAST_AHEAD = 4
 """Cells ahead of the place that is shown where less is in sight."""
 NUM_CELLS = NUM_X * NUM_Y * NUM_Z
+"""Of a map: more than any cell's number."""
 
 
 class Search(NamedTuple):

@@ -33,8 +33,8 @@ CLASSES = {
 NORMALISER_MEAN, NORMALISER_VARIANCE, NORMALISER_COUNT = (
     f"features_extractor.{name}" for name in ("mean", "variance", "count")
 )
-GOAL, WAYPOINT, WAYPOINT_SIZE = ("distance", "azimuth", "elevation"), "waypoint", 4
-"""What of the goal the waypoint begins with, and the sensor's values: these three first."""
+GOAL, WAYPOINT = ("distance", "azimuth", "elevation"), "waypoint"
+"""What of the goal the waypoint begins with: the first three of its values."""
 FIRST_LAYERS = ("policy_net.0.weight", "value_net.0.weight")
 
 
@@ -127,8 +127,10 @@ def _hand_over(weights: dict[str, torch.Tensor], settings: TrainSettings, observ
     """Give the waypoint, where it is new and the goal is masked, the goal's weights, in place."""
     if not (set(GOAL) <= set(settings.masked_observations) and settings.sensors[-1:] == (WAYPOINT,)):
         return
+    from aquanav_tools.sim.batch.sensors.waypoint import SIZE
+
     hidden, places = _hidden(weights, settings), maskable_indices(settings.observation)
-    first = spaces.flatdim(observation) - WAYPOINT_SIZE
+    first = spaces.flatdim(observation) - SIZE
     for name in [name for name in weights if name.endswith(FIRST_LAYERS)]:
         for column, value in enumerate(GOAL):
             if value not in hidden:  # what was never seen has the weights that it began with
