@@ -71,6 +71,8 @@ class Search(NamedTuple):
     """(B, C) of the cheapest ways to their cells that were found so far; below 0 where none was."""
     steps: npt.NDArray[np.int8]
     """(B, C) the last step of that way, of six."""
+    prices: npt.NDArray[np.int16]
+    """(B, C) of a step into their cells; 0 where none was asked for yet. Each is asked for from up to six sides."""
     counts: IntArray
     """(1,) blocks that it has come to."""
 
@@ -82,6 +84,7 @@ def make_search() -> Search:
         np.zeros((MOST_BLOCKS, 3), dtype=np.int16),
         np.zeros((MOST_BLOCKS, BLOCK**3), dtype=np.int32),
         np.zeros((MOST_BLOCKS, BLOCK**3), dtype=np.int8),
+        np.zeros((MOST_BLOCKS, BLOCK**3), dtype=np.int16),
         np.zeros(1, dtype=np.int64),
     )
 
@@ -128,14 +131,15 @@ def holds(maps, m, place):  # type: ignore[no-untyped-def]
 def _expand(maps, search, m, first, end):  # type: ignore[no-untyped-def]
     """Search by weighted A* from cell `first`; return the cell nearest to the `end` that it has come to."""
     i, j, k = _unnumbered(first)
-    _reach(search, i, j, k, 0, 0)
+    b, c = _make_room(search, i, j, k), within(i, j, k)
+    search.costs[b, c], search.steps[b, c] = 0, 0
     last, nearest = first, _steps_left(first, end)
     heap = [_entry(0, nearest, first)]
     while len(heap) > 0 and nearest > 0:
         entry = heapq.heappop(heap)
         n = entry % NUM_CELLS
         i, j, k = _unnumbered(n)
-        cost, left = _cost(search, i, j, k), _steps_left(n, end)
+        cost, left = search.costs[_block(search, i, j, k), within(i, j, k)], _steps_left(n, end)
         if entry > _entry(cost, left, n):
             continue  # it was reached at less cost since
         if left < nearest:
@@ -144,37 +148,35 @@ def _expand(maps, search, m, first, end):  # type: ignore[no-untyped-def]
             a, b, c = _stepped(i, j, k, step)
             if not is_in(a, b, c):
                 continue
-            reached = cost + _step_cost(maps, m, a, b, c)
-            so_far = _cost(search, a, b, c)
+            block, cell = _make_room(search, a, b, c), within(a, b, c)
+            if block < 0:
+                return last
+            if search.prices[block, cell] == 0:
+                search.prices[block, cell] = _step_cost(maps, m, a, b, c)
+            reached, so_far = cost + search.prices[block, cell], search.costs[block, cell]
             if so_far < 0 or reached < so_far:
-                if not _reach(search, a, b, c, reached, step):
-                    return last
+                search.costs[block, cell], search.steps[block, cell] = reached, step
                 o = _number(a, b, c)
                 heapq.heappush(heap, _entry(reached, _steps_left(o, end), o))
     return last
 
 
 @numba.njit(cache=True, nogil=True)
-def _cost(search, i, j, k):  # type: ignore[no-untyped-def]
-    block = search.numbers[i // BLOCK, j // BLOCK, k // BLOCK]
-    return -1 if block == 0 else search.costs[block - 1, within(i, j, k)]
+def _block(search, i, j, k):  # type: ignore[no-untyped-def]
+    """Return which block a cell lies in; -1 where there is none yet."""
+    return search.numbers[i // BLOCK, j // BLOCK, k // BLOCK] - 1
 
 
 @numba.njit(cache=True, nogil=True)
-def _reach(search, i, j, k, cost, step):  # type: ignore[no-untyped-def]
-    """Note that a cell is reached at a cost by a step; return whether there was room."""
-    a, b, c = i // BLOCK, j // BLOCK, k // BLOCK
-    if search.numbers[a, b, c] == 0:
-        made = search.counts[0]
-        if made == MOST_BLOCKS:
-            return False
+def _make_room(search, i, j, k):  # type: ignore[no-untyped-def]
+    """Return which block a cell lies in, made where there was none; -1 where there is no room for it."""
+    made = search.counts[0]
+    if _block(search, i, j, k) < 0 and made < MOST_BLOCKS:
+        a, b, c = i // BLOCK, j // BLOCK, k // BLOCK
+        search.numbers[a, b, c], search.counts[0] = made + 1, made + 1
         search.places[made] = a, b, c
-        search.costs[made] = -1
-        search.counts[0] = made + 1
-        search.numbers[a, b, c] = made + 1
-    block, n = search.numbers[a, b, c] - 1, within(i, j, k)
-    search.costs[block, n], search.steps[block, n] = cost, step
-    return True
+        search.costs[made], search.prices[made] = -1, 0
+    return _block(search, i, j, k)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -295,8 +297,7 @@ def _keep(maps, search, m, first, last, left):  # type: ignore[no-untyped-def]
 def _before(search, n):  # type: ignore[no-untyped-def]
     """Return the cell before a cell on the way to it."""
     i, j, k = _unnumbered(n)
-    block = search.numbers[i // BLOCK, j // BLOCK, k // BLOCK] - 1
-    i, j, k = _stepped(i, j, k, search.steps[block, within(i, j, k)] ^ 1)
+    i, j, k = _stepped(i, j, k, search.steps[_block(search, i, j, k), within(i, j, k)] ^ 1)
     return _number(i, j, k)
 
 

@@ -37,7 +37,7 @@ class BatchedEnvs(BatchedVecEnv):
         if rotation is not None:
             form["replaceable"] = True
         self.rotation = rotation
-        super().__init__(scenarios, settings.num_envs, **(form | choices_of(settings)))
+        super().__init__(scenarios, settings.num_envs, **(form | _shown(settings)))
 
     def reset(self) -> Floats:
         """Begin all episodes, as if some time had passed in each.
@@ -94,3 +94,11 @@ class BatchedEnvs(BatchedVecEnv):
                 info["outcome"] == "success",
                 bool(truncated[n] and was_first[n]),
             )
+
+
+def _shown(settings: TrainSettings) -> dict[str, Any]:
+    """Return the task's options, with the route in place of the waypoint where the lesson shows that."""
+    choices = choices_of(settings)
+    if settings.waypoint == "route":
+        choices["sensors"] = tuple("route" if name == "waypoint" else name for name in settings.sensors)
+    return choices

@@ -10,15 +10,17 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.base_class import BaseAlgorithm
 
+from aquanav_tools.envs.observation import observation_space
 from aquanav_tools.errors import InputError
 from aquanav_tools.policy.architecture import KINDS, read_kind, read_options
 from aquanav_tools.policy.archive import TRAINED, read_archive, read_weights
 from aquanav_tools.policy.normaliser import HIDDEN
-from aquanav_tools.policy.observed import read_observed
+from aquanav_tools.policy.observed import Observed, read_observed
 from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.policy.spaces import describe_space, is_same_space, parse_space
 from aquanav_tools.provenance import file_hash
 from aquanav_tools.shipped import shipped_path
+from aquanav_tools.sim.scales import PRESETS
 from aquanav_tools.train.learners import make_policy, maskable_indices
 from aquanav_tools.train.settings import TrainSettings
 
@@ -98,9 +100,14 @@ def begin_with(learner: BaseAlgorithm, initial: InitialPolicy) -> None:
 
 def _has_fewer_sensors(initial: InitialPolicy, settings: TrainSettings) -> bool:
     """Return whether a policy of PPO observes the run's preset and the first of its sensors alone."""
-    seen = read_observed(initial.settings, initial.path)
-    if seen is None or settings.algorithm != "ppo" or not settings.normalise:
+    if settings.algorithm != "ppo" or not settings.normalise or settings.observation not in PRESETS:
         return False
+    seen = read_observed(initial.settings, initial.path)
+    if seen is None:  # older files do not say; then as many values as a preset has are that preset
+        found = parse_space(initial.settings.get("observation_space"), "observation space")
+        if not is_same_space(found, observation_space(settings.observation)):
+            return False
+        seen = Observed(settings.observation)
     num = len(seen.sensors)
     is_prefix = seen.observation == settings.observation and seen.sensors == settings.sensors[:num]
     return is_prefix and num < len(settings.sensors) and not (seen.history or settings.history)

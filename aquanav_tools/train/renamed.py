@@ -21,7 +21,7 @@ OLD_NAMES = frozenset({*RENAMED, BUFFER})
 ADDED: dict[str, Any] = {
     "precision": "float32", "randomisation": None, "sensors": [], "num_caves": 64, "new_cave_every": 100_000,
     "cave_that_leaves": "oldest", "start_range": [0.0, 1.0], "cave_scales": [1.0, 1.0], "imitation": [0.0, 0.0],
-    "greedy": 0.0,
+    "greedy": 0.0, "waypoint": "map",
 }  # fmt: skip
 """Settings that records of earlier versions lack, as those versions learned."""
 

@@ -42,6 +42,10 @@ class TrainSettings(TaskOptions):
     cave_scales: tuple[float, float] = (1.0, 1.0)
     """Each drawn cave is made larger or smaller by a factor from this range, drawn evenly in the logarithm, but not so
     small that the vehicle does not fit: more caves, with tighter squeezes and sharper bends than their styles have."""
+    waypoint: Literal["map", "route"] = "map"
+    """What the sensor waypoint shows while learning: the way by the vehicle's own map, as it will ever after (map); or
+    the cave's own route, which never errs and takes next to no time, so that a network learns to trust it (route). The
+    batch only."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
     command says how many. The same command with more steps goes on with a run that has ended."""
@@ -139,6 +143,7 @@ class TrainSettings(TaskOptions):
             0.1 <= low <= high <= 10.0, f"cave_scales must rise and lie between 0.1 and 10, and they are {low}, {high}."
         )
         self._check_imitation()
+        self._check_sight()
         _check(
             len(self.scenarios) < self.num_envs,
             f"The lesson has {len(self.all_scenarios)} scenarios for {self.num_envs} environments. Take more "
@@ -157,6 +162,12 @@ class TrainSettings(TaskOptions):
             f"precision {self.precision} is for ppo, and the algorithm is {self.algorithm}. Leave it out.",
         )
         _check(
+            self.algorithm not in OFF_POLICY or self.action == "continuous",
+            f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",
+        )
+
+    def _check_sight(self) -> None:
+        _check(
             self.normalise or not self.masked_observations,
             "Without normalise, the network sees all that is observed. Leave masked_observations out.",
         )
@@ -170,8 +181,9 @@ class TrainSettings(TaskOptions):
             f"The observation {self.observation} has no depth. Leave it out of masked_observations.",
         )
         _check(
-            self.algorithm not in OFF_POLICY or self.action == "continuous",
-            f"{self.algorithm} acts continuously, and the action is {self.action}. Set action to continuous.",
+            self.waypoint == "map" or "waypoint" in self.sensors,
+            f"waypoint is {self.waypoint}, which the sensor waypoint would show, and the sensors are {self.sensors}. "
+            "Add it to them, or leave waypoint out.",
         )
 
     def _check_imitation(self) -> None:

@@ -177,6 +177,11 @@ def _check_task(pipeline: Pipeline, scenarios: list[AnyScenario]) -> None:
     if any(lesson.is_taught for lesson in pipeline.lessons) and (bays or pipeline.run.backend != "batch"):
         where = f"{bays[0]} is a bay" if bays else f"this is {pipeline.run.backend}"
         raise InputError(f"imitation needs caves and the batch, and {where}. Leave it out, or choose --backend batch.")
+    if any(lesson.waypoint == "route" for lesson in pipeline.lessons) and pipeline.run.backend != "batch":
+        raise InputError(
+            f"waypoint = route needs the batch, and this is {pipeline.run.backend}. Leave it out, or choose --backend "
+            "batch."
+        )
     if bays and caves:
         raise InputError(f"{bays[0]} is a bay and {caves[0]} a cave: no network is for both. Train one for each.")
     if bays and any(lesson.mirrored or lesson.masked_observations for lesson in pipeline.lessons):

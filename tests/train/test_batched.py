@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from aquanav_tools.envs.sb3_env import BatchedVecEnv
 from aquanav_tools.errors import InputError
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
 from aquanav_tools.scenario.schema import LimitSettings
@@ -17,6 +18,7 @@ from aquanav_tools.train.episodes import SUMMARY
 from aquanav_tools.train.pipeline import read_pipeline
 from aquanav_tools.train.settings import RunSettings
 from aquanav_tools.train.training import train
+from tests.evaluate.winding import winding_scenario
 from tests.sim.test_water import flowing
 from tests.train.runs import TINY, assert_stopped_run_ends_alike, tiny_pipeline, tiny_tube
 
@@ -82,6 +84,31 @@ def test_ended_episodes_are_summed_up(tube: Path) -> None:
             break
     assert dones.any()
     envs.close()
+
+
+def test_a_lesson_shows_the_route_in_place_of_the_waypoint() -> None:
+    cave, settings = winding_scenario(), dataclasses.replace(TINY, sensors=("waypoint",))
+    shown = {}
+    for choice in ("map", "route"):
+        envs = BatchedEnvs([cave], dataclasses.replace(settings, waypoint=choice))
+        envs.seed(0)
+        shown[choice] = envs.reset()[:, -4:]
+        envs.close()
+    envs = BatchedVecEnv([cave], TINY.num_envs, observation=TINY.observation, sensors=("route",))
+    envs.seed(0)
+    of_route = envs.reset()[:, -4:]
+    # The share that is unknown is drawn by the sensor's name.
+    np.testing.assert_array_equal(shown["route"], of_route)
+    assert not np.array_equal(shown["map"][:, :3], of_route[:, :3])
+    envs.close()
+
+
+def test_the_route_is_shown_on_the_batch_alone_and_where_there_is_a_waypoint(tube: Path, tmp_path: Path) -> None:
+    pipeline = tiny_pipeline(tube, sensors=("waypoint",), waypoint="route")
+    with pytest.raises(InputError, match=r"waypoint = route needs the batch, and this is"):
+        train(dataclasses.replace(pipeline, run=RunSettings(backend="own")), 0, tmp_path)
+    with pytest.raises(ValueError, match=r"waypoint is route, .* and the sensors are \(\)"):
+        tiny_pipeline(tube, waypoint="route")
 
 
 def test_first_episodes_that_run_out_of_time_are_told_as_cut_short(tube: Path) -> None:

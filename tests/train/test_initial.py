@@ -19,6 +19,7 @@ from stable_baselines3 import PPO
 
 from aquanav_tools.envs.observation import layout
 from aquanav_tools.errors import InputError
+from aquanav_tools.policy.observed import OBSERVED
 from aquanav_tools.train import training
 from aquanav_tools.train.checkpoint import read_checkpoint
 from aquanav_tools.train.settings import RunSettings
@@ -152,6 +153,28 @@ def test_policy_with_fewer_sensors_acts_as_before_until_it_has_learned(tube: Pat
         train(tiny_pipeline(tube, run=run, **STILL, **wider, action="discrete"), 7, tmp_path / "otherwise")
     with pytest.raises(InputError, match=r"observation space Box of 60 values, and this run Box of 44 values"):
         train(tiny_pipeline(tube, run=beginning_with(tmp_path / "new"), **STILL, **form), 7, tmp_path / "narrower")
+
+
+def test_an_older_file_that_names_nothing_is_known_by_its_size(tube: Path, tmp_path: Path) -> None:
+    form = {"observation": "full", "masked_observations": ("depth",)}
+    train(tiny_pipeline(tube, steps=128, **form), 0, tmp_path / "old")
+    with (
+        zipfile.ZipFile(tmp_path / "old" / "policy.zip") as source,
+        zipfile.ZipFile(tmp_path / "older.zip", "w") as target,
+    ):
+        for name in source.namelist():
+            content = source.read(name)
+            if name == "data":
+                settings = json.loads(content)
+                del settings[OBSERVED]
+                content = json.dumps(settings).encode()
+            target.writestr(name, content)
+    wider = form | {"sensors": ("echosounders",)}
+    for name in ("old/policy.zip", "older.zip"):
+        folder = tmp_path / name.replace("/policy.zip", "-new").replace(".zip", "-new")
+        train(tiny_pipeline(tube, run=beginning_with(tmp_path / name), **STILL, **wider), 7, folder)
+    weights, begun = (state_of(tmp_path / name)["policy"] for name in ("old-new", "older-new"))
+    assert all(torch.equal(weights[name], begun[name]) for name in weights)
 
 
 def test_a_waypoint_in_the_goals_place_begins_with_its_weights(tube: Path, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ BUILT_IN = {
     "imu": f"{_HERE}.inertial:InertialUnit",
     "dvl": f"{_HERE}.dvl:DopplerLog",
     "waypoint": f"{_HERE}.waypoint:Waypoint",
+    "route": f"{_HERE}.route:Route",
     "track": f"{_HERE}.track:Track",
     "sonar": f"{_HERE}.sonar:ImagingSonar",
 }

@@ -32,6 +32,16 @@ MIN_SHARE = 8
 """Vehicles for which a further thread is worth its start."""
 
 
+def space() -> spaces.Box:
+    """Return the space of a reading."""
+    return spaces.Box(np.array([0, -1, -1, 0], np.float32), np.ones(SIZE, np.float32), dtype=np.float32)
+
+
+def mirror_image() -> MirrorImage:
+    """Return how readings look in a mirror: left for right."""
+    return np.arange(SIZE, dtype=np.int64), np.array([1.0, -1.0, 1.0, 1.0], dtype=np.float32)
+
+
 @wp.kernel
 def locate(
     state: BatchState,
@@ -68,14 +78,14 @@ class Waypoint(RangeFan):
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
         """Return the space of a reading."""
-        return spaces.Box(np.array([0, -1, -1, 0], np.float32), np.ones(SIZE, np.float32), dtype=np.float32)
+        return space()
 
     def mirror_image(self) -> MirrorImage:
         """Return how readings look in a mirror: left for right."""
-        return np.arange(SIZE, dtype=np.int64), np.array([1.0, -1.0, 1.0, 1.0], dtype=np.float32)
+        return mirror_image()
 
     def measure(self, batch: SensorBatch) -> Reading:
-        """Return the readings of all vehicles, (N, 5), in memory that the next measurement changes."""
+        """Return the readings of all vehicles, (N, 4), in memory that the next measurement changes."""
         ranges = super().measure(batch)
         if self._maps is None or len(self._decisions) != batch.num:
             self._maps = occupancy.make_maps(batch.num)

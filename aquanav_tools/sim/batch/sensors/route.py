@@ -1,0 +1,122 @@
+"""A place ahead on a cave's own route, in the form of the sensor `waypoint`: what no vehicle knows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import warp as wp
+from gymnasium import spaces
+
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim import scales, way
+from aquanav_tools.sim.batch.caves import Cave
+from aquanav_tools.sim.batch.field import clearance_at
+from aquanav_tools.sim.batch.motion import rotation_of
+from aquanav_tools.sim.batch.random import share_of_one, words
+from aquanav_tools.sim.batch.runtime import OPTIONS
+from aquanav_tools.sim.batch.scaled import PI, azimuth_to, soft, within
+from aquanav_tools.sim.batch.sensors.base import KernelSensor, MirrorImage, SensorBatch
+from aquanav_tools.sim.batch.sensors.rows import chosen
+from aquanav_tools.sim.batch.sensors.waypoint import SIZE, mirror_image, space
+from aquanav_tools.sim.batch.state import BatchState
+from aquanav_tools.sim.occupancy import CELL
+from aquanav_tools.sim.vehicle_base import Vehicle
+
+wp.set_module_options(OPTIONS)
+
+f64 = wp.float64
+LEAST, FARTHEST = (wp.constant(wp.float64(cells * CELL)) for cells in (way.LEAST_AHEAD, way.LOOKED_ALONG))
+"""Along the route to the place that is shown, m: as `waypoint` has it."""
+ROOM, STEP = wp.constant(wp.float64(CELL)), wp.constant(wp.float64(0.5 * CELL))
+"""A place is in sight where its line keeps so far from walls, m, as on a map that guesses them around rays' ends; and
+the least step along the line."""
+DISTANCE_SCALE = wp.constant(wp.float64(scales.DISTANCE_SCALE))
+MIN_SLICE = 512
+"""Vehicles for which a further thread is worth its start."""
+
+
+@wp.func
+def is_in_sight(cave: Cave, position: wp.vec3d, place: wp.vec3d):
+    """Return whether the straight line between two places keeps a cell's distance to walls, but for where it begins."""
+    offset = place - position
+    length, along, room = wp.length(offset), f64(0.0), f64(0.0)
+    is_clear = int(1)
+    while along < length and is_clear == 1:
+        room = clearance_at(cave.grid, position + offset * (along / length)) - ROOM
+        if room <= f64(0.0) and along > ROOM:
+            is_clear = 0
+        along += wp.max(room, STEP)
+    return is_clear == 1
+
+
+@wp.func
+def place_ahead(i: int, cave: Cave, state: BatchState):
+    """Return the farthest panel's centre in sight along the route, at least the first that is not too near."""
+    panels, position = cave.measure.panels, state.positions[i]
+    ahead, along = wp.vec3d(cave.rules.goal), f64(0.0)
+    has_place, is_hidden, first = int(0), int(0), state.gates[i] + 1
+    for n in range(first, panels.centres.shape[0]):
+        if is_hidden == 0:
+            centre = panels.centres[n]
+            if n == first:
+                along = wp.length(centre - position)
+            else:
+                along += wp.length(centre - panels.centres[n - 1])
+            if along > FARTHEST and has_place == 1:
+                is_hidden = 1
+            elif along >= LEAST:
+                if has_place == 0 or is_in_sight(cave, position, centre):
+                    ahead = centre
+                    has_place = 1
+                else:
+                    is_hidden = 1
+    return ahead
+
+
+@wp.kernel
+def measure_route(
+    first: int,
+    only_restarted: int,
+    stream: int,
+    state: BatchState,
+    caves: wp.array(dtype=Cave),
+    out: wp.array2d(dtype=wp.float32),
+):
+    """Write where the route goes on."""
+    i = chosen(state, first + wp.tid(), only_restarted)
+    if i < 0:
+        return
+    offset = place_ahead(i, caves[state.cave_of[i]], state) - state.positions[i]
+    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
+    rotation = rotation_of(state.orientations[i])
+    out[i, 0] = wp.float32(soft(wp.max(state.remaining[i], f64(0.0)), DISTANCE_SCALE))
+    out[i, 1] = within(azimuth_to(offset[0], offset[1], rotation) / PI)
+    out[i, 2] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
+    out[i, 3] = share_of_one(words(state.seeds[i], stream, state.decisions[i])[0])
+
+
+class Route(KernelSensor):
+    """Which way leads to the goal by the cave's own panels: (N, 4), in the form of `waypoint`.
+
+    No vehicle knows this: it is what `waypoint` would show if its map were always right. A network that learned with it
+    trusts the waypoint (`TrainSettings.waypoint`). As nothing is unknown here, the share that is unknown is drawn
+    evenly, so that a network learns to do without.
+    """
+
+    def __init__(self) -> None:
+        """Prepare."""
+        super().__init__(measure_route, MIN_SLICE)
+
+    def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
+        """Return the space of a reading: that of `waypoint`."""
+        return space()
+
+    def mirror_image(self) -> MirrorImage:
+        """Return how readings look in a mirror: left for right."""
+        return mirror_image()
+
+    def _shape(self) -> tuple[int, ...]:
+        return (SIZE,)
+
+    def _inputs(self, batch: SensorBatch) -> list[Any]:
+        return []

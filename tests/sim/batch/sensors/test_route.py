@@ -1,0 +1,64 @@
+"""The place ahead on a cave's own route, beside one found with NumPy in the guide and the distance field."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquanav_tools.envs.vector_env import CaveVectorEnv
+from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.scales import DISTANCE_SCALE, unsoft
+from aquanav_tools.types import Array, rotation_matrix
+from tests.evaluate.winding import winding_scenario
+
+NUM, NEAR, FAR = 40, 0.8, 4.2
+
+
+def is_in_sight(scenario: Scenario, position: Array, place: Array) -> bool:
+    length = np.linalg.norm(place - position)
+    shares = np.linspace(0.2 / length, 1.0, 400)[:, None]
+    return bool(scenario.field.clearance(position + shares * (place - position)).min() > 0.2)
+
+
+def shown_from(scenario: Scenario, position: Array, gate: int) -> Array:
+    """Return the farthest panel's centre in sight that is near enough along the route, or the first not too near."""
+    ahead = scenario.guide.centres[gate + 1 :]
+    along = np.linalg.norm(np.diff(np.vstack([position, ahead]), axis=0), axis=1).cumsum()
+    beyond = [n for n in range(len(ahead)) if along[n] >= NEAR]
+    if not beyond:
+        return np.array(scenario.settings.goal.position)
+    best = beyond[0]
+    for n in beyond[1:]:
+        if along[n] > FAR or not is_in_sight(scenario, position, ahead[n]):
+            break
+        best = n
+    return np.asarray(ahead[best])
+
+
+@pytest.fixture(scope="module")
+def env() -> CaveVectorEnv:
+    return CaveVectorEnv(NUM, winding_scenario(), sensors=("route",), starts="anywhere")
+
+
+def test_it_shows_the_farthest_place_of_the_route_in_sight(env: CaveVectorEnv) -> None:
+    scenario = winding_scenario()
+    read, state = env.reset(seed=3)[0][:, -4:], env.batch.world.arrays
+    positions, turns, gates = (getattr(state, name).numpy() for name in ("positions", "orientations", "gates"))
+    far = 0
+    for values, position, turn, gate in zip(read, positions, turns, gates, strict=True):
+        offset, rotation = shown_from(scenario, position, int(gate)) - position, rotation_matrix(turn)
+        azimuth = np.arctan2(offset[1], offset[0]) - np.arctan2(rotation[1, 0], rotation[0, 0])
+        elevation = np.arctan2(offset[2], np.hypot(offset[0], offset[1]))
+        assert np.exp(1j * np.pi * values[1]) == pytest.approx(np.exp(1j * azimuth), abs=1e-4)
+        assert 0.5 * np.pi * values[2] == pytest.approx(elevation, abs=1e-4)
+        far += bool(np.linalg.norm(offset) > 2.0)
+    assert NUM // 4 < far  # of the places, most are not the very next panel
+
+
+def test_its_length_is_what_is_left_of_the_guide_and_the_unknown_share_says_nothing(env: CaveVectorEnv) -> None:
+    read, state = env.reset(seed=4)[0][:, -4:], env.batch.world.arrays
+    lengths = [unsoft(float(value), DISTANCE_SCALE) for value in read[:, 0]]
+    np.testing.assert_allclose(lengths, state.remaining.numpy(), rtol=1e-4)
+    drawn = np.concatenate([env.reset(seed=1000 * n)[0][:, -1] for n in range(25)])
+    assert drawn.mean() == pytest.approx(0.5, abs=5.0 / np.sqrt(12 * len(drawn)))
+    assert 0.0 <= drawn.min() < 0.01 and 0.99 < drawn.max() <= 1.0
