@@ -24,6 +24,7 @@ from aquanav_tools.evaluate.rollout import CallTimeout
 from aquanav_tools.evaluate.task_adapter import adapter_of
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import drawn_from
+from aquanav_tools.sim.batch.sensors import PRIVILEGED
 from aquanav_tools.sim.contacts import default_backend
 
 
@@ -62,6 +63,11 @@ def policy_of(options: BenchmarkOptions, benchmark: Benchmark) -> LoadedPolicy:
         raise InputError(
             f"The policy {policy.name} was made for the {policy.task} task; the caves of {benchmark.name} are dived "
             "by underwater vehicles. Choose one that was trained in caves."
+        )
+    if known := [name for name in policy.rules(rules_of(options, benchmark)).sensors if name in PRIVILEGED]:
+        raise InputError(
+            f"The policy {policy.name} observes {known[0]}, which no vehicle can measure, so that its score would say "
+            "nothing. Choose one that observes what a vehicle does; aquanav-eval without --benchmark takes this one."
         )
     if options.backend == "batch":
         check_batched(policy, is_diving=True, otherwise=f"Add --backend {default_backend()}.")

@@ -20,10 +20,13 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.options import ReplayOptions, WorstOptions
 from aquanav_tools.evaluate.replaying import replay
 from aquanav_tools.evaluate.worst import show_worst
+from aquanav_tools.policy.observed import OBSERVED, observed_table
 from aquanav_tools.scenario.folder import write_scenario
 from aquanav_tools.sim.contacts import default_backend
+from aquanav_tools.task import TaskOptions
 from aquanav_tools.types import ignore_progress
 from tests.caves import tube_scenario
+from tests.evaluate.models import make_model
 
 POLICY = "baseline:reactive"
 
@@ -225,3 +228,14 @@ def test_a_cave_that_is_not_the_published_one_is_told(sets: Path, tmp_path: Path
         f'episodes = 1\nseed = 0\n[[tiers]]\nname = "t"\ncaves = [{{scenario = "{sets / "one"}", sha256 = "0"}}]\n'
     )
     assert run(tmp_path / "out", benchmark=str(path)).changed_caves == (str(sets / "one"),)
+
+
+def test_a_policy_that_observes_what_no_vehicle_can_measure_is_not_scored(tmp_path: Path) -> None:
+    model = make_model(num_observations=48)
+    setattr(model, OBSERVED, observed_table("full", TaskOptions(sensors=("route",))))
+    model.save(tmp_path / "cheat.zip")
+    with pytest.raises(InputError, match=r"cheat.* observes route, which no vehicle can measure"):
+        run(tmp_path / "run", policy=str(tmp_path / "cheat.zip"))
+    setattr(model, OBSERVED, observed_table("full", TaskOptions(sensors=("waypoint",))))
+    model.save(tmp_path / "fair.zip")
+    assert run(tmp_path / "fair", policy=str(tmp_path / "fair.zip")).score.total.caves == 3

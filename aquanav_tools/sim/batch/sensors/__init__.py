@@ -16,3 +16,5 @@ BUILT_IN = {
     "sonar": f"{_HERE}.sonar:ImagingSonar",
 }
 """The sensors that come with aquanav: name, and the class as `module:Name`."""
+PRIVILEGED = ("route",)
+"""Those of them that read what no vehicle can measure: for lessons, and for what would be if it could."""
