@@ -11,7 +11,7 @@ from aquanav_tools.sim import scales
 from aquanav_tools.sim.batch.actuators import trim_of
 from aquanav_tools.sim.batch.craft import Craft
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.scaled import PI, azimuth_to, soft, within
+from aquanav_tools.sim.batch.scaled import shown_direction, soft, within
 from aquanav_tools.sim.batch.state import BatchState
 from aquanav_tools.sim.sensors import RayPattern
 
@@ -52,10 +52,10 @@ def make_fan(pattern: RayPattern, device: Any) -> Fan:
 def show_goal(i: int, first: int, state: BatchState, goal: wp.vec3d, rotation: wp.mat33d):
     """Write the goal's distance, azimuth and elevation from place `first` on."""
     offset = goal - state.positions[i]
-    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
     state.observations[i, first] = wp.float32(soft(wp.length(offset), DISTANCE_SCALE))
-    state.observations[i, first + 1] = within(azimuth_to(offset[0], offset[1], rotation) / PI)
-    state.observations[i, first + 2] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
+    direction = shown_direction(offset, rotation)
+    state.observations[i, first + 1] = direction[0]
+    state.observations[i, first + 2] = direction[1]
 
 
 @wp.func

@@ -29,3 +29,11 @@ def azimuth_to(east: f64, north: f64, rotation: wp.mat33d):
     """Return the angle from the horizontal heading to an offset, rad, left positive, in [-pi, pi]."""
     azimuth = wp.atan2(north, east) - wp.atan2(rotation[1, 0], rotation[0, 0])
     return azimuth - f64(2.0) * PI * wp.rint(azimuth / (f64(2.0) * PI))
+
+
+@wp.func
+def shown_direction(offset: wp.vec3d, rotation: wp.mat33d):
+    """Return the azimuth / pi and elevation / (pi / 2) of an offset, as observations have a goal's."""
+    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
+    elevation = wp.atan2(offset[2], flat) / (f64(0.5) * PI)
+    return wp.vec2(within(azimuth_to(offset[0], offset[1], rotation) / PI), within(elevation))

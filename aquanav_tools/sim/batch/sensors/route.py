@@ -14,7 +14,7 @@ from aquanav_tools.sim.batch.field import clearance_at
 from aquanav_tools.sim.batch.motion import rotation_of
 from aquanav_tools.sim.batch.random import share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
-from aquanav_tools.sim.batch.scaled import PI, azimuth_to, soft, within
+from aquanav_tools.sim.batch.scaled import shown_direction, soft
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, MirrorImage, SensorBatch
 from aquanav_tools.sim.batch.sensors.rows import chosen
 from aquanav_tools.sim.batch.sensors.waypoint import SIZE, mirror_image, space
@@ -87,11 +87,10 @@ def measure_route(
     if i < 0:
         return
     offset = place_ahead(i, caves[state.cave_of[i]], state) - state.positions[i]
-    flat = wp.sqrt(offset[0] * offset[0] + offset[1] * offset[1])
-    rotation = rotation_of(state.orientations[i])
+    direction = shown_direction(offset, rotation_of(state.orientations[i]))
     out[i, 0] = wp.float32(soft(wp.max(state.remaining[i], f64(0.0)), DISTANCE_SCALE))
-    out[i, 1] = within(azimuth_to(offset[0], offset[1], rotation) / PI)
-    out[i, 2] = within(wp.atan2(offset[2], flat) / (f64(0.5) * PI))
+    out[i, 1] = direction[0]
+    out[i, 2] = direction[1]
     out[i, 3] = share_of_one(words(state.seeds[i], stream, state.decisions[i])[0])
 
 
