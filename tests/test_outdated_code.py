@@ -36,9 +36,12 @@ print(total(1.0), sum(total.stats.cache_hits.values()))
 
 
 def value_of(package: Path, **environment: str) -> tuple[float, int]:
-    """Return what the caller computes in a process of its own, and how often its code came from the cache."""
+    """Return what the caller computes in a process of its own, and how often its code came from the cache.
+
+    No bytecode is kept: Python tells a source's age in whole seconds, and two versions within one pass for the same.
+    """
     done = subprocess.run(
-        [sys.executable, "-c", RUN, str(package)],
+        [sys.executable, "-B", "-c", RUN, str(package)],
         capture_output=True, text=True, check=False, env={**os.environ, **environment},
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
