@@ -16,6 +16,7 @@ from aquanav_tools.sim.batch.random import share_of_one, words
 from aquanav_tools.sim.batch.runtime import OPTIONS
 from aquanav_tools.sim.batch.scaled import shown_direction, soft
 from aquanav_tools.sim.batch.sensors.base import KernelSensor, MirrorImage, SensorBatch
+from aquanav_tools.sim.batch.sensors.noise import normal_vector
 from aquanav_tools.sim.batch.sensors.rows import chosen
 from aquanav_tools.sim.batch.sensors.waypoint import SIZE, mirror_image, space
 from aquanav_tools.sim.batch.state import BatchState
@@ -31,6 +32,8 @@ ROOM, STEP = wp.constant(wp.float64(CELL)), wp.constant(wp.float64(0.5 * CELL))
 """A place is in sight where its line keeps so far from walls, m, as on a map that guesses them around rays' ends; and
 the least step along the line."""
 DISTANCE_SCALE = wp.constant(wp.float64(scales.DISTANCE_SCALE))
+KEPT = wp.constant(10)
+"""Decisions for which an error stays the same."""
 MIN_SLICE = 512
 """Vehicles for which a further thread is worth its start."""
 
@@ -80,13 +83,15 @@ def measure_route(
     stream: int,
     state: BatchState,
     caves: wp.array(dtype=Cave),
+    error: wp.float64,
     out: wp.array2d(dtype=wp.float32),
 ):
-    """Write where the route goes on."""
+    """Write where the route goes on, with an error of this standard deviation along each axis, m."""
     i = chosen(state, first + wp.tid(), only_restarted)
     if i < 0:
         return
-    offset = place_ahead(i, caves[state.cave_of[i]], state) - state.positions[i]
+    wrong = error * wp.vec3d(normal_vector(state.seeds[i], stream + 1, state.decisions[i] / KEPT))
+    offset = place_ahead(i, caves[state.cave_of[i]], state) + wrong - state.positions[i]
     direction = shown_direction(offset, rotation_of(state.orientations[i]))
     out[i, 0] = wp.float32(soft(wp.max(state.remaining[i], f64(0.0)), DISTANCE_SCALE))
     out[i, 1] = direction[0]
@@ -97,14 +102,20 @@ def measure_route(
 class Route(KernelSensor):
     """Which way leads to the goal by the cave's own panels: (N, 4), in the form of `waypoint`.
 
-    No vehicle knows this: it is what `waypoint` would show if its map were always right. A network that learned with it
-    trusts the waypoint (`TrainSettings.waypoint`). As nothing is unknown here, the share that is unknown is drawn
-    evenly, so that a network learns to do without.
+    No vehicle knows this: it is what `waypoint` would show if its map were always right, but for the cell by which a
+    map's places are off. A network that learned with it trusts the waypoint (`TrainSettings.waypoint`), and its eyes
+    where walls are near. As nothing is unknown here, the share that is unknown is drawn evenly, so that a network
+    learns to do without.
     """
 
-    def __init__(self) -> None:
-        """Prepare."""
+    def __init__(self, error: float = CELL) -> None:
+        """Prepare.
+
+        Args:
+            error: Standard deviation of a place along each axis, m; drawn anew every tenth decision.
+        """
         super().__init__(measure_route, MIN_SLICE)
+        self.error = error
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
         """Return the space of a reading: that of `waypoint`."""
@@ -118,4 +129,4 @@ class Route(KernelSensor):
         return (SIZE,)
 
     def _inputs(self, batch: SensorBatch) -> list[Any]:
-        return []
+        return [self.error]

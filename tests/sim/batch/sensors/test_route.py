@@ -7,9 +7,11 @@ import pytest
 
 from aquanav_tools.envs.vector_env import CaveVectorEnv
 from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.sim.batch.sensors.route import Route
 from aquanav_tools.sim.scales import DISTANCE_SCALE, unsoft
 from aquanav_tools.types import Array, rotation_matrix
 from tests.evaluate.winding import winding_scenario
+from tests.sim.batch.sensors.rooms import room_batch
 
 NUM, NEAR, FAR = 40, 0.8, 4.2
 
@@ -37,12 +39,12 @@ def shown_from(scenario: Scenario, position: Array, gate: int) -> Array:
 
 @pytest.fixture(scope="module")
 def env() -> CaveVectorEnv:
-    return CaveVectorEnv(NUM, winding_scenario(), sensors=("route",), starts="anywhere")
+    return CaveVectorEnv(NUM, winding_scenario(), observation={"route": Route(error=0.0)}, starts="anywhere")
 
 
 def test_it_shows_the_farthest_place_of_the_route_in_sight(env: CaveVectorEnv) -> None:
     scenario = winding_scenario()
-    read, state = env.reset(seed=3)[0][:, -4:], env.batch.world.arrays
+    read, state = env.reset(seed=3)[0]["route"], env.batch.world.arrays
     positions, turns, gates = (getattr(state, name).numpy() for name in ("positions", "orientations", "gates"))
     far = 0
     for values, position, turn, gate in zip(read, positions, turns, gates, strict=True):
@@ -56,9 +58,25 @@ def test_it_shows_the_farthest_place_of_the_route_in_sight(env: CaveVectorEnv) -
 
 
 def test_its_length_is_what_is_left_of_the_guide_and_the_unknown_share_says_nothing(env: CaveVectorEnv) -> None:
-    read, state = env.reset(seed=4)[0][:, -4:], env.batch.world.arrays
+    read, state = env.reset(seed=4)[0]["route"], env.batch.world.arrays
     lengths = [unsoft(float(value), DISTANCE_SCALE) for value in read[:, 0]]
     np.testing.assert_allclose(lengths, state.remaining.numpy(), rtol=1e-4)
-    drawn = np.concatenate([env.reset(seed=1000 * n)[0][:, -1] for n in range(25)])
+    drawn = np.concatenate([env.reset(seed=1000 * n)[0]["route"][:, -1] for n in range(25)])
     assert drawn.mean() == pytest.approx(0.5, abs=5.0 / np.sqrt(12 * len(drawn)))
     assert 0.0 <= drawn.min() < 0.01 and 0.99 < drawn.max() <= 1.0
+
+
+def test_places_are_off_by_as_much_as_is_said_and_stay_so_for_ten_decisions() -> None:
+    """The goal of an empty room, 4 m ahead, seen by level vehicles: its angles are off by about error / distance."""
+    num, error, distance = 20_000, 0.2, 4.0
+    positions = np.tile([-distance, 0.0, 0.0], (num, 1))
+    batch = room_batch(positions=positions, seeds=np.arange(num))
+    route = Route(error)
+    first = route.measure(batch).copy()
+    angles = first[:, 1:3] * [np.pi, 0.5 * np.pi]
+    np.testing.assert_allclose(angles.mean(axis=0), 0.0, atol=5 * error / distance / np.sqrt(num))
+    np.testing.assert_allclose(angles.std(axis=0), error / distance, rtol=5 / np.sqrt(2 * num) + (error / distance) ** 2)
+    batch.state.decisions.fill_(9)
+    assert np.array_equal(route.measure(batch)[:, 1:3], first[:, 1:3])
+    batch.state.decisions.fill_(10)
+    assert abs(np.corrcoef(route.measure(batch)[:, 1], first[:, 1])[0, 1]) < 5 / np.sqrt(num)
