@@ -75,7 +75,9 @@ def test_places_are_off_by_as_much_as_is_said_and_stay_so_for_ten_decisions() ->
     first = route.measure(batch).copy()
     angles = first[:, 1:3] * [np.pi, 0.5 * np.pi]
     np.testing.assert_allclose(angles.mean(axis=0), 0.0, atol=5 * error / distance / np.sqrt(num))
-    np.testing.assert_allclose(angles.std(axis=0), error / distance, rtol=5 / np.sqrt(2 * num) + (error / distance) ** 2)
+    np.testing.assert_allclose(
+        angles.std(axis=0), error / distance, rtol=5 / np.sqrt(2 * num) + (error / distance) ** 2
+    )
     batch.state.decisions.fill_(9)
     assert np.array_equal(route.measure(batch)[:, 1:3], first[:, 1:3])
     batch.state.decisions.fill_(10)
