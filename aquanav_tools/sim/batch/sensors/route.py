@@ -34,6 +34,8 @@ the least step along the line."""
 DISTANCE_SCALE = wp.constant(wp.float64(scales.DISTANCE_SCALE))
 KEPT = wp.constant(10)
 """Decisions for which an error stays the same."""
+STRETCH = wp.constant(30)
+"""Decisions for which the way is lost, or is not."""
 MIN_SLICE = 512
 """Vehicles for which a further thread is worth its start."""
 
@@ -84,14 +86,21 @@ def measure_route(
     state: BatchState,
     caves: wp.array(dtype=Cave),
     error: wp.float64,
+    lost: wp.float32,
     out: wp.array2d(dtype=wp.float32),
 ):
-    """Write where the route goes on, with an error of this standard deviation along each axis, m."""
+    """Write where the route goes on, with an error of this standard deviation along each axis, m.
+
+    In a share of all stretches the way is lost: then it leads straight to the goal.
+    """
     i = chosen(state, first + wp.tid(), only_restarted)
     if i < 0:
         return
     wrong = error * wp.vec3d(normal_vector(state.seeds[i], stream + 1, state.decisions[i] / KEPT))
-    offset = place_ahead(i, caves[state.cave_of[i]], state) + wrong - state.positions[i]
+    ahead = wp.vec3d(caves[state.cave_of[i]].rules.goal)
+    if share_of_one(words(state.seeds[i], stream + 2, state.decisions[i] / STRETCH)[0]) >= lost:
+        ahead = place_ahead(i, caves[state.cave_of[i]], state)
+    offset = ahead + wrong - state.positions[i]
     direction = shown_direction(offset, rotation_of(state.orientations[i]))
     out[i, 0] = wp.float32(soft(wp.max(state.remaining[i], f64(0.0)), DISTANCE_SCALE))
     out[i, 1] = direction[0]
@@ -108,14 +117,16 @@ class Route(KernelSensor):
     learns to do without.
     """
 
-    def __init__(self, error: float = CELL) -> None:
+    def __init__(self, error: float = CELL, lost: float = 0.2) -> None:
         """Prepare.
 
         Args:
             error: Standard deviation of a place along each axis, m; drawn anew every tenth decision.
+            lost: Share of all stretches of 30 decisions in which the place is the goal itself, as a map's ways break
+                through walls that it does not know.
         """
         super().__init__(measure_route, MIN_SLICE)
-        self.error = error
+        self.error, self.lost = error, lost
 
     def spec(self, scenario: Scenario, vehicle: Vehicle) -> spaces.Box:
         """Return the space of a reading: that of `waypoint`."""
@@ -129,4 +140,4 @@ class Route(KernelSensor):
         return (SIZE,)
 
     def _inputs(self, batch: SensorBatch) -> list[Any]:
-        return [self.error]
+        return [self.error, self.lost]

@@ -39,7 +39,7 @@ def shown_from(scenario: Scenario, position: Array, gate: int) -> Array:
 
 @pytest.fixture(scope="module")
 def env() -> CaveVectorEnv:
-    return CaveVectorEnv(NUM, winding_scenario(), observation={"route": Route(error=0.0)}, starts="anywhere")
+    return CaveVectorEnv(NUM, winding_scenario(), observation={"route": Route(error=0.0, lost=0.0)}, starts="anywhere")
 
 
 def test_it_shows_the_farthest_place_of_the_route_in_sight(env: CaveVectorEnv) -> None:
@@ -71,7 +71,7 @@ def test_places_are_off_by_as_much_as_is_said_and_stay_so_for_ten_decisions() ->
     num, error, distance = 20_000, 0.2, 4.0
     positions = np.tile([-distance, 0.0, 0.0], (num, 1))
     batch = room_batch(positions=positions, seeds=np.arange(num))
-    route = Route(error)
+    route = Route(error, lost=0.0)
     first = route.measure(batch).copy()
     angles = first[:, 1:3] * [np.pi, 0.5 * np.pi]
     np.testing.assert_allclose(angles.mean(axis=0), 0.0, atol=5 * error / distance / np.sqrt(num))
@@ -82,3 +82,18 @@ def test_places_are_off_by_as_much_as_is_said_and_stay_so_for_ten_decisions() ->
     assert np.array_equal(route.measure(batch)[:, 1:3], first[:, 1:3])
     batch.state.decisions.fill_(10)
     assert abs(np.corrcoef(route.measure(batch)[:, 1], first[:, 1])[0, 1]) < 5 / np.sqrt(num)
+
+
+def test_in_a_fifth_of_all_stretches_the_way_is_lost_and_leads_straight_to_the_goal() -> None:
+    num, scenario = 2000, winding_scenario()
+    seen = {"sure": Route(error=0.0, lost=0.0), "misled": Route(error=0.0), "lost": Route(error=0.0, lost=1.0)}
+    env = CaveVectorEnv(num, scenario, observation=seen, starts="anywhere")  # type: ignore[arg-type]
+    read, state = env.reset(seed=5)[0], env.batch.world.arrays
+    offsets = np.array(scenario.settings.goal.position) - state.positions.numpy()
+    elevations = np.arctan2(offsets[:, 2], np.hypot(offsets[:, 0], offsets[:, 1]))
+    np.testing.assert_allclose(0.5 * np.pi * read["lost"][:, 2], elevations, atol=1e-4)
+    is_lost = (read["misled"][:, 1:3] == read["lost"][:, 1:3]).all(axis=1)
+    assert np.array_equal(read["misled"][~is_lost][:, 1:3], read["sure"][~is_lost][:, 1:3])
+    is_apart = (read["sure"][:, 1:3] != read["lost"][:, 1:3]).any(axis=1)
+    share = is_lost[is_apart].mean()
+    assert share == pytest.approx(0.2, abs=5 * 0.4 / np.sqrt(is_apart.sum()))
