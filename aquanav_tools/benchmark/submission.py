@@ -26,7 +26,7 @@ from aquanav_tools.errors import InputError
 from aquanav_tools.evaluate.metrics import EpisodeMetrics
 from aquanav_tools.evaluate.policies import PREFIX, code_of
 from aquanav_tools.evaluate.results import episode_row, read_episode_rows, versions
-from aquanav_tools.evaluate.wrappers import inner_of
+from aquanav_tools.evaluate.shielding import inner_of
 from aquanav_tools.policy.run_folder import best_policy
 from aquanav_tools.tables import from_table
 from aquanav_tools.text_files import read_json
@@ -43,7 +43,7 @@ class SubmittedPolicy:
     """The policy of a submission."""
 
     spec: str
-    """A baseline's name; or "file", also behind "shield:" or "planner:"."""
+    """A baseline's name; or "file", also behind "shield:"."""
     name: str
     sha256: str | None
     suffix: str

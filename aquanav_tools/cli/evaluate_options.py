@@ -29,8 +29,7 @@ class EvaluateCommand(EvaluateOptions):
     for code of your own in the working directory, or a baseline: baseline:random, baseline:reactive,
     baseline:reference, which was trained, or baseline:oracle, which knows the map. "shield:" before any of them puts a
     safety shield around it: it takes nine in ten collisions off random actions, but a good policy in strong current may
-    collide more with it than without, at ten times the cost. "planner:" before a network that observes 'full' leads it
-    out of dead ends by a map of what its rays have met. Several are taken for training runs of one method."""
+    collide more with it than without, at ten times the cost. Several are taken for training runs of one method."""
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("out/eval")
     """Folder for results.json, episodes.parquet, report.html, pictures and recordings; an earlier evaluation in it is
     replaced. Several policies get a folder each in it."""

@@ -216,14 +216,13 @@ def _vehicle_facts(name: str) -> list[tuple[str, str]]:
 
 def _shipped() -> list[tuple[str, str]]:
     from aquanav_tools.evaluate.policies import PREFIX, baseline_names
-    from aquanav_tools.evaluate.wrappers import PLANNER, SHIELD
+    from aquanav_tools.evaluate.shielding import SHIELD
     from aquanav_tools.shipped import shipped_names
     from aquanav_tools.sim.vehicle import known_vehicles, load_vehicle
 
     rows = [("vehicle", f"{name:<18} {load_vehicle(name).summary()}") for name in known_vehicles()]
     rows += [("baseline", PREFIX + name) for name in baseline_names()]
     rows.append(("shield", f"{SHIELD}POLICY around any policy"))
-    rows.append(("planner", f"{PLANNER}POLICY around a network that observes 'full'"))
     return rows + [(kind, name) for kind, folder in CONTENT.items() for name in shipped_names(folder)]
 
 

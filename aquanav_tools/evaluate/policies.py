@@ -25,8 +25,8 @@ from aquanav_tools.evaluate.own_code import CallablePolicy, OwnPolicy
 from aquanav_tools.evaluate.policy_kinds import BatchPrivileged, Policy, PrivilegedPolicy
 from aquanav_tools.evaluate.presets import CAVE, fitting_form, fitting_presets
 from aquanav_tools.evaluate.reactive import ReactivePolicy
+from aquanav_tools.evaluate.shielding import SHIELD, inner_of, shielded
 from aquanav_tools.evaluate.trusted import TORCHSCRIPT, TorchScriptPolicy, TrustedPolicy
-from aquanav_tools.evaluate.wrappers import inner_of, wrapped, wrapper_of
 from aquanav_tools.libraries import is_installed
 from aquanav_tools.policy.architecture import ExoticPolicyError
 from aquanav_tools.policy.archive import TRAINED
@@ -187,7 +187,7 @@ def check_batched(policy: LoadedPolicy, *, is_diving: bool, otherwise: str) -> N
 
 
 def code_of(spec: str) -> str:
-    """Return the module:function that a policy's name means, also inside a wrapper; empty of all others."""
+    """Return the module:function that a policy's name means, also inside a shield; empty of all others."""
     inner = inner_of(spec)
     return inner if is_own(inner) and not inner.startswith(PREFIX) else ""
 
@@ -203,7 +203,7 @@ def load_policy(
 
     Args:
         spec: A path of an SB3 zip, of an ONNX file, of TorchScript or of a training run's folder; module:function; a
-            baseline; or "shield:" or "planner:" before any of these.
+            baseline; or "shield:" before any of these.
         is_trusted: Whether files may run code while they are loaded and used. What can be loaded without is, all the
             same.
         observation: What a file's policy observes; None takes what the file says, or tells it by the number of values.
@@ -214,9 +214,8 @@ def load_policy(
         InputError: no such baseline (with the closest name), or the file is missing, damaged, unsafe or for another
             task.
     """
-    if wrapper := wrapper_of(spec):
-        inner = load_policy(spec.removeprefix(wrapper), is_trusted, observation, sensors, history)
-        return wrapped(wrapper, inner, sensors, history)
+    if spec.startswith(SHIELD):
+        return shielded(load_policy(spec.removeprefix(SHIELD), is_trusted, observation, sensors, history))
     if spec.startswith(PREFIX):
         _refuse_parts(spec, observation, sensors)
         return _baseline(spec)

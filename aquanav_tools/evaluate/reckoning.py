@@ -43,8 +43,7 @@ class DeadReckoning:
         """Begin an episode."""
         self._position, self._yaw = np.zeros(3), 0.0
         self._velocity: Array | None = None
-        self.goal = np.zeros(3)
-        """(3,) m, in the frame of the fixes."""
+        self._goal = np.zeros(3)
 
     def __call__(self, read: Mapping[str, Array]) -> Fix:
         """Return where the vehicle is; to be called once before every decision.
@@ -55,7 +54,7 @@ class DeadReckoning:
         level, up, azimuth = _goal_in(read["goal"])
         velocity = unsoft(read["velocity"], SPEED_SCALE)
         if self._velocity is None:
-            self.goal = np.array([level * np.cos(azimuth), level * np.sin(azimuth), up])
+            self._goal = np.array([level * np.cos(azimuth), level * np.sin(azimuth), up])
         else:
             # Turns begin and end within a decision, so that the rate of now is nearer to its mean than that before.
             self._yaw += self._seconds * float(unsoft(read["rates"], RATE_SCALE)[2])
@@ -70,11 +69,11 @@ class DeadReckoning:
 
     def _held(self, guess: Array, level: float, up: float, azimuth: float) -> Array:
         """Return a guess of the place, moved as far from the goal as is observed; turn to the goal's bearing."""
-        offset = self.goal - guess
+        offset = self._goal - guess
         if level > NEAR_GOAL:
             self._yaw = float(np.arctan2(offset[1], offset[0])) - azimuth
             offset[:2] *= level / float(np.hypot(offset[0], offset[1]))
-        return self.goal - np.array([offset[0], offset[1], up])
+        return self._goal - np.array([offset[0], offset[1], up])
 
 
 def tilted(yaw: float, pitch_up: float, left_up: float) -> Array:

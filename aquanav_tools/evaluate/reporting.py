@@ -22,6 +22,7 @@ from aquanav_tools.evaluate.observed import named_observation
 from aquanav_tools.evaluate.own_files import names_code
 from aquanav_tools.evaluate.results import Provenance, vehicle_text
 from aquanav_tools.evaluate.shield import CAVEAT
+from aquanav_tools.evaluate.shielding import SHIELD
 from aquanav_tools.evaluate.statistics import Estimate, Proportion, wilson
 from aquanav_tools.evaluate.summary import GROUPINGS, Group, Summary
 from aquanav_tools.evaluate.summary_text import (
@@ -36,7 +37,6 @@ from aquanav_tools.evaluate.summary_text import (
     variety_text,
 )
 from aquanav_tools.evaluate.task_adapter import adapter_of
-from aquanav_tools.evaluate.wrappers import SHIELD
 from aquanav_tools.report.html import Fact, Figure, Film, Link, Notice, Page, Section, Table, write_page
 from aquanav_tools.report.plots import plot_clearance, plot_outcomes, plot_progress
 from aquanav_tools.report.trajectory import FAILED, TrajectorySummary
