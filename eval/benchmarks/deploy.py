@@ -18,7 +18,11 @@ from aquanav_tools.deploy import DeployedPolicy, Readings
 from aquanav_tools.shipped import shipped_path
 from eval.smoke import parser_of
 
-SENSORS = {"reference": {}, "reference-echosounders": {"echosounders": np.full(16, 5.0)}}
+SENSORS: dict[str, dict[str, np.ndarray]] = {
+    "reference": {},
+    "reference-echosounders": {"echosounders": np.full(16, 5.0)},
+    "reference-waypoint": {"echosounders": np.full(16, 5.0), "waypoint": np.array([0.5, 0.1, 0.0, 0.3])},
+}
 
 
 def main() -> None:

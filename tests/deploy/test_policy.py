@@ -27,7 +27,8 @@ from tests.caves import tube_scenario
 from tests.conftest import REPOSITORY
 
 POLICIES = REPOSITORY / "eval" / "policies"
-WIDE, PLAIN = POLICIES / "reference-echosounders.onnx", POLICIES / "reference.onnx"
+PLAIN, WIDE, LED = (POLICIES / f"reference{name}.onnx" for name in ("", "-echosounders", "-waypoint"))
+SIZES = {"echosounders": 16, "waypoint": 4}
 
 
 def rotation_of(quaternion: Array) -> Array:
@@ -52,7 +53,9 @@ def readings_of(env: CaveEnv, info: dict[str, Any], sensors: dict[str, Any]) -> 
     return Readings(info["rays"], goal, velocity[:3], velocity[3:], depth, turn[2, :2], sensors)
 
 
-@pytest.mark.parametrize(("path", "sensors"), [(PLAIN, ()), (WIDE, ("echosounders",))])
+@pytest.mark.parametrize(
+    ("path", "sensors"), [(PLAIN, ()), (WIDE, ("echosounders",)), (LED, ("echosounders", "waypoint"))]
+)
 def test_observations_and_commands_are_those_of_the_environment(path: Path, sensors: tuple[str, ...]) -> None:
     env = CaveEnv(tube_scenario(), sensors=sensors, current=(0.1, 0.05, 0.0))
     policy = DeployedPolicy(path)
@@ -60,7 +63,9 @@ def test_observations_and_commands_are_those_of_the_environment(path: Path, sens
     observation, info = env.reset(seed=1)
     kinds, rng = set(), np.random.default_rng(0)
     for _ in range(60):
-        seen = policy.observe(readings_of(env, info, {name: observation[44:] for name in sensors}))
+        ends = 44 + np.cumsum([0, *(SIZES[name] for name in sensors)])
+        readings = {name: observation[a:b] for name, a, b in zip(sensors, ends[:-1], ends[1:], strict=True)}
+        seen = policy.observe(readings_of(env, info, readings))
         np.testing.assert_allclose(seen, observation, atol=2e-6)
         command = policy.choose(seen)
         kinds.add(command)

@@ -71,7 +71,9 @@ def test_evaluations_of_another_file_and_programs_are_refused(evaluation: Path, 
     assert blocked.returncode == 2 and "Choose another with -o" in blocked.stderr
 
 
-@pytest.mark.parametrize("name", ["boat-safe", "boat-standard", "reference", "reference-echosounders"])
+@pytest.mark.parametrize(
+    "name", ["boat-safe", "boat-standard", "reference", "reference-echosounders", "reference-waypoint"]
+)
 def test_shipped_cards_are_of_the_shipped_files(name: str) -> None:
     """The table of what a policy is, made anew, is in its card to the letter."""
     facts = aquanav("card", ZIP.with_name(f"{name}.zip")).stdout.split("\n## ")[0].split("\n\n", 1)[1]
