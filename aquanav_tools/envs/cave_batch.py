@@ -107,9 +107,7 @@ class CaveBatch(ExtendedBatch):
         self._share_out(num, len(several))
         self.contacts = contacts
         self._make_room = partial(make_room, vehicle=vehicle, task=options, reward=own.reward, limit=max_decisions)
-        rooms = on_all_cores(self._make_room, several)
-        pairs = [(room.scenario, room.vehicle) for room in rooms]
-        self._rooms = rooms * (2 if replaceable else 1)
+        self._rooms = on_all_cores(self._make_room, several) * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
         self.decision_seconds = _decision_seconds(self.scenarios)
         world_options = WorldOptions(
@@ -121,11 +119,11 @@ class CaveBatch(ExtendedBatch):
             next_step=next_step,
             device=device,
             num_threads=num_threads,
-            law=own.law(pairs[0][0].settings.limits.dt),
+            law=own.law(self.scenarios[0].settings.limits.dt),
         )
         setups = [room.setup for room in self._rooms]
         self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
-        self.observation_space = self._prepare_observations(pairs, num_threads)
+        self.observation_space = self._prepare_observations(num_threads)
 
     def _share_out(self, num: int, num_caves: int) -> None:
         """Share the vehicles out over the caves."""
@@ -141,13 +139,12 @@ class CaveBatch(ExtendedBatch):
         self.cave_of = self.slots.copy()
         """(N,) index of the cave that each vehicle is in."""
 
-    def _prepare_observations(
-        self, pairs: list[tuple[Scenario, Vehicle]], num_threads: int | None
-    ) -> spaces.Space[Any]:
+    def _prepare_observations(self, num_threads: int | None) -> spaces.Space[Any]:
         """Return the space of what is observed, having made room for what the user's own code and sensors give."""
         from aquanav_tools.sim.batch.sensors.base import SensorBatch
 
         own, world, seconds = self._own, self.world, self.decision_seconds
+        pairs = [(room.scenario, room.vehicle) for room in self._rooms[: len(self.slices)]]
         view = partial(BatchView, num=self.num, ray_lengths=self.ray_lengths, decision_seconds=seconds)
         make_sensors = partial(SensorBatch, world.arrays, world.caves, seconds, world.device, num_threads)
         preset = observation_space(own.observation)
