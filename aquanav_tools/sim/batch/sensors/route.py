@@ -111,8 +111,8 @@ def measure_route(
 class Route(KernelSensor):
     """Which way leads to the goal by the cave's own panels: (N, 4), in the form of `waypoint`.
 
-    No vehicle knows this: it is what `waypoint` would show if its map knew the cave. It errs as maps do: places are off,
-    and at times it leads straight to the goal through rock. So a network that learned with it trusts the waypoint
+    No vehicle knows this: it is what `waypoint` would show if its map knew the cave. It errs as maps do: places are
+    off, and at times it leads straight to the goal through rock. So a network that learned with it trusts the waypoint
     (`TrainSettings.waypoint`), and its own rays more. As nothing is unknown here, the share that is unknown is drawn
     evenly, so that a network learns to do without.
     """
