@@ -10,13 +10,10 @@ import importlib
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any
 
-Item = TypeVar("Item")
-Made = TypeVar("Made")
 CACHE_VARIABLE = "AQUANAV_CACHE"
 WAIT_S = 0.05
 """Between two tries for a lock, where the system cannot wait for one for as long as it takes."""
@@ -28,16 +25,6 @@ def num_cores() -> int:
     """Return how many cores this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)
     return len(affinity(0)) if affinity else os.cpu_count() or 1
-
-
-def on_all_cores(work: Callable[[Item], Made], items: Iterable[Item]) -> list[Made]:
-    """Return what a function makes of each item, in the items' order, in as many threads as there are cores.
-
-    It should let go of Python for most of its time, as NumPy, SciPy and compiled functions with `nogil` do. The first
-    error is raised; what has not begun by then is left.
-    """
-    with ThreadPoolExecutor(num_cores()) as threads:
-        return list(threads.map(work, items))
 
 
 def user_cache() -> Path | None:

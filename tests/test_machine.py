@@ -6,8 +6,6 @@ import errno
 import os
 import subprocess
 import sys
-import threading
-import time
 import types
 from pathlib import Path
 from typing import Any
@@ -23,32 +21,6 @@ def test_the_cores_are_those_that_this_process_may_use() -> None:
     code = "from aquanav_tools.machine import num_cores; print(num_cores())"
     bound = [sys.executable, "-c", f"import os; os.sched_setaffinity(0, {{0}}); {code}"]
     assert subprocess.run(bound, capture_output=True, text=True, check=True).stdout == "1\n"
-
-
-def test_work_on_all_cores_runs_side_by_side_and_comes_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "num_cores", lambda: 3)
-    at_once = threading.Barrier(3, timeout=60)
-
-    def made(item: int) -> int:
-        at_once.wait()
-        time.sleep(0.01 * (6 - item))
-        return 10 * item
-
-    assert machine.on_all_cores(made, range(6)) == [0, 10, 20, 30, 40, 50]
-
-
-def test_after_an_error_on_one_core_no_more_work_begins(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(machine, "num_cores", lambda: 1)
-    begun = []
-
-    def made(item: int) -> int:
-        begun.append(item)
-        time.sleep(0.2)
-        raise ValueError(item)
-
-    with pytest.raises(ValueError, match="0"):
-        machine.on_all_cores(made, range(100))
-    assert len(begun) < 5
 
 
 def test_without_affinity_all_cores_count(monkeypatch: pytest.MonkeyPatch) -> None:

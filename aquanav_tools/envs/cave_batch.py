@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -15,31 +16,45 @@ from gymnasium import spaces
 from aquanav_tools.envs.action import ActionModel
 from aquanav_tools.envs.batch import Floats
 from aquanav_tools.envs.batch_view import BatchView
-from aquanav_tools.envs.cave_room import CaveSpec, make_room
 from aquanav_tools.envs.choices import check_choice
 from aquanav_tools.envs.dict_observation import Parts, parts_of
 from aquanav_tools.envs.episode import COLLISION_RULES
 from aquanav_tools.envs.extended_batch import ExtendedBatch
 from aquanav_tools.envs.extensions import Extensions
 from aquanav_tools.envs.observation import observation_space
+from aquanav_tools.envs.reward import TERMS, cave_weights
 from aquanav_tools.envs.starting import CONDITIONS, NUM_SEEDS, Starts, check_start
+from aquanav_tools.envs.vehicles import prepared
 from aquanav_tools.errors import InputError
-from aquanav_tools.machine import on_all_cores
-from aquanav_tools.scenario.schema import Scenario
+from aquanav_tools.scenario.schema import Current, Scenario
 from aquanav_tools.sim.command import DIVING
 from aquanav_tools.sim.contacts import Contacts, load_bullet
 from aquanav_tools.sim.randomisation import read_randomisation
 from aquanav_tools.sim.sensors import original_pattern
+from aquanav_tools.sim.time_limit import decision_limit
 from aquanav_tools.sim.vehicle_base import Vehicle
+from aquanav_tools.sim.water import WaterParts, water_of
 from aquanav_tools.task import MEASURES, TaskOptions, task_options
-from aquanav_tools.types import Array
+from aquanav_tools.types import Array, Pose
 
 if TYPE_CHECKING:
     from aquanav_tools.sim.batch.oracle import BatchOracle
+    from aquanav_tools.sim.batch.setup import CaveSetup
 
 RAY_SOURCES = ("field", "mesh")
+CaveSpec = str | Path | Scenario
 CURRENT, ORACLE = "places/current", "oracle/"
 """Name of the array of the caves of now in `state`, and beginning of the names of what the oracle remembers."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Room:
+    """One cave, with what is made of it."""
+
+    scenario: Scenario
+    vehicle: Vehicle
+    starts: Starts
+    setup: CaveSetup
 
 
 class CaveBatch(ExtendedBatch):
@@ -105,9 +120,9 @@ class CaveBatch(ExtendedBatch):
         self._own = own = Extensions(options, str(getattr(self._parts, "preset", observation)), self._parts)
         self.ray_lengths = original_pattern().lengths
         self._share_out(num, len(several))
-        self.contacts = contacts
-        self._make_room = partial(make_room, vehicle=vehicle, task=options, reward=own.reward, limit=max_decisions)
-        self._rooms = on_all_cores(self._make_room, several) * (2 if replaceable else 1)
+        self._vehicle, self._max_decisions, self.contacts = vehicle, max_decisions, contacts
+        pairs = [prepared(scenario, vehicle) for scenario in several]
+        self._rooms = [self._room(*pair) for pair in pairs] * (2 if replaceable else 1)
         """Of each cave; the second half is for those that take the place of the first, and the other way round."""
         self.decision_seconds = _decision_seconds(self.scenarios)
         world_options = WorldOptions(
@@ -119,11 +134,11 @@ class CaveBatch(ExtendedBatch):
             next_step=next_step,
             device=device,
             num_threads=num_threads,
-            law=own.law(self.scenarios[0].settings.limits.dt),
+            law=own.law(pairs[0][0].settings.limits.dt),
         )
         setups = [room.setup for room in self._rooms]
         self.world = BatchWorld(setups, self.cave_of, world_options, self._engines(contacts))
-        self.observation_space = self._prepare_observations(num_threads)
+        self.observation_space = self._prepare_observations(pairs, num_threads)
 
     def _share_out(self, num: int, num_caves: int) -> None:
         """Share the vehicles out over the caves."""
@@ -139,12 +154,19 @@ class CaveBatch(ExtendedBatch):
         self.cave_of = self.slots.copy()
         """(N,) index of the cave that each vehicle is in."""
 
-    def _prepare_observations(self, num_threads: int | None) -> spaces.Space[Any]:
+    def _room(self, scenario: Scenario, vehicle: Vehicle) -> _Room:
+        """Return what is made of a cave and the vehicle in it."""
+        starts = Starts(scenario, vehicle.capsule, self.task.starts, self.task.start_range)
+        setup = _setup(scenario, vehicle, self.task, self._own.reward, starts, self._max_decisions)
+        return _Room(scenario, vehicle, starts, setup)
+
+    def _prepare_observations(
+        self, pairs: list[tuple[Scenario, Vehicle]], num_threads: int | None
+    ) -> spaces.Space[Any]:
         """Return the space of what is observed, having made room for what the user's own code and sensors give."""
         from aquanav_tools.sim.batch.sensors.base import SensorBatch
 
         own, world, seconds = self._own, self.world, self.decision_seconds
-        pairs = [(room.scenario, room.vehicle) for room in self._rooms[: len(self.slices)]]
         view = partial(BatchView, num=self.num, ray_lengths=self.ray_lengths, decision_seconds=seconds)
         make_sensors = partial(SensorBatch, world.arrays, world.caves, seconds, world.device, num_threads)
         preset = observation_space(own.observation)
@@ -234,7 +256,7 @@ class CaveBatch(ExtendedBatch):
 
     def put(self, index: int, scenario: CaveSpec) -> None:
         """Put a cave where no vehicle is, in the second half of a place or in the first: see `replace`."""
-        room = self._make_room(scenario)
+        room = self._room(*prepared(scenario, self._vehicle))
         _decision_seconds([self._rooms[0].scenario, room.scenario])
         self.world.replace_cave(index, room.setup)
         self._rooms[index] = room
@@ -336,3 +358,43 @@ def _decision_seconds(scenarios: Sequence[Scenario]) -> float:
     if len(durations) > 1:
         raise InputError(f"Decisions take {sorted(durations)} s in these scenarios; in one batch they must be as long.")
     return durations.pop()
+
+
+def _setup(
+    scenario: Scenario,
+    vehicle: Vehicle,
+    options: TaskOptions,
+    reward: str,
+    starts: Starts,
+    max_decisions: int | None,
+) -> CaveSetup:
+    from aquanav_tools.sim.batch.caves import CaveTask
+    from aquanav_tools.sim.batch.setup import CaveSetup
+
+    limit = decision_limit(scenario, vehicle) if max_decisions is None else max_decisions
+    if limit < 1:
+        raise InputError(f"max_decisions must be at least 1, got {limit}.")
+    weights = cave_weights(reward, vehicle)
+    task = CaveTask(
+        goal=np.array(scenario.settings.goal.position, dtype=np.float64),
+        tolerance=scenario.settings.goal.tolerance,
+        max_decisions=limit,
+        ends_on_collision=weights.ends_on_collision or options.on_collision == "end",
+        weights=tuple(getattr(weights, name) for name in TERMS),
+        entrance=scenario.guide.centres[0],
+        water=_water_of(scenario, options.current),
+        progress=options.progress,
+        start_numbers=starts.numbers,
+    )
+    return CaveSetup(scenario, vehicle, task, partial(_drawn, starts) if options.starts == "anywhere" else None)
+
+
+def _drawn(starts: Starts, seed: int) -> Pose:
+    return starts.draw(np.random.default_rng(seed))
+
+
+def _water_of(scenario: Scenario, current: Current | None) -> WaterParts:
+    try:
+        return water_of(scenario, current)
+    except ValueError as cause:
+        raise InputError(f"{cause} Choose another current.") from cause

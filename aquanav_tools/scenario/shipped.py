@@ -13,10 +13,11 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from aquanav_tools.errors import InputError, ScenarioError
-from aquanav_tools.machine import CACHE_VARIABLE, cache_folder, on_all_cores
+from aquanav_tools.machine import CACHE_VARIABLE, cache_folder, num_cores
 from aquanav_tools.provenance import code_digest, digest, file_hash
 from aquanav_tools.shipped import shipped_names, shipped_path
 from aquanav_tools.store import locked
@@ -215,7 +216,8 @@ def build_side_by_side(names: Iterable[object]) -> None:
     """
     drawn = [name for name in names if isinstance(name, str) and drawn_from(name) is not None]
     missing = [name for name in drawn if not (named_folder(name) / SETTINGS_FILE).is_file()]
-    on_all_cores(scenario_folder, missing)
+    with ThreadPoolExecutor(num_cores()) as threads:
+        list(threads.map(scenario_folder, missing))
 
 
 def _build(name: str, folder: Path, words: list[str], cost: str) -> None:

@@ -18,7 +18,7 @@ from aquanav_tools.build.generated import build_generated
 from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
 from aquanav_tools.envs.vehicles import dived_by
 from aquanav_tools.errors import InputError, ResourceError, ScenarioError
-from aquanav_tools.machine import num_cores, on_all_cores
+from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.folder import read_scenario
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.scenario.shipped import generated_name, remove_version
@@ -104,21 +104,19 @@ class CaveSupply:
             InputError: MAX_ATTEMPTS caves in a row could not be built, or do not fit the vehicle.
         """
         found: dict[int, Scenario] = {}
-
-        def read(done: tuple[CaveTask, BuiltCave]) -> NumberedTask | None:
-            task, built = done
-            assert isinstance(task, NumberedTask)
-            scenario = self._read(task, built)
-            if isinstance(scenario, NumberedTask):
-                return scenario
-            found[task.number] = scenario
-            if progress is not None:
-                progress(len(found), len(set(numbers)))
-            return None
-
         tasks = [self.sequence.task(number) for number in dict.fromkeys(numbers)]
         while tasks:
-            tasks = [task for task in on_all_cores(read, build_set(tasks)) if task is not None]
+            again = []
+            for task, built in build_set(tasks):
+                assert isinstance(task, NumberedTask)
+                scenario = self._read(task, built)
+                if isinstance(scenario, NumberedTask):
+                    again.append(scenario)
+                    continue
+                found[task.number] = scenario
+                if progress is not None:
+                    progress(len(found), len(set(numbers)))
+            tasks = again
         return [found[number] for number in numbers]
 
     def expect(self, first: int) -> None:

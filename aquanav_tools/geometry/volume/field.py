@@ -143,7 +143,7 @@ def interpolate(bricks, samples, origin, spacing, x, y, z):  # type: ignore[no-u
     return low * (1 - fz) + high * fz
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _interpolate_many(bricks, samples, origin, spacing, points):  # type: ignore[no-untyped-def]
     result = np.empty(len(points))
     for n in range(len(points)):
@@ -151,7 +151,7 @@ def _interpolate_many(bricks, samples, origin, spacing, points):  # type: ignore
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _list_water(places, bricks, samples, indices, clearance):  # type: ignore[no-untyped-def]
     """Write the indices and the clearance of all samples in the water where there is room; return how many."""
     count = 0

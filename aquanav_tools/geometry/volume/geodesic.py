@@ -174,7 +174,7 @@ def distance_to(field: DistanceField, goal: Array, min_clearance: float) -> Ways
     return WaterGraph(field, min_clearance).ways_from(goal)
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _find_neighbours(  # type: ignore[no-untyped-def]
     indices, step, offsets, points, least, bricks, samples, origin, spacing, numbers, ahead, counts
 ):
@@ -198,7 +198,7 @@ def _find_neighbours(  # type: ignore[no-untyped-def]
                 counts[other + 1] += 1
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _list_neighbours(ahead, starts, points, neighbours, lengths):  # type: ignore[no-untyped-def]
     """Write the neighbours of each node in rising order, and how far away they are."""
     ends = starts[:-1].copy()
@@ -256,7 +256,7 @@ def sees(a, b, min_clearance, bricks, samples, origin, spacing):  # type: ignore
     return interpolate(bricks, samples, origin, spacing, b[0], b[1], b[2]) >= min_clearance
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _draw_taut(order, starts, neighbours, points, min_clearance, bricks, samples, origin, spacing):  # type: ignore[no-untyped-def]
     """Return the lengths of the ways to all nodes, and where each turns last; `order` rises from the source."""
     lengths, corners = np.full(len(points), np.inf), np.full(len(points), NO_NODE)
@@ -281,7 +281,7 @@ def _draw_taut(order, starts, neighbours, points, min_clearance, bricks, samples
     return lengths, corners
 
 
-@numba.njit(cache=True, nogil=True)
+@numba.njit(cache=True)
 def _reach(points, near, nodes, lengths, corners, min_clearance, bricks, samples, origin, spacing):  # type: ignore[no-untyped-def]
     """Return the length of the way to each point over one of the nodes near it, and where it turns last."""
     best, last = np.full(len(points), np.inf), np.full(len(points), NO_NODE)

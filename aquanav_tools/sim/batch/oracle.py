@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -21,7 +20,6 @@ import warp as wp
 from aquanav_tools.cave.water import roomy_ways as water_ways
 from aquanav_tools.cave.water.roomy_ways import RoomyWays, roomy_ways
 from aquanav_tools.errors import InputError
-from aquanav_tools.machine import on_all_cores
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.batch.actuators import actuated, trim_of
 from aquanav_tools.sim.batch.caves import Cave, shared
@@ -249,9 +247,7 @@ class BatchOracle:
         if not world.device.is_cpu:
             raise InputError("The oracle of a batch looks ahead on the processor. Choose device='cpu'.")
         device, self._device = world.device, world.device
-        once = {id(scenario): (scenario, vehicle) for scenario, vehicle in pairs}
-        on_all_cores(_ways_in, once.values())
-        self._ways = StructTable(Ways, [_on_device(_ways_in(pair), device) for pair in pairs], device)
+        self._ways = StructTable(Ways, [self._found(*pair) for pair in pairs], device)
         self._memory = memory = Memory()
         memory.nearest = wp.zeros(world.num, dtype=wp.float64, device=device)
         memory.waited = wp.zeros(world.num, dtype=wp.int32, device=device)
@@ -270,9 +266,20 @@ class BatchOracle:
             if last > first
         ]
 
+    def _found(self, scenario: Scenario, vehicle: Vehicle) -> Ways:
+        if not isinstance(vehicle, FossenVehicle) or vehicle.thrusters:
+            raise InputError(
+                "The oracle of a batch knows vehicles with a thrust ahead and a moment of steer, and this one is of "
+                "another model. Choose one such as bluerov2; in aquanav-eval leave out --backend batch: the oracle of "
+                "one vehicle knows more of them."
+            )
+        goal, radius = np.array(scenario.settings.goal.position, dtype=np.float64), vehicle.capsule.radius
+        key = ("ways", goal.tolist(), radius)
+        return shared(scenario.field, key, lambda: _on_device(roomy_ways(scenario.field, goal, radius), self._device))
+
     def put(self, cave: int, scenario: Scenario, vehicle: Vehicle) -> None:
         """Take note of a cave that has taken another one's number."""
-        self._ways.put(cave, _on_device(_ways_in((scenario, vehicle)), self._device))
+        self._ways.put(cave, self._found(scenario, vehicle))
 
     def __call__(self) -> npt.NDArray[np.float32]:
         """Return the (N, 3) ballast, steer and thrust, each -1, 0 or 1, that it would command now."""
@@ -293,27 +300,12 @@ class BatchOracle:
             getattr(self._memory, name).assign(state[name])
 
 
-def _ways_in(pair: tuple[Scenario, Vehicle]) -> RoomyWays:
-    """Return the ways of a vehicle in a cave, found once."""
-    scenario, vehicle = pair
-    if not isinstance(vehicle, FossenVehicle) or vehicle.thrusters:
-        raise InputError(
-            "The oracle of a batch knows vehicles with a thrust ahead and a moment of steer, and this one is of "
-            "another model. Choose one such as bluerov2; in aquanav-eval leave out --backend batch: the oracle of "
-            "one vehicle knows more of them."
-        )
-    goal, radius = np.array(scenario.settings.goal.position, dtype=np.float64), vehicle.capsule.radius
-    key = ("ways", goal.tolist(), radius)
-    found: RoomyWays = shared(scenario.field, key, lambda: roomy_ways(scenario.field, goal, radius))
-    return found
-
-
 def _on_device(found: RoomyWays, device: Any) -> Ways:
-    """Return ways as kernels on the processor read them, in the same memory."""
-    ways, shown = Ways(), partial(wp.array, device=device, copy=False)
+    ways = Ways()
     ways.origin, ways.spacing, ways.num = wp.vec3d(*found.origin), found.spacing, wp.vec3i(*found.blocks.shape)
-    ways.aims = shown(found.aims, dtype=wp.vec3d)
-    ways.blocks, ways.cells = (shown(cells.ravel(), dtype=wp.int32) for cells in (found.blocks, found.cells))
+    ways.aims = wp.array(found.aims, dtype=wp.vec3d, device=device)
+    for name, kind in (("blocks", wp.int32), ("cells", wp.int32)):
+        setattr(ways, name, wp.array(getattr(found, name).ravel(), dtype=kind, device=device))
     for name in ("heights", "beyond", "rooms"):
-        setattr(ways, name, shown(np.ascontiguousarray(getattr(found, name)), dtype=wp.float64))
+        setattr(ways, name, wp.array(getattr(found, name), dtype=wp.float64, device=device))
     return ways
