@@ -44,7 +44,7 @@ class TrainSettings(TaskOptions):
     small that the vehicle does not fit: more caves, with tighter squeezes and sharper bends than their styles have."""
     waypoint: Literal["map", "route"] = "map"
     """What the sensor waypoint shows while learning: the way by the vehicle's own map, as it will ever after (map); or
-    the cave's own route, which never errs and takes next to no time, so that a network learns to trust it (route). The
+    the cave's own route, which errs less and takes next to no time, so that a network learns to trust it (route). The
     batch only."""
     steps: int = 300_000
     """Decisions to learn from, over all environments. PPO learns from whole rollouts, so it may take a few more; the
