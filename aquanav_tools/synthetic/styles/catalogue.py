@@ -47,6 +47,7 @@ STYLES: dict[str, Style] = {
     "breakdown-chamber": Style(rooms.breakdown_chamber, (1.8, 10.0)),
     "shaft-ramp": Style(natural.shaft_ramp, (1.8, 12.0)),
     "fault-fissure": Style(natural.fault_fissure, (1.8, 8.0), (20.0, 150.0)),
+    "crawlway": Style(natural.crawlway, (1.4, 3.0), (20.0, 150.0)),
     "maze": Style(rooms.maze, (2.0, 7.0), (20.0, 120.0)),
     "sump-series": Style(natural.sump_series, (1.8, 10.0)),
     "flooded-gallery": Style(rooms.flooded_gallery, (8.0, 20.0), (30.0, 200.0)),

@@ -122,6 +122,29 @@ def chutes(
     return np.clip(slopes, -steepest, steepest)
 
 
+def kinks(length: float, run: tuple[float, float], rng: np.random.Generator) -> Array:
+    """Return the (K,) stations of corners between straight legs of a passage, m.
+
+    Args:
+        length: of the way, m.
+        run: shortest and longest leg, m.
+        rng: draws them.
+    """
+    legs = rng.uniform(*run, max(1, int(length / run[0])))
+    places = 0.5 * (run[0] + run[1]) + np.cumsum(legs)
+    return np.asarray(places[places < length - run[0]])
+
+
+def turned(stations: Array, corners: Array, most: float, edge: float, rng: np.random.Generator) -> Array:
+    """Return (C,) angles that stay the same on each leg between (K,) corners, up to `most` either way, rad.
+
+    Over `edge` m at each corner they go from one to the next.
+    """
+    angles = rng.uniform(-most, most, len(corners) + 1)
+    places = np.stack([corners - 0.5 * edge, corners + 0.5 * edge], axis=1).ravel()
+    return np.interp(stations, places, np.repeat(angles, 2)[1:-1]) if len(corners) else np.zeros(len(stations))
+
+
 def spots(count: int, low: float, high: float, rng: np.random.Generator) -> Array:
     """Return places, one in the middle half of each of as many equal parts of a range."""
     borders = np.linspace(low, high, count + 1)

@@ -10,7 +10,7 @@ FIRST_STYLES = (
     "phreatic-tube", "vadose-canyon", "bedding-plane", "breakdown-chamber", "shaft-ramp", "maze", "sump-series",
     "flooded-gallery", "mine-drift",
 )  # fmt: skip
-STYLE_NAMES = (*FIRST_STYLES, "fault-fissure")
+STYLE_NAMES = (*FIRST_STYLES, "fault-fissure", "crawlway")
 """In the order in which they came."""
 MIXED = "mixed"
 """Stands for a style that the seed picks, each as often as every other. A style that comes takes its part of the seeds

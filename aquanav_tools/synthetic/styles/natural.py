@@ -120,6 +120,29 @@ def fault_fissure(length: float, opening: float, rng: Rng) -> Plan:
     return Plan((main,), draw.extent_of(axis, s, length), opening, relief, blocks)
 
 
+def crawlway(length: float, opening: float, rng: Rng) -> Plan:
+    """Return a tube hardly wider than who passes it, from end to end: straight legs, up and down, tight at corners.
+
+    So are passages built from surveys: between two stations nothing was measured but the leg.
+    """
+    s = draw.stations_of(length)
+    fade = draw.faded(s, length)
+    corners = draw.kinks(length, (0.8, rng.uniform(3.0, 8.0)), rng)
+    edge = rng.uniform(0.2, 0.8)
+    headings = fade * draw.turned(s, corners, rng.uniform(0.2, 0.8), edge, rng)
+    slopes = rng.uniform(-0.7, 0.7) + draw.turned(s, corners, rng.uniform(0.1, 0.5), edge, rng)
+    headings, axis = laid(headings, fade * np.clip(slopes, -1.2, 1.2), s, length, 0.9 * opening, rng)
+    half = 0.5 * opening * draw.roomy(s, opening, rng.uniform(0.2, 0.8), rng)
+    waists = draw.bumps(s, corners, rng.uniform(0.0, 0.25, len(corners)), rng.uniform(0.2, 0.5, len(corners)))
+    half *= 1.0 - np.clip(waists, 0.0, 0.25)
+    flat = np.exp(rng.uniform(0.1, 0.3) * draw.waves(s, rng.uniform(8.0, 16.0), rng))
+    tall = half * np.maximum(1.0 / flat, 1.0)
+    main = Passage(axis, headings, half * np.maximum(flat, 1.0), tall, tall)
+    blocks = draw.blocks_on_floor(main, int(length / 10.0), (0.1, 0.25), 0.8 * opening, rng, (0.1, 0.9))
+    relief = Relief(swell=0.08, scallops=0.06, scallop_length=rng.uniform(0.4, 0.9), grain=0.05)
+    return Plan((main,), draw.extent_of(axis, s, length), opening, relief, blocks)
+
+
 def sump_series(length: float, opening: float, rng: Rng) -> Plan:
     """Return low sumps that dip between roomy chambers, gravel on their floors."""
     s = draw.stations_of(length)
