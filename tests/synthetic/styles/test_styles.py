@@ -11,6 +11,7 @@ import trimesh
 from aquanav_tools.errors import InputError
 from aquanav_tools.synthetic.made_up import made_up_cavity
 from aquanav_tools.synthetic.styles.catalogue import MAX_CELLS, STYLES, VEHICLE_WIDTH, DrawnCave, draw_cave
+from aquanav_tools.synthetic.styles.drawing import STEP, kinks, turned
 from aquanav_tools.synthetic.styles.names import FIRST_STYLES, MAX_SEED, MIXED, STYLE_NAMES, number_of, style_of
 from aquanav_tools.synthetic.styles.plan import NO_FLOOR, Passage, Plan, Relief
 from aquanav_tools.synthetic.styles.surface import water_surface
@@ -91,14 +92,42 @@ def test_the_same_seed_is_the_same_cave_to_the_byte_and_another_another() -> Non
 def test_mixed_takes_every_style_as_often() -> None:
     counts = Counter(style_of(MIXED, seed) for seed in range(5000))
     assert set(counts) == set(STYLE_NAMES) == set(STYLES)
-    spread = np.sqrt(5000 * 0.1 * 0.9)
-    assert all(abs(count - 500) < 4.0 * spread for count in counts.values())
+    share = 1.0 / len(STYLES)
+    spread = np.sqrt(5000 * share * (1.0 - share))
+    assert all(abs(count - 5000 * share) < 4.0 * spread for count in counts.values())
 
 
 def test_a_style_that_came_later_left_the_mixed_seeds_of_others_as_they_were() -> None:
     styles = [style_of(MIXED, seed) for seed in range(1000)]
     kept = [FIRST_STYLES[number_of(MIXED, seed) % 9] for seed in range(1000)]
-    assert all(now in (before, "fault-fissure") for now, before in zip(styles, kept, strict=True))
+    later = set(STYLE_NAMES[len(FIRST_STYLES) :])
+    assert all(now == before or now in later for now, before in zip(styles, kept, strict=True))
+
+
+def test_corners_lie_a_leg_apart_and_legs_are_straight_between_them() -> None:
+    rng = np.random.default_rng(0)
+    corners = kinks(60.0, (1.0, 4.0), rng)
+    assert np.diff(corners).min() >= 1.0 and np.diff(corners).max() <= 4.0
+    assert corners[0] >= 1.0 and corners[-1] < 59.0
+    stations = np.arange(0.0, 60.0, 0.1)
+    angles = turned(stations, corners, 0.8, 0.4, rng)
+    nearest = np.abs(stations[:, None] - corners).min(axis=1)
+    straight = (nearest[:-1] > 0.25) & (nearest[1:] > 0.25)
+    assert np.abs(np.diff(angles))[straight].max() == 0.0
+    assert 0.4 < np.abs(angles).max() <= 0.8
+
+
+def test_a_crawlway_is_no_wider_than_a_few_vehicles_and_sharper_than_a_tube() -> None:
+    sharpest = {}
+    for style in ("crawlway", "phreatic-tube"):
+        plans = [draw_cave(style, seed).plan for seed in range(6)]
+        ahead = [np.diff(plan.passages[0].axis, axis=0) / STEP for plan in plans]
+        turns = [np.arccos(np.clip((one[5:] * one[:-5]).sum(axis=1), -1.0, 1.0)) for one in ahead]
+        sharpest[style] = float(np.degrees(np.median([turn.max() for turn in turns])))
+        if style == "crawlway":
+            widths = [2.0 * plan.passages[0].half_width.max() / VEHICLE_WIDTH for plan in plans]
+            assert max(widths) < 3.0 * 1.8 * np.exp(0.4)  # the widest opening, roomiest, flattest
+    assert sharpest["crawlway"] > 40.0 > sharpest["phreatic-tube"]  # over half a metre of way
 
 
 def test_an_unknown_style_is_told_the_nearest_name() -> None:
