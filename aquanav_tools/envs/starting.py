@@ -10,7 +10,7 @@ import numpy as np
 
 from aquanav_tools.cave.route.shortest import ShortestPaths, shortest_paths
 from aquanav_tools.envs.choices import check_choice
-from aquanav_tools.errors import InputError, ScenarioError, did_you_mean
+from aquanav_tools.errors import InputError, MeshError, ScenarioError, did_you_mean
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
 from aquanav_tools.task import TaskOptions, task_options
@@ -30,6 +30,9 @@ MIN_WAY = 2.0
 """Starts keep this way to the goal beyond its tolerance, m: a second at the original's speed."""
 MAX_YAW_ERROR = float(np.deg2rad(45.0))
 MAX_TRIES = 1000
+NUM_DRAWN = 8
+"""Starts anywhere that are drawn to see whether there are enough, each in a tenth of MAX_TRIES: where these are found,
+no episode tries in vain."""
 EVERYWHERE = (0.0, 1.0)
 """Range of the way in which all starts are."""
 
@@ -93,7 +96,7 @@ class Starts:
             return self._scenario.starts[index].geodesic_to_goal
         return self._paths.remaining(position)
 
-    def draw(self, rng: np.random.Generator) -> Pose:
+    def draw(self, rng: np.random.Generator, max_tries: int = MAX_TRIES) -> Pose:
         """Return a level pose, drawn evenly from the water, that heads down the way to the goal more or less.
 
         Raises:
@@ -101,7 +104,7 @@ class Starts:
         """
         field, capsule, paths = self._scenario.field, self._capsule, self._paths
         assert paths is not None, "starts are listed"
-        for _ in range(MAX_TRIES if len(self._places) else 0):
+        for _ in range(max_tries if len(self._places) else 0):
             jitter, turn = rng.uniform(-self._half_cell, self._half_cell, 3), rng.uniform(-MAX_YAW_ERROR, MAX_YAW_ERROR)
             position = self._places[rng.integers(len(self._places))] + jitter
             heading = _heading(paths, position, self._half_cell)
@@ -112,9 +115,21 @@ class Starts:
             if hull_clearance(state, 0.5 * capsule.axis_length, capsule.radius, *field.grid) > MARGIN:
                 return pose
         raise ScenarioError(
-            f"No free start was found in {MAX_TRIES} tries: the cave is hardly wider than the vehicle, or no place is "
-            f"{MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller vehicle."
+            f"No free start was found in {max_tries} tries in {self._scenario.name}: the cave is hardly wider than the "
+            f"vehicle, or no place is {MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller vehicle."
         )
+
+
+def can_begin_anywhere(scenario: Scenario, capsule: Capsule) -> bool:
+    """Return whether starts of a hull can be drawn anywhere in the water, as lessons may ask for."""
+    rng = np.random.default_rng(0)
+    try:
+        starts = Starts(scenario, capsule, "anywhere")
+        for _ in range(NUM_DRAWN):
+            starts.draw(rng, MAX_TRIES // 10)
+    except (MeshError, ScenarioError):
+        return False
+    return True
 
 
 def listed_numbers(name: str, shares: Sequence[float], start_range: tuple[float, float]) -> IntArray:

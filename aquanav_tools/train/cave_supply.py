@@ -16,7 +16,8 @@ import numpy as np
 
 from aquanav_tools.build.generated import build_generated
 from aquanav_tools.build.generated_set import LOWER_PRIORITY, BuiltCave, CaveTask, build_set, builder_pool, built_by
-from aquanav_tools.envs.vehicles import dived_by
+from aquanav_tools.envs.starting import can_begin_anywhere
+from aquanav_tools.envs.vehicles import dived_by, vehicle_of
 from aquanav_tools.errors import InputError, ResourceError, ScenarioError
 from aquanav_tools.machine import num_cores
 from aquanav_tools.scenario.folder import read_scenario
@@ -225,7 +226,7 @@ class CaveSupply:
             if scenario.flow is None:
                 raise InputError(f"No water flows through {name}.")
             if self.sequence.scales == (1.0, 1.0):
-                return dived_by(scenario, vehicle)
+                return _with_starts(dived_by(scenario, vehicle), name)
             return scaled_to_fit(scenario, self.sequence.scale(task.number), vehicle)
         except InputError as error:
             if task.attempt + 1 == MAX_ATTEMPTS:
@@ -233,6 +234,17 @@ class CaveSupply:
                     f"None of {MAX_ATTEMPTS} drawn caves can be learned in. The last, {name}: {error}"
                 ) from error
             return self.sequence.task(task.number, task.attempt + 1)
+
+
+def _with_starts(scenario: Scenario, name: str) -> Scenario:
+    """Return a cave that a lesson can begin in anywhere.
+
+    Raises:
+        InputError: it is hardly wider than the vehicle.
+    """
+    if not can_begin_anywhere(scenario, vehicle_of(scenario).capsule):
+        raise InputError(f"{name} is hardly wider than its vehicle: no start could be drawn anywhere in it.")
+    return scenario
 
 
 def _read_whole(task: NumberedTask, folder: Path) -> Scenario:

@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 
 from aquanav_tools.cave.route.starts import Start
-from aquanav_tools.envs.starting import Starts
+from aquanav_tools.envs.starting import can_begin_anywhere
 from aquanav_tools.envs.vehicles import dived_by, vehicle_of, ways_to_goal
-from aquanav_tools.errors import ScenarioError
 from aquanav_tools.scenario.scaling import scaled
 from aquanav_tools.scenario.schema import Scenario
 from aquanav_tools.sim.hull import hull_clearance
@@ -25,8 +24,6 @@ MARGIN = 0.03
 """Clearance of the hull at a start, m."""
 MIN_STARTS = 4
 """Fewer would be nearly the same dive again and again."""
-NUM_DRAWN = 8
-"""Starts anywhere that are drawn to see whether there are any: of 1,000 tries each, so that a hundredth is enough."""
 MAX_NODES = 60_000
 """Places in the water among which a way is sought: a tenth of a second."""
 MAX_TRIES = 5
@@ -50,21 +47,10 @@ def scaled_to_fit(scenario: Scenario, factor: float, vehicle: str | None = None)
     for _ in range(MAX_TRIES):
         other = scaled(scenario, factor)
         starts = _usable(other, capsule)
-        if len(starts) >= MIN_STARTS and _can_begin_anywhere(other, capsule):
+        if len(starts) >= MIN_STARTS and can_begin_anywhere(other, capsule):
             return dived_by(replace(other, starts=starts), vehicle)
         factor = float(np.sqrt(factor))
     return dived_by(scenario, vehicle)
-
-
-def _can_begin_anywhere(scenario: Scenario, capsule: Capsule) -> bool:
-    """Return whether starts of a hull can be drawn anywhere in the water, as lessons may ask for."""
-    starts, rng = Starts(scenario, capsule, "anywhere"), np.random.default_rng(0)
-    try:
-        for _ in range(NUM_DRAWN):
-            starts.draw(rng)
-    except ScenarioError:
-        return False
-    return True
 
 
 def _usable(scenario: Scenario, capsule: Capsule) -> tuple[Start, ...]:
