@@ -17,9 +17,9 @@ class Generate:
 
     That name will do wherever a scenario is asked for; what is not built yet is built then. The same style and seed are
     the same cave always. Styles: phreatic-tube, vadose-canyon, bedding-plane, breakdown-chamber, shaft-ramp, maze,
-    sump-series, flooded-gallery, mine-drift, fault-fissure, crawlway; mixed picks one by the seed. Of several caves each
-    is built whole or not at all: after a kill the same command goes on with those that are left. The cache keeps 10 GB
-    of drawn caves, and drops those that were not used for longest.
+    sump-series, flooded-gallery, mine-drift, fault-fissure, crawlway; mixed picks one by the seed. Of several caves
+    each is built whole or not at all: after a kill the same command goes on with those that are left. The cache keeps
+    10 GB of drawn caves, and drops those that were not used for longest.
     """
 
     style: str = MIXED

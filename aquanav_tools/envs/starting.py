@@ -116,7 +116,8 @@ class Starts:
                 return pose
         raise ScenarioError(
             f"No free start was found in {max_tries} tries in {self._scenario.name}: the cave is hardly wider than the "
-            f"vehicle, or no place is {MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller vehicle."
+            f"vehicle, or no place is {MIN_WAY:g} m away from the goal. Use the scenario's own starts, or a smaller "
+            "vehicle."
         )
 
 

@@ -15,6 +15,7 @@ from aquanav_tools.build.generated_set import BuiltCave, CaveTask
 from aquanav_tools.errors import InputError, ResourceError
 from aquanav_tools.machine import CACHE_VARIABLE
 from aquanav_tools.scenario.folder import read_scenario, write_scenario
+from aquanav_tools.scenario.scaling import scaled
 from aquanav_tools.scenario.schema import LimitSettings
 from aquanav_tools.scenario.split import is_test_cave, names_for_tests
 from aquanav_tools.train import cave_supply, training
@@ -27,7 +28,7 @@ from aquanav_tools.train.training import train
 from aquanav_tools.workers.pipe import PipeTransport
 from aquanav_tools.workers.pool import WorkerPool
 from aquanav_tools.workers.worker import WorkerSpec
-from tests.caves import tube_scenario
+from tests.caves import TUBE_RADIUS, tube_scenario
 from tests.sim.test_water import flowing
 from tests.train.dying_builder import make_dying_builder
 from tests.train.runs import assert_stopped_run_ends_alike, learned, tiny_pipeline
@@ -185,6 +186,19 @@ def test_caves_that_cannot_be_learned_in_end_the_run_with_a_sentence(
     )
     with pytest.raises(InputError, match=r"None of 10 drawn caves can be learned in\. The last, .* No water flows"):
         CaveSupply(CaveSequence(("maze",), 1), 1).at_once([0])
+
+
+def test_no_cave_is_learned_in_in_which_hardly_any_start_can_be_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a tube of 0.23 m a hull of 0.17 m has 6 cm of room, and starts are drawn where it has 10."""
+    folders = iter([tmp_path / "tight", tmp_path / "wide"])
+    write_scenario(scaled(flowing(), 0.23 / TUBE_RADIUS), tmp_path / "tight")
+    write_scenario(flowing(), tmp_path / "wide")
+    monkeypatch.setattr(cave_supply, "build_set", lambda tasks: ((task, BuiltCave(next(folders))) for task in tasks))
+    (taken,) = CaveSupply(CaveSequence(("maze",), 1), 1).at_once([0])
+    assert taken.guide.length == pytest.approx(flowing().guide.length)
+    assert next(folders, None) is None
 
 
 def test_what_is_no_fault_of_a_cave_is_told_without_trying_others(monkeypatch: pytest.MonkeyPatch) -> None:
