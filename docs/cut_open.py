@@ -106,8 +106,8 @@ def _lit(mesh: Mesh, eye: Eye, colours: Array) -> Array:
 
 
 def _painted(eye: Eye, vertices: Array, faces: IntArray, shades: Array) -> Pixels:
-    seen, _ = see(eye, vertices, faces)
-    return np.where((seen >= 0)[..., None], shades[seen], PAPER).astype(np.uint8)
+    seen, _, origins = see(eye, vertices, faces)
+    return np.where((seen >= 0)[..., None], shades[origins[seen]], PAPER).astype(np.uint8)
 
 
 def _reduced(picture: Pixels, view: View) -> Image.Image:
