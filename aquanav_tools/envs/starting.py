@@ -32,7 +32,7 @@ MAX_YAW_ERROR = float(np.deg2rad(45.0))
 MAX_TRIES = 1000
 NUM_DRAWN = 8
 """Starts anywhere that are drawn to see whether there are enough, each in a tenth of MAX_TRIES: where these are found,
-no episode tries in vain."""
+hardly an episode tries in vain."""
 EVERYWHERE = (0.0, 1.0)
 """Range of the way in which all starts are."""
 

@@ -226,8 +226,10 @@ class CaveSupply:
             if scenario.flow is None:
                 raise InputError(f"No water flows through {name}.")
             if self.sequence.scales == (1.0, 1.0):
-                return _with_starts(dived_by(scenario, vehicle), name)
-            return scaled_to_fit(scenario, self.sequence.scale(task.number), vehicle)
+                scenario = dived_by(scenario, vehicle)
+            else:
+                scenario = scaled_to_fit(scenario, self.sequence.scale(task.number), vehicle)
+            return _with_starts(scenario, name)
         except InputError as error:
             if task.attempt + 1 == MAX_ATTEMPTS:
                 raise InputError(
